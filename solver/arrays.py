@@ -1,0 +1,19 @@
+"""Array vocabulary of the solver: aliases and read-only copies. Knows nothing of arms, loops or files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+def frozen(values: Sequence[float] | FloatArray) -> FloatArray:
+    """Copy `values` into a read-only float array, so that frozen dataclasses are frozen all through."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array

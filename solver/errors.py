@@ -1,0 +1,60 @@
+"""What the solver refuses, with the facts a caller needs to explain it. Knows no screen and no file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+class SolverError(Exception):
+    """Base of everything the solver refuses. Not converging is a result, not one of these."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnidentifiableDirection:
+    """A direction in parameter space that the pose set cannot see.
+
+    Attributes
+    ----------
+    parameters
+        Names of the parameters that take part, the heaviest first.
+    weights
+        Their components in the column-scaled unit vector, same order.
+    reason
+        Why, in words, where the poses tell ("joint 4 does not move"); empty otherwise.
+    immobile_joints
+        Joints (1-based) of this direction whose readings hardly change over the pose set.
+    """
+
+    parameters: tuple[str, ...]
+    weights: tuple[float, ...]
+    reason: str = ""
+    immobile_joints: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        head, *rest = self.parameters
+        text = f"{head} cannot be seen"
+        if rest:
+            text = f"{head} cannot be told from {', '.join(rest)}"
+        return f"{text}: {self.reason}" if self.reason else text
+
+
+class UnidentifiableError(SolverError):
+    """The pose set leaves some parameters undetermined; `directions` names them."""
+
+    def __init__(self, directions: tuple[UnidentifiableDirection, ...]) -> None:
+        self.directions = directions
+        super().__init__("; ".join(str(direction) for direction in directions))
+
+
+class TooFewPosesError(SolverError):
+    """Fewer equations than unknowns, or no degree of freedom left to judge the fit by."""
+
+    def __init__(self, *, poses: int, needed: int, parameters: int, equations_per_pose: int) -> None:
+        self.poses = poses
+        self.needed = needed
+        self.parameters = parameters
+        self.equations_per_pose = equations_per_pose
+        super().__init__(
+            f"{poses} pose{'s' if poses != 1 else ''} give {poses * equations_per_pose} equations "
+            f"for {parameters} parameters; at least {needed} poses are needed"
+        )

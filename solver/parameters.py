@@ -1,0 +1,87 @@
+"""Names, quantities and nominal values of what is estimated. Knows D-H entries by name, no estimator.
+
+Names are the paper's: ``theta_off_1``, ``s_1``, ``a_0``, ``alpha_7``; the number is the D-H row.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from solver.arrays import FloatArray
+
+
+class DhKind(IntEnum):
+    """Columns of a D-H table, in the order in which the Jacobian stacks them."""
+
+    THETA_OFF = 0
+    S = 1
+    A = 2
+    ALPHA = 3
+
+    @property
+    def symbol(self) -> str:
+        """The paper's symbol, as used in parameter names."""
+        return self.name.lower()
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the entry is an angle (rad) rather than a length (m)."""
+        return self in (DhKind.THETA_OFF, DhKind.ALPHA)
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class DhEntry:
+    """One entry of a D-H table: which column, which row."""
+
+    kind: DhKind
+    row: int
+
+    @property
+    def name(self) -> str:
+        """Paper notation, e.g. ``theta_off_4``."""
+        return f"{self.kind.symbol}_{self.row}"
+
+    @classmethod
+    def parse(cls, name: str) -> DhEntry:
+        """Read ``theta_off_4``, ``a_0``, ...; ValueError if it is no such name."""
+        match = re.fullmatch(r"(theta_off|s|a|alpha)_(\d+)", name)
+        if match is None:
+            raise ValueError(
+                f"{name!r} is not a D-H entry (theta_off_<row>, s_<row>, a_<row>, alpha_<row>)"
+            )
+        return cls(DhKind[match[1].upper()], int(match[2]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One unknown: its name, whether it is an angle, its nominal value (rad or m)."""
+
+    name: str
+    is_angle: bool
+    nominal: float
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the value."""
+        return "rad" if self.is_angle else "m"
+
+
+def nominal_vector(parameters: Iterable[Parameter]) -> FloatArray:
+    """Nominal values as a vector, shape (P,), rad and m."""
+    return np.array([p.nominal for p in parameters])
+
+
+def wrap_angle(angle_rad: FloatArray | float) -> FloatArray:
+    """Bring angles into (-pi, pi]."""
+    return np.asarray(np.pi - np.mod(np.pi - np.asarray(angle_rad), 2.0 * np.pi))
+
+
+def wrap_angles(parameters: Sequence[Parameter], x: FloatArray) -> FloatArray:
+    """Bring the angles of parameter vectors (..., P) into (-pi, pi]; lengths stay."""
+    is_angle = np.array([p.is_angle for p in parameters])
+    return np.where(is_angle, wrap_angle(x), x)

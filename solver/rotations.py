@@ -1,0 +1,74 @@
+"""Rotation vectors and their exact differentials, safe from zero to pi. Knows rotations only."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.arrays import FloatArray
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Return [v]x with ``skew(v) @ w == cross(v, w)``; shape (..., 3) to (..., 3, 3)."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def rotation_vector(R: FloatArray) -> FloatArray:  # noqa: N803
+    """Logarithm of rotations, shape (..., 3, 3) to (..., 3), rad, length in [0, pi].
+
+    Goes through the unit quaternion (the largest of its four components is taken from the diagonal,
+    the others follow), which keeps full precision at zero and near pi, where the trace and the
+    antisymmetric part lose theirs.
+    """
+    d = np.diagonal(R, axis1=-2, axis2=-1)
+    trace = d.sum(-1)
+    squares = np.concatenate((trace[..., None], 2.0 * d - trace[..., None]), axis=-1)
+    largest = np.argmax(squares, axis=-1)
+    # Rows of the symmetric 4 x 4 matrix 4 q q' (w, x, y, z), each computable without cancellation.
+    w = np.stack(
+        (
+            1.0 + trace,
+            R[..., 2, 1] - R[..., 1, 2],
+            R[..., 0, 2] - R[..., 2, 0],
+            R[..., 1, 0] - R[..., 0, 1],
+        ),
+        axis=-1,
+    )
+    symmetric = R + np.swapaxes(R, -1, -2)
+    rows = [w]
+    for k in range(3):
+        row = np.concatenate((w[..., k + 1, None], symmetric[..., k, :]), axis=-1)
+        row[..., k + 1] = 1.0 - trace + 2.0 * d[..., k]
+        rows.append(row)
+    stack = np.stack(rows, axis=-2)
+    q = np.take_along_axis(stack, largest[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    vector = q[..., 1:]
+    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    small = sine < 1e-150
+    return np.asarray(vector * np.where(small, 2.0, angle / np.where(small, 1.0, sine)))
+
+
+def rotation_vector_differential(r: FloatArray) -> FloatArray:
+    """Matrix that takes a spatial angular increment to the increment of the rotation vector.
+
+    With ``R = exp([r]x)`` and ``dR = [w]x R``: ``dr = E w``. Shape (..., 3) to (..., 3, 3). This is
+    the inverse of the left Jacobian of SO(3); it is singular only at a full turn.
+    """
+    angle = np.linalg.norm(r, axis=-1)
+    half = 0.5 * angle
+    tiny = angle < 1e-4
+    safe = np.where(tiny, 1.0, angle)
+    # (1 - (angle/2) cot(angle/2)) / angle^2, whose series starts 1/12 + angle^2/720.
+    factor = np.where(
+        tiny,
+        1.0 / 12.0 + angle**2 / 720.0,
+        (1.0 - half * np.cos(half) / np.where(tiny, 1.0, np.sin(half))) / safe**2,
+    )
+    K = skew(r)  # noqa: N806
+    return np.asarray(np.eye(3) - 0.5 * K + factor[..., None, None] * (K @ K))

@@ -9,7 +9,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain import DhTable
 from solver.parameters import DhEntry
-from solver.sensors import Sensor
+from solver.sensors import NoSensor, Sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,3 +84,16 @@ class ArmModel:
     def upper_rad(self) -> FloatArray:
         """Upper ends of the ranges, shape (n,)."""
         return np.array([joint.upper_rad for joint in self.joints])
+
+    @property
+    def unsensed_joints(self) -> tuple[int, ...]:
+        """Joints (1-based) without a sensor."""
+        return tuple(
+            j for j, joint in enumerate(self.joints, 1) if isinstance(joint.sensor, NoSensor)
+        )
+
+    def sigma_rad(self) -> FloatArray:
+        """Standard deviation of one reading of every joint, shape (n,); 0 without a sensor."""
+        return np.array(
+            [0.0 if isinstance(j.sensor, NoSensor) else j.sensor.sigma_rad for j in self.joints]
+        )

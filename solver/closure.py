@@ -166,9 +166,7 @@ class DhLoop:
     def tables(self, x: FloatArray) -> FloatArray:
         """Fill parameter vectors (..., P) into the nominal table: (..., 4, links)."""
         x = np.asarray(x, dtype=np.float64)
-        stacked = np.broadcast_to(
-            self.table.stacked(), (*x.shape[:-1], 4, self.table.links)
-        ).copy()
+        stacked = np.broadcast_to(self.table.stacked(), (*x.shape[:-1], 4, self.table.links)).copy()
         kinds, rows = self._indices()
         stacked[..., kinds, rows] = x
         return stacked
@@ -230,7 +228,9 @@ class DhLoop:
             If arm joints are unsensed: eqs. 10-13 eliminate the hinge only.
         """
         if self.unsensed_joints:
-            raise ValueError("eqs. 10-13 eliminate the hinge angle only; unsensed joints need `loop`")
+            raise ValueError(
+                "eqs. 10-13 eliminate the hinge angle only; unsensed joints need `loop`"
+            )
         u = self.initial_unsensed(x, q)
         if not self.hinge:
             whole = self.loop(x, q, u)

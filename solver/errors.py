@@ -49,7 +49,9 @@ class UnidentifiableError(SolverError):
 class TooFewPosesError(SolverError):
     """Fewer equations than unknowns, or no degree of freedom left to judge the fit by."""
 
-    def __init__(self, *, poses: int, needed: int, parameters: int, equations_per_pose: int) -> None:
+    def __init__(
+        self, *, poses: int, needed: int, parameters: int, equations_per_pose: int
+    ) -> None:
         self.poses = poses
         self.needed = needed
         self.parameters = parameters

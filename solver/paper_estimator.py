@@ -1,0 +1,62 @@
+"""The paper's estimator: unweighted least squares on the reduced closure error (eqs. 5 and 6).
+
+Every equation counts the same, 1 m as 1 rad and a 12-bit wrist reading as a 400,000-count encoder.
+It is kept as the published reference and as the start of the implicit estimator.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.closure import ClosureModel, nearest_equivalent
+from solver.estimate import Estimate, require_enough_poses
+from solver.goodness import closure_sigmas
+from solver.least_squares import Progress, solve_damped
+from solver.parameters import nominal_vector
+
+
+def estimate_paper(
+    model: ClosureModel,
+    q: FloatArray,
+    *,
+    x0: FloatArray | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Fit the parameters of `model` to measured joint angles `q` (m, n), rad.
+
+    Parameters
+    ----------
+    x0
+        Start (P,); the nominal values by default.
+
+    Raises
+    ------
+    TooFewPosesError
+        No degree of freedom would be left.
+    """
+    dof = require_enough_poses(model, len(q))
+    nominal = nominal_vector(model.parameters)
+
+    def problem(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        error = model.reduced(x, q)
+        return error.residual.reshape(-1), error.jac_x.reshape(-1, len(nominal))
+
+    fit = solve_damped(problem, nominal if x0 is None else x0, progress=progress)
+    x = nearest_equivalent(model, fit.x, nominal)
+    error = model.reduced(x, q)
+    J = error.jac_x.reshape(-1, len(nominal))  # noqa: N806
+    return Estimate(
+        estimator="paper",
+        parameters=model.parameters,
+        x=x,
+        covariance=np.linalg.pinv(J.T @ J, hermitian=True) * (2.0 * fit.cost / dof),
+        residual=error.residual,
+        rotation_rows=error.rotation_rows,
+        sigmas=closure_sigmas(error.residual, error.rotation_rows),
+        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped)),
+        dof=dof,
+        chi2=None,
+        iterations=fit.iterations,
+        converged=fit.converged,
+    )

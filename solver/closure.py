@@ -7,7 +7,7 @@ that is itself a D-H link (rigid, hinge); it knows no estimator, no fixture and 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -104,6 +104,10 @@ class ClosureModel(Protocol):
 
     def equivalents(self, x: FloatArray) -> FloatArray:
         """All parameter vectors that describe the very same loop as `x` (P,), shape (E, P)."""
+        ...
+
+    def with_all_joints_sensed(self) -> ClosureModel:
+        """Return the same loop with every joint's reading used and its offset an unknown."""
         ...
 
 
@@ -285,6 +289,11 @@ class DhLoop:
                             z[index[name]] = sign * z[index[name]] + shift
                         candidates.append(z)
         return np.stack(candidates)
+
+    def with_all_joints_sensed(self) -> DhLoop:
+        """Return the same loop with every joint's reading used and its offset an unknown."""
+        offsets = tuple(DhEntry(DhKind.THETA_OFF, j) for j in self.unsensed_joints)
+        return replace(self, entries=self.entries + offsets, unsensed_joints=())
 
     def _indices(self) -> tuple[list[int], list[int]]:
         return [int(e.kind) for e in self.entries], [e.row for e in self.entries]

@@ -36,6 +36,10 @@ class Estimate:
         Degrees of freedom: equations less parameters.
     chi2
         Weighted sum of squares; None where the estimator has no noise model.
+    pose_chi2
+        Each pose's share of `chi2` (m,); None where the estimator has no noise model.
+    corrections
+        Joint corrections (m, n), rad, adjusted minus measured; None likewise.
     iterations, converged
         How the iteration went.
     """
@@ -50,6 +54,8 @@ class Estimate:
     flipped: tuple[int, ...]
     dof: int
     chi2: float | None
+    pose_chi2: FloatArray | None
+    corrections: FloatArray | None
     iterations: int
     converged: bool
 

@@ -1,4 +1,7 @@
-"""sigma_pos and sigma_ori: how well loops close at the measured joints (paper, eqs. 14 and 15)."""
+"""sigma_pos and sigma_ori: how well loops close at the measured joints (paper, eqs. 14 and 15).
+
+Knows closure models and no estimator: every estimator is judged by the same figures.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.closure import ClosureModel, ReducedError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,3 +48,31 @@ def _both(rows: FloatArray) -> TwoReadings:
     if count == 0:
         return TwoReadings(rms=0.0, as_printed=0.0)
     return TwoReadings(rms=float(np.sqrt(total / count)), as_printed=float(np.sqrt(total) / count))
+
+
+def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
+    """Closure error at the *measured* joints (m, n), so that all estimators share one scale.
+
+    Unsensed joints take the angles that close each loop best: their readings are not evidence.
+    """
+    if not model.unsensed_joints:
+        return model.reduced(x, q)
+    u = model.initial_unsensed(x, q)
+    error = model.loop(x, q, u)
+    for _ in range(50):
+        step = -(np.linalg.pinv(error.jac_u) @ error.residual[..., None])[..., 0]
+        longest = float(np.abs(step).max(initial=0.0))
+        u = u + step * min(1.0, 0.5 / max(longest, 1e-300))
+        error = model.loop(x, q, u)
+        if longest < 1e-12:
+            break
+    filled = q.copy()
+    offsets = {p.name: p.nominal for p in model.with_all_joints_sensed().parameters}
+    first = u.shape[-1] - len(model.unsensed_joints)
+    for k, joint in enumerate(model.unsensed_joints):
+        filled[:, joint - 1] = u[:, first + k] - offsets[f"theta_off_{joint}"]
+    sensed = model.with_all_joints_sensed()
+    here = {p.name: value for p, value in zip(model.parameters, x, strict=True)}
+    return sensed.reduced(
+        np.array([here.get(p.name, p.nominal) for p in sensed.parameters]), filled
+    )

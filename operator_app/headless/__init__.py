@@ -1,0 +1,1 @@
+"""The session driven by a procedure file instead of a person."""

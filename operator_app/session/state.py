@@ -1,0 +1,152 @@
+"""What a session amounts to: the immutable state that replaying its journal gives. No I/O, no arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from solver.arrays import FloatArray, frozen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CapturedPose:
+    """One captured pose.
+
+    `number` counts captures from 1 and is never used twice; `waypoint` is the index in the plan it
+    was taken for; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates.
+    """
+
+    number: int
+    waypoint: int
+    mean_rad: FloatArray
+    sd_rad: FloatArray
+    samples: int
+    utc: str
+    note: str = ""
+    excluded: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionState:
+    """Everything that was decided and measured so far.
+
+    Attributes
+    ----------
+    sources
+        The arm, fixture and procedure documents the session was opened with, as text by kind.
+    serial_number
+        Of the arm; empty until connected.
+    start_rad
+        Joint angles when the session first took control (n,), or None.
+    modes
+        ``position``/``free`` per joint as last confirmed; empty until set.
+    poses
+        All captured poses that were not undone, excluded ones included.
+    next_waypoint
+        First waypoint of the plan that has not been visited.
+    captured
+        How many captures there were, undone ones included: the next pose is number captured + 1.
+    solved, exported
+        Summary data of the last solve and export, empty until there is one.
+    """
+
+    opened_utc: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    serial_number: str = ""
+    start_rad: FloatArray | None = None
+    modes: tuple[str, ...] = ()
+    poses: tuple[CapturedPose, ...] = ()
+    next_waypoint: int = 0
+    captured: int = 0
+    solved: Mapping[str, Any] = field(default_factory=dict)
+    exported: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def used_poses(self) -> tuple[CapturedPose, ...]:
+        """Poses that count: captured, not undone, not excluded."""
+        return tuple(p for p in self.poses if not p.excluded)
+
+    def q_rad(self) -> FloatArray:
+        """Mean joint angles of the used poses, shape (m, n)."""
+        return np.array([p.mean_rad for p in self.used_poses])
+
+
+def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> SessionState:
+    """State after one journal event; unknown events (of a newer version) change nothing."""
+    match name:
+        case "opened":
+            return replace(
+                state,
+                opened_utc=utc,
+                sources=dict(data["sources"]),
+                settings=dict(data["settings"]),
+            )
+        case "connected":
+            return replace(state, serial_number=data["serial_number"])
+        case "control":
+            start = state.start_rad
+            return replace(state, start_rad=frozen(data["start_rad"]) if start is None else start)
+        case "modes":
+            return replace(state, modes=tuple(data["modes"]))
+        case "waypoint_skipped":
+            return replace(state, next_waypoint=data["waypoint"] + 1)
+        case "pose":
+            pose = CapturedPose(
+                number=data["number"],
+                waypoint=data["waypoint"],
+                mean_rad=frozen(data["mean_rad"]),
+                sd_rad=frozen(data["sd_rad"]),
+                samples=data["samples"],
+                utc=utc,
+                note=data.get("note", ""),
+            )
+            return replace(
+                state,
+                poses=(*state.poses, pose),
+                captured=pose.number,
+                next_waypoint=max(state.next_waypoint, pose.waypoint + 1),
+                solved={},
+            )
+        case "pose_undone":
+            kept = tuple(p for p in state.poses if p.number != data["number"])
+            return replace(state, poses=kept, solved={})
+        case "pose_excluded":
+            poses = _edit(state, data["number"], excluded=data["text"])
+            return replace(state, poses=poses, solved={})
+        case "pose_included":
+            return replace(state, poses=_edit(state, data["number"], excluded=""), solved={})
+        case "pose_noted":
+            return replace(state, poses=_edit(state, data["number"], note=data["text"]))
+        case "solved":
+            return replace(state, solved=dict(data))
+        case "exported":
+            return replace(state, exported=dict(data))
+        case _:
+            return state
+
+
+def _edit(
+    state: SessionState, number: int, *, note: str | None = None, excluded: str | None = None
+) -> tuple[CapturedPose, ...]:
+    return tuple(
+        replace(
+            pose,
+            note=pose.note if note is None else note,
+            excluded=pose.excluded if excluded is None else excluded,
+        )
+        if pose.number == number
+        else pose
+        for pose in state.poses
+    )
+
+
+def replay(events: Iterable[tuple[str, Mapping[str, Any], str]]) -> SessionState:
+    """State after all events (name, data, utc) of a journal."""
+    state = SessionState()
+    for name, data, utc in events:
+        state = apply(state, name, data, utc)
+    return state

@@ -1,0 +1,225 @@
+"""Which CAN bus, and opening it with errors a person can act on. Knows python-can; no node and no arm.
+
+Settings use python-can's own names and sources, strongest first: command-line options
+(``-i/--interface -c/--channel -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``,
+``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``. Without any of them the interface is ``virtual``.
+"""
+
+from __future__ import annotations
+
+import errno
+import logging
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import can
+from can.interfaces import virtual
+from can.interfaces.socketcan import SocketcanBus
+from can.util import load_config, load_environment_config, load_file_config
+
+from hardware.errors import BusError
+from hardware.loopback import DEFAULT_CHANNEL, LoopbackBus
+
+# What these libraries log about a failed start comes to the caller as BusError, in better words.
+for _library in ("can", "canopen"):
+    logging.getLogger(_library).addHandler(logging.NullHandler())
+
+DEFAULT_INTERFACE = "virtual"
+_OWN_CHANNEL = frozenset({"virtual", "loopback"})
+_NO_CAN_IN_KERNEL = frozenset({errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT})
+_NOT_ALLOWED = frozenset({errno.EPERM, errno.EACCES})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusSettings:
+    """A bus by python-can's names.
+
+    Attributes
+    ----------
+    interface
+        ``virtual`` (inside this process), ``loopback`` (between processes of this machine),
+        ``socketcan``, or any other interface python-can knows.
+    channel
+        What the interface calls the bus.
+    bitrate
+        In bit/s; None leaves it as it is. ``virtual``, ``loopback`` and ``socketcan`` do not use it.
+    options
+        Anything else, from ``can.conf`` or ``CAN_CONFIG``, passed on to python-can.
+    """
+
+    interface: str = DEFAULT_INTERFACE
+    channel: str = DEFAULT_CHANNEL
+    bitrate: int | None = None
+    options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __str__(self) -> str:
+        return f"{self.interface} {self.channel}"
+
+
+def bus_settings(
+    interface: str | None = None,
+    channel: str | None = None,
+    bitrate: int | None = None,
+) -> BusSettings:
+    """Settings from options, completed from the environment and ``can.conf``.
+
+    Raises
+    ------
+    BusError
+        If there is no such interface, a bitrate is not a number, or a channel is missing.
+    """
+    asked: dict[str, Any] = {}
+    if interface is not None:
+        asked["interface"] = interface
+    if channel is not None:
+        asked["channel"] = channel
+    if bitrate is not None:
+        asked["bitrate"] = bitrate
+    try:
+        named = {**load_file_config(), **load_environment_config(), **asked}
+        if "interface" not in named and "bustype" not in named:
+            asked["interface"] = DEFAULT_INTERFACE
+        found: dict[str, Any] = dict(load_config(config=asked))
+    except can.CanInterfaceNotImplementedError as error:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise BusError(f"{error}. Use one of: {known}.") from error
+    except (ValueError, TypeError) as error:
+        raise BusError(
+            f"The bus settings cannot be read: {error}. Look at can.conf and at the environment "
+            "variables that start with CAN_."
+        ) from error
+    chosen, where, rate = (
+        found.pop("interface"),
+        found.pop("channel"),
+        found.pop("bitrate", None),
+    )
+    if where is None and chosen not in _OWN_CHANNEL:
+        raise BusError(
+            f"No channel is given for interface {chosen}. Say which one, for example "
+            f"-i {chosen} -c {'can0' if chosen == 'socketcan' else '0'}."
+        )
+    if rate is not None and not (isinstance(rate, int) and rate > 0):
+        raise BusError(f"The bitrate {rate!r} is not a number of bits a second, such as 1000000.")
+    return BusSettings(
+        interface=str(chosen),
+        channel=DEFAULT_CHANNEL if where is None else str(where),
+        bitrate=rate,
+        options=MappingProxyType(found),
+    )
+
+
+def open_bus(settings: BusSettings) -> can.BusABC:
+    """Open a bus for sending and receiving.
+
+    Raises
+    ------
+    BusError
+        What happened, and what to do now.
+    """
+    return _open(settings, {})
+
+
+def open_sender(settings: BusSettings) -> can.BusABC:
+    """Open a second handle on a bus that only sends: what STOP uses, whatever the first one does.
+
+    Frames of others do not pile up behind it.
+
+    Raises
+    ------
+    BusError
+        What happened, and what to do now.
+    """
+    match settings.interface:
+        case "virtual":
+            return _VirtualSender(settings.channel)
+        case "loopback":
+            return _open(settings, {"send_only": True})
+        case _:
+            # A filter that matches nothing: standard identifiers end at 7FFh.
+            nothing = [{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": False}]
+            return _open(settings, {"can_filters": nothing})
+
+
+def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
+    options = {**settings.options, **extra}
+    if settings.bitrate is not None:
+        options["bitrate"] = settings.bitrate
+    try:
+        if settings.interface == "loopback":  # also when this project is run without installation
+            return LoopbackBus(settings.channel, **options)
+        bus = can.Bus(
+            interface=settings.interface,
+            channel=settings.channel,
+            ignore_config=True,
+            **options,
+        )
+    except (can.CanError, OSError, ValueError, TypeError) as error:
+        raise BusError(_words(settings, error)) from error
+    if isinstance(bus, SocketcanBus):
+        pending = bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if pending:  # a device that exists and is down lets itself be opened
+            bus.shutdown()
+            raise BusError(_words(settings, OSError(pending, "")))
+    return bus
+
+
+def _words(settings: BusSettings, error: Exception) -> str:
+    """What happened and what to do now."""
+    code = getattr(error, "errno", None) or getattr(error, "error_code", None)
+    channel = settings.channel
+    if settings.interface == "socketcan":
+        virtual_device = channel.startswith("vcan")
+        up = (
+            f"sudo ip link set {channel} up"
+            if virtual_device
+            else f"sudo ip link set {channel} up type can bitrate {settings.bitrate or 1_000_000}"
+        )
+        if code == errno.ENODEV and virtual_device:
+            return (
+                f"There is no CAN device {channel} on this machine. Make it: "
+                f"sudo ip link add {channel} type vcan && {up}"
+            )
+        if code == errno.ENODEV:
+            return (
+                f"There is no CAN device {channel} on this machine. Plug in the adapter, look for "
+                f"its name with: ip link, and start it: {up}"
+            )
+        if code == errno.ENETDOWN:
+            return f"The CAN device {channel} is down. Start it: {up}"
+        if code in _NO_CAN_IN_KERNEL:
+            return (
+                "The kernel of this machine has no CAN sockets. Load them: sudo modprobe can_raw; "
+                "or use -i loopback, which needs none."
+            )
+    if code in _NOT_ALLOWED:
+        return (
+            f"This user may not open {settings}. Ask for access to the device (on many systems: "
+            "membership of the group that owns it)."
+        )
+    if isinstance(error, can.CanInterfaceNotImplementedError):
+        return (
+            f"The driver for interface {settings.interface} is not there: {error}. Install what "
+            "its maker and python-can's manual ask for."
+        )
+    return (
+        f"The bus {settings} cannot be opened: {error}. Check the interface and the channel name."
+    )
+
+
+class _VirtualSender(virtual.VirtualBus):
+    """In-process handle whose own queue is not on the channel, so that nothing fills it."""
+
+    def __init__(self, channel: str) -> None:
+        super().__init__(channel=channel)
+        with virtual.channels_lock:
+            self.channel.remove(self.queue)
+
+    def shutdown(self) -> None:
+        """Close the handle. Safe to call twice."""
+        with virtual.channels_lock:
+            if self._open:
+                self.channel.append(self.queue)  # where the base class expects to find it
+            super().shutdown()

@@ -1,0 +1,300 @@
+"""A CAN bus between processes of one machine, over UDP multicast on 127.0.0.1. Knows CAN frames only.
+
+For machines without kernel CAN. python-can finds it as interface ``loopback`` through the plugin
+entry point group ``can.interface``. Nothing leaves the machine: datagrams are sent from and received
+on the loopback interface alone, with a time-to-live of 0.
+
+A channel is any name. It is hashed to a multicast group and, because two names may share a group, to
+a tag that every datagram carries. Delivery is reliable as long as readers keep up; what the kernel
+drops because one did not is counted in `LoopbackBus.kernel_drops`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import select
+import socket
+import struct
+import sys
+import time
+from typing import Any
+
+import can
+from can.typechecking import AutoDetectedConfig, CanFilters
+
+DEFAULT_CHANNEL = "sarcal"
+PORT = 43_117
+HOST = "127.0.0.1"
+RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
+
+# Linux socket options the socket module does not name (asm-generic/socket.h, linux/in.h).
+_SO_RCVBUFFORCE = 33
+_SO_TIMESTAMPNS = 35
+_SO_RXQ_OVFL = 40
+_IP_MULTICAST_ALL = 49
+_IS_LINUX = sys.platform == "linux"
+_ANCILLARY_BYTES = 128
+
+_MAGIC = b"CANo"
+_HEADER = struct.Struct("!4s8sBBI")  # magic, channel tag, flags, length code, arbitration id
+_EXTENDED, _REMOTE, _ERROR, _FD, _BITRATE_SWITCH, _ERROR_STATE = (1 << bit for bit in range(6))
+_ALL_FLAGS = (1 << 6) - 1
+_LARGEST_DATAGRAM = _HEADER.size + 64
+_FD_LENGTHS = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))
+
+
+def channel_tag(channel: str) -> bytes:
+    """Eight bytes that tell channels apart."""
+    return hashlib.sha256(channel.encode()).digest()[:8]
+
+
+def channel_group(channel: str) -> str:
+    """Multicast group of a channel, in the administratively scoped block 239.255.0.0/16."""
+    tag = channel_tag(channel)
+    return f"239.255.{tag[0]}.{tag[1]}"
+
+
+def encode_frame(message: can.Message, tag: bytes) -> bytes:
+    """Datagram of a frame on the channel with this tag."""
+    flags = (
+        _EXTENDED * message.is_extended_id
+        | _REMOTE * message.is_remote_frame
+        | _ERROR * message.is_error_frame
+        | _FD * message.is_fd
+        | _BITRATE_SWITCH * message.bitrate_switch
+        | _ERROR_STATE * message.error_state_indicator
+    )
+    head = _HEADER.pack(_MAGIC, tag, flags, message.dlc, message.arbitration_id)
+    return head if message.is_remote_frame else head + bytes(message.data)
+
+
+def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
+    """Frame in a datagram, or None for anything that is not a valid frame of this channel."""
+    if len(datagram) < _HEADER.size:
+        return None
+    magic, its_tag, flags, length, arbitration_id = _HEADER.unpack_from(datagram)
+    if magic != _MAGIC or its_tag != tag or flags & ~_ALL_FLAGS:
+        return None
+    if arbitration_id >= (1 << 29 if flags & _EXTENDED else 1 << 11):
+        return None
+    if length not in _FD_LENGTHS or (length > 8 and not flags & _FD):
+        return None
+    if flags & _REMOTE and flags & (_ERROR | _FD):
+        return None
+    if flags & (_BITRATE_SWITCH | _ERROR_STATE) and not flags & _FD:
+        return None
+    data = datagram[_HEADER.size :]
+    if len(data) != (0 if flags & _REMOTE else length):
+        return None
+    return can.Message(
+        arbitration_id=arbitration_id,
+        is_extended_id=bool(flags & _EXTENDED),
+        is_remote_frame=bool(flags & _REMOTE),
+        is_error_frame=bool(flags & _ERROR),
+        is_fd=bool(flags & _FD),
+        bitrate_switch=bool(flags & _BITRATE_SWITCH),
+        error_state_indicator=bool(flags & _ERROR_STATE),
+        dlc=length,
+        data=data,
+    )
+
+
+class LoopbackBus(can.BusABC):
+    """python-can bus between processes of one machine.
+
+    Parameters
+    ----------
+    channel
+        Name that both sides agree on.
+    receive_own_messages
+        Also deliver this bus object's own frames to itself, with ``is_rx`` false.
+    fd
+        Send and receive CAN FD frames; without it FD frames of others are ignored.
+    send_only
+        Receive nothing, so that nothing fills up behind a handle that only sends.
+    can_filters
+        As in python-can; applied in this process.
+
+    Attributes
+    ----------
+    kernel_drops
+        Frames the kernel has thrown away because this bus was read too slowly (Linux only).
+    ignored
+        Datagrams that were no frames of this channel.
+
+    Raises
+    ------
+    can.CanInterfaceNotImplementedError
+        If the platform has no ``recvmsg``.
+    can.CanInitializationError
+        If the sockets cannot be made.
+    """
+
+    def __init__(
+        self,
+        channel: str | int = DEFAULT_CHANNEL,
+        *,
+        receive_own_messages: bool = False,
+        fd: bool = False,
+        send_only: bool = False,
+        can_filters: CanFilters | None = None,
+        **kwargs: Any,
+    ) -> None:
+        if not hasattr(socket.socket, "recvmsg"):
+            raise can.CanInterfaceNotImplementedError("loopback needs a POSIX system")
+        name = str(channel or DEFAULT_CHANNEL)
+        self.channel = name
+        self.channel_info = f"loopback channel {name}"
+        self.receive_own_messages = receive_own_messages
+        self.kernel_drops = 0
+        self.ignored = 0
+        self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
+        self._accepts_fd = fd
+        self._tag = channel_tag(name)
+        self._group = (channel_group(name), PORT)
+        try:
+            self._sender = _sending_socket()
+            try:
+                self._receiver = _receiving_socket(None if send_only else self._group[0])
+            except OSError:
+                self._sender.close()
+                raise
+        except OSError as error:
+            raise can.CanInitializationError(
+                f"cannot open loopback channel {name}: {error.strerror}", error.errno
+            ) from error
+        self._own_address = self._sender.getsockname()
+        self._poll = select.poll()
+        self._poll.register(self._receiver, select.POLLIN)
+        super().__init__(channel=name, can_filters=can_filters, **kwargs)
+
+    @property
+    def receive_buffer_bytes(self) -> int:
+        """Receive buffer the kernel granted (it may cap what was asked for)."""
+        return self._receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a frame; see python-can. Waits at most `timeout` s for room in the kernel."""
+        self._check_open()
+        if msg.is_fd and not self._accepts_fd:
+            raise can.CanOperationError("this loopback bus was not opened for CAN FD frames")
+        datagram = encode_frame(msg, self._tag)
+        try:
+            try:
+                self._sender.sendto(datagram, socket.MSG_DONTWAIT, self._group)
+            except BlockingIOError:
+                if not select.select([], [self._sender], [], timeout)[1]:
+                    raise can.CanTimeoutError("no room to send on the loopback bus") from None
+                self._sender.sendto(datagram, socket.MSG_DONTWAIT, self._group)
+        except OSError as error:
+            if isinstance(error, can.CanError):
+                raise
+            raise can.CanOperationError(
+                f"cannot send on {self.channel_info}: {error.strerror}", error.errno
+            ) from error
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        """One frame, or None after `timeout` s or when what came was not ours to deliver."""
+        self._check_open()
+        try:
+            try:
+                received = self._receiver.recvmsg(_LARGEST_DATAGRAM + 1, _ANCILLARY_BYTES)
+            except BlockingIOError:
+                milliseconds = None if timeout is None else 1e3 * max(timeout, 0.0)
+                if not self._poll.poll(milliseconds):
+                    return None, False
+                received = self._receiver.recvmsg(_LARGEST_DATAGRAM + 1, _ANCILLARY_BYTES)
+        except BlockingIOError:
+            return None, False  # another thread was faster
+        except OSError as error:
+            raise can.CanOperationError(
+                f"cannot receive on {self.channel_info}: {error.strerror}", error.errno
+            ) from error
+        datagram, ancillary, _, sender = received
+        timestamp = self._read_ancillary(ancillary)
+        own = sender == self._own_address
+        if own and not self.receive_own_messages:
+            return None, False
+        message = decode_frame(datagram, self._tag) if sender[0] == HOST else None
+        if message is None or (message.is_fd and not self._accepts_fd):
+            self.ignored += 1
+            return None, False
+        message.timestamp = timestamp
+        message.channel = self.channel
+        message.is_rx = not own
+        return message, False
+
+    def _read_ancillary(self, ancillary: list[tuple[int, int, bytes]]) -> float:
+        """Take note of kernel drops; return the kernel's time of arrival, or now without one."""
+        timestamp = None
+        for level, kind, value in ancillary:
+            if level != socket.SOL_SOCKET:
+                continue
+            if kind == _SO_TIMESTAMPNS and len(value) >= 16:
+                seconds, nanoseconds = struct.unpack_from("@qq", value)
+                timestamp = seconds + nanoseconds * 1e-9
+            elif kind == _SO_RXQ_OVFL and len(value) >= 4:
+                (self.kernel_drops,) = struct.unpack_from("@I", value)
+        return time.time() if timestamp is None else timestamp
+
+    def fileno(self) -> int:
+        """Descriptor that becomes readable when a frame has arrived; -1 when shut down."""
+        return self._receiver.fileno()
+
+    def shutdown(self) -> None:
+        """Close the bus. Safe to call twice."""
+        super().shutdown()
+        self._sender.close()
+        self._receiver.close()
+
+    def _check_open(self) -> None:
+        if self._is_shutdown:
+            raise can.CanOperationError("this loopback bus has been shut down")
+
+    @staticmethod
+    def _detect_available_configs() -> list[AutoDetectedConfig]:
+        return [{"interface": "loopback", "channel": DEFAULT_CHANNEL}]
+
+
+def _sending_socket() -> socket.socket:
+    """Socket whose own port marks the frames of one bus object."""
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(HOST))
+        made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+        made.bind((HOST, 0))
+        made.setblocking(False)
+    except OSError:
+        made.close()
+        raise
+    return made
+
+
+def _receiving_socket(group: str | None) -> socket.socket:
+    """Socket that hears `group` on the loopback interface only; nothing at all for None."""
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        made.setblocking(False)
+        if group is None:
+            made.bind((HOST, 0))
+            return made
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if not _IS_LINUX:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        if _IS_LINUX:
+            with contextlib.suppress(PermissionError):  # root may exceed net.core.rmem_max
+                made.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+            made.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+            made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+            # Without this a socket also hears groups that other programs joined elsewhere.
+            made.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+        made.bind((group, PORT))
+        membership = socket.inet_aton(group) + socket.inet_aton(HOST)
+        made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+    except OSError:
+        made.close()
+        raise
+    return made

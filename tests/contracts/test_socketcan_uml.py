@@ -1,0 +1,103 @@
+"""Kernel CAN for real: the transport contract and can-utils as peers under User-Mode Linux."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+RUNNER = REPOSITORY.parent / "shared" / "tools" / "uml_run.py"
+
+_missing = [
+    what
+    for what, there in (
+        (f"{RUNNER.name} (runs a command under User-Mode Linux)", RUNNER.exists()),
+        ("Debian package user-mode-linux", shutil.which("linux.uml") is not None),
+        ("Debian package can-utils", shutil.which("candump") is not None),
+        (
+            "Debian package iproute2",
+            Path("/usr/sbin/ip").exists() or Path("/sbin/ip").exists(),
+        ),
+    )
+    if not there
+]
+pytestmark = pytest.mark.skipif(bool(_missing), reason="needs " + "; ".join(_missing))
+
+INSIDE = """
+import pathlib, subprocess, sys, time
+import can
+from hardware.buses import BusSettings, open_bus
+from hardware.errors import BusError
+
+bus = open_bus(BusSettings(interface="socketcan", channel="vcan0"))
+dump = subprocess.Popen(
+    ["candump", "-n", "2", "-L", "vcan0,181:7FF"], stdout=subprocess.PIPE, text=True
+)
+deadline = time.monotonic() + 20  # candump is ready when the kernel lists a receiver for 181h
+while " 181 " not in pathlib.Path("/proc/net/can/rcvlist_fil").read_text():
+    if time.monotonic() > deadline:
+        sys.exit("candump did not start")
+bus.send(can.Message(arbitration_id=0x181, data=b"\\x11\\x22\\x33", is_extended_id=False))
+bus.send(can.Message(arbitration_id=0x181, data=b"\\xff", is_extended_id=False))
+print("DUMP", [line.split()[-1] for line in dump.communicate(timeout=20)[0].splitlines()])
+subprocess.run(["cansend", "vcan0", "581#4B41600027020000"], check=True)
+heard = bus.recv(10)
+print("HEARD", hex(heard.arbitration_id), heard.data.hex())
+try:
+    open_bus(BusSettings(interface="socketcan", channel="vcan7"))
+except BusError as error:
+    print("MISSING", error)
+subprocess.run(["ip", "link", "set", "vcan0", "down"], check=True)
+try:
+    open_bus(BusSettings(interface="socketcan", channel="vcan0"))
+except BusError as error:
+    print("DOWN", error)
+bus.shutdown()
+"""
+
+
+def _in_uml(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [
+            sys.executable,
+            str(RUNNER),
+            "/usr/bin/env",
+            "-C",
+            str(REPOSITORY),
+            "TMPDIR=/run",
+            *command,
+        ],
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+
+
+def test_socketcan_keeps_the_transport_contract() -> None:
+    contract = "tests/contracts/test_transport_contract.py"
+    done = _in_uml(
+        sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header",
+        "--basetemp=/run/pytest", "-k", "socketcan", contract,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert "skipped" not in done.stdout
+    assert " passed" in done.stdout
+
+
+def test_candump_and_cansend_agree_and_missing_devices_are_named() -> None:
+    done = _in_uml(sys.executable, "-c", INSIDE)
+    assert done.returncode == 0, done.stdout[-4000:]
+    lines = done.stdout.splitlines()
+    assert "DUMP ['181#112233', '181#FF']" in lines
+    assert "HEARD 0x581 4b41600027020000" in lines
+    (missing,) = (line for line in lines if line.startswith("MISSING"))
+    assert "no CAN device vcan7" in missing
+    assert "ip link add vcan7 type vcan" in missing
+    (down,) = (line for line in lines if line.startswith("DOWN"))
+    assert "vcan0 is down" in down
+    assert "ip link set vcan0 up" in down

@@ -1,0 +1,200 @@
+"""What every CAN transport must do. A new transport joins by one line in TRANSPORTS.
+
+``socketcan`` takes part where there is a vcan0; `test_socketcan_uml` brings one along.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from hardware.buses import BusSettings, open_bus, open_sender
+
+_numbers = itertools.count()
+
+
+def _own_channel() -> str:
+    return f"contract-{time.monotonic_ns()}-{next(_numbers)}"
+
+
+TRANSPORTS: dict[str, Callable[[], str]] = {
+    "virtual": _own_channel,
+    "loopback": _own_channel,
+}
+if Path("/sys/class/net/vcan0").exists():
+    TRANSPORTS["socketcan"] = lambda: "vcan0"
+
+Opener = Callable[..., can.BusABC]
+
+
+@pytest.fixture(params=TRANSPORTS)
+def settings(request: pytest.FixtureRequest) -> BusSettings:
+    return BusSettings(interface=request.param, channel=TRANSPORTS[request.param]())
+
+
+@pytest.fixture
+def opener(settings: BusSettings) -> Iterator[Opener]:
+    opened: list[can.BusABC] = []
+
+    def open_one(**options: Any) -> can.BusABC:
+        if settings.interface == "virtual" and options.pop("fd", False):
+            options["protocol"] = can.CanProtocol.CAN_FD
+        bus = open_bus(
+            BusSettings(interface=settings.interface, channel=settings.channel, options=options)
+        )
+        opened.append(bus)
+        return bus
+
+    yield open_one
+    for bus in opened:
+        bus.shutdown()
+
+
+FRAMES = {
+    **{
+        f"standard-{n}": can.Message(
+            arbitration_id=0x181, data=bytes(range(n)), is_extended_id=False
+        )
+        for n in range(9)
+    },
+    "lowest": can.Message(arbitration_id=0, is_extended_id=False),
+    "highest": can.Message(arbitration_id=0x7FF, is_extended_id=False),
+    "extended": can.Message(arbitration_id=0x1FFFFFFF, data=b"\xff" * 8, is_extended_id=True),
+    "extended-low": can.Message(arbitration_id=0x181, data=b"a", is_extended_id=True),
+    "remote": can.Message(arbitration_id=0x701, is_remote_frame=True, dlc=1, is_extended_id=False),
+    "error": can.Message(
+        arbitration_id=0x20, is_error_frame=True, data=b"\x01" * 8, is_extended_id=False
+    ),
+}
+
+
+@pytest.mark.parametrize("frame", FRAMES.values(), ids=FRAMES.keys())
+def test_a_frame_arrives_as_it_was_sent(opener: Opener, frame: can.Message) -> None:
+    ours, theirs = opener(), opener()
+    ours.send(frame)
+    arrived = theirs.recv(2.0)
+    assert arrived is not None
+    # is_rx is no part of the contract: socketcan says false for every frame of this machine.
+    assert arrived.equals(frame, timestamp_delta=None, check_direction=False, check_channel=False)
+
+
+@pytest.mark.parametrize("length", [0, 8, 12, 64])
+def test_fd_frames_arrive_with_their_flags(opener: Opener, length: int) -> None:
+    ours, theirs = opener(fd=True), opener(fd=True)
+    frame = can.Message(
+        arbitration_id=0x123,
+        is_extended_id=False,
+        is_fd=True,
+        bitrate_switch=True,
+        data=bytes(range(length)),
+    )
+    ours.send(frame)
+    arrived = theirs.recv(2.0)
+    assert arrived is not None
+    assert arrived.equals(frame, timestamp_delta=None, check_direction=False, check_channel=False)
+
+
+def test_own_frames_are_not_heard(opener: Opener) -> None:
+    ours, theirs = opener(), opener()
+    ours.send(FRAMES["standard-8"])
+    assert theirs.recv(2.0) is not None
+    assert ours.recv(0.0) is None
+
+
+def test_own_frames_are_heard_on_request(opener: Opener) -> None:
+    ours = opener(receive_own_messages=True)
+    ours.send(FRAMES["standard-8"])
+    echo = ours.recv(2.0)
+    assert echo is not None
+    assert not echo.is_rx
+
+
+def test_everybody_else_hears(opener: Opener) -> None:
+    buses = [opener() for _ in range(3)]
+    buses[1].send(FRAMES["standard-3"])
+    assert buses[0].recv(2.0) is not None
+    assert buses[2].recv(2.0) is not None
+
+
+def test_a_burst_arrives_whole_and_in_order(opener: Opener) -> None:
+    ours, theirs = opener(), opener()
+    count = 200  # a socketcan receive buffer of default size holds a few hundred
+    for number in range(count):
+        ours.send(
+            can.Message(
+                arbitration_id=0x100,
+                data=number.to_bytes(4, "little"),
+                is_extended_id=False,
+            )
+        )
+    numbers = []
+    while len(numbers) < count:
+        arrived = theirs.recv(2.0)
+        assert arrived is not None, f"frame {len(numbers)} did not arrive"
+        numbers.append(int.from_bytes(arrived.data, "little"))
+    assert numbers == list(range(count))
+
+
+def test_timestamps_are_times_of_arrival(opener: Opener) -> None:
+    ours, theirs = opener(), opener()
+    before = time.time()
+    ours.send(FRAMES["standard-1"])
+    ours.send(FRAMES["standard-2"])
+    first, second = theirs.recv(2.0), theirs.recv(2.0)
+    after = time.time()
+    assert first is not None
+    assert second is not None
+    slack_s = 0.005  # kernel and interpreter may read different clocks
+    assert before - slack_s <= first.timestamp <= second.timestamp <= after + slack_s
+
+
+def test_filters_let_only_their_identifiers_through(opener: Opener) -> None:
+    ours = opener()
+    theirs = opener(can_filters=[{"can_id": 0x180, "can_mask": 0x7F0, "extended": False}])
+    for identifier in (0x080, 0x181, 0x701, 0x187):
+        ours.send(can.Message(arbitration_id=identifier, is_extended_id=False))
+    heard = [theirs.recv(2.0), theirs.recv(2.0)]
+    assert [message and message.arbitration_id for message in heard] == [0x181, 0x187]
+
+
+def test_an_empty_bus_returns_at_the_timeout(opener: Opener) -> None:
+    bus = opener()
+    assert bus.recv(0.0) is None
+    start = time.monotonic()
+    assert bus.recv(0.05) is None
+    assert 0.04 <= time.monotonic() - start < 1.0
+
+
+def test_a_waiting_reader_wakes(opener: Opener) -> None:
+    ours, theirs = opener(), opener()
+    heard: list[can.Message | None] = []
+    reader = threading.Thread(target=lambda: heard.append(theirs.recv(5.0)))
+    reader.start()
+    ours.send(FRAMES["standard-4"])
+    reader.join(5.0)
+    assert len(heard) == 1
+    assert heard[0] is not None
+
+
+def test_a_sender_is_heard_and_hears_nothing(opener: Opener, settings: BusSettings) -> None:
+    bus, sender = opener(), open_sender(settings)
+    bus.send(FRAMES["standard-8"])
+    sender.send(FRAMES["standard-2"])
+    assert bus.recv(2.0) is not None
+    assert sender.recv(0.0) is None
+    sender.shutdown()
+    sender.shutdown()
+
+
+def test_shutting_down_twice_is_safe(opener: Opener) -> None:
+    ours, theirs = opener(), opener()
+    theirs.shutdown()
+    theirs.shutdown()
+    ours.send(FRAMES["standard-8"])  # the others go on

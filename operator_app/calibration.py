@@ -13,7 +13,7 @@ import numpy as np
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.errors import FixtureError
 from solver.arm_model import ArmModel
-from solver.arrays import FloatArray
+from solver.arrays import BoolArray, FloatArray
 from solver.closure import ClosureModel
 from solver.errors import UnidentifiableError
 from solver.estimate import Estimate, require_enough_poses
@@ -45,12 +45,16 @@ class Notice:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """What a calibration must reach to be accepted (procedure file, ``acceptance``)."""
+class AcceptanceLimits:
+    """What a calibration must reach to be accepted; None is no limit.
+
+    The sigmas are the ``rms`` reading of eqs. 14 and 15.
+    """
 
     scaled_condition_number: float = 100.0
-    sigma_pos_m: float = 0.010
-    sigma_ori_rad: float = 0.030
+    chi2_per_dof: float | None = None
+    sigma_pos_m: float | None = None
+    sigma_ori_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +103,7 @@ def calibrate(
     estimator: str = "implicit",
     unsensed_joints: tuple[int, ...] = (),
     labels: tuple[str, ...] | None = None,
-    limits: Limits | None = None,
+    limits: AcceptanceLimits | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Calibrate `arm` in `fixture` from measured joint angles `q_rad` (m, n).
@@ -117,7 +121,7 @@ def calibrate(
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
     labels = tuple(str(k) for k in range(1, len(q_rad) + 1)) if labels is None else labels
-    limits = Limits() if limits is None else limits
+    limits = AcceptanceLimits() if limits is None else limits
     unsensed_joints = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = fixture.model(arm, unsensed_joints=unsensed_joints)
     require_enough_poses(model, len(q_rad))
@@ -167,7 +171,7 @@ def _refuse(checks: tuple[SetupCheck, ...]) -> None:
         raise FixtureRefusedError(refused)
 
 
-def _on_branch(model: ClosureModel, q: FloatArray) -> tuple[FloatArray, tuple[int, ...]]:
+def _on_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple[int, ...]]:
     """Poses on the main branch of the hinge, and the indices of those on the other."""
     everything = np.ones(len(q), dtype=np.bool_)
     if model.unsensed_joints:
@@ -233,7 +237,9 @@ def _rvdt_warnings(
     return tuple(found)
 
 
-def _reasons(estimate: Estimate, seen: Identifiability, limits: Limits) -> tuple[str, ...]:
+def _reasons(
+    estimate: Estimate, seen: Identifiability, limits: AcceptanceLimits
+) -> tuple[str, ...]:
     reasons = []
     if not estimate.converged:
         reasons.append(f"the iteration did not converge in {estimate.iterations} steps")
@@ -243,13 +249,16 @@ def _reasons(estimate: Estimate, seen: Identifiability, limits: Limits) -> tuple
             f"{limits.scaled_condition_number:.0f}: take poses that differ more; "
             f"the weakest direction is {', '.join(seen.weakest.parameters[:4])}"
         )
-    position, orientation = estimate.sigmas.position_m.rms, estimate.sigmas.orientation_rad.rms
-    if position > limits.sigma_pos_m:
+    for symbol, found, limit, unit in (
+        ("sigma_pos", estimate.sigmas.position_m.rms, limits.sigma_pos_m, "mm"),
+        ("sigma_ori", estimate.sigmas.orientation_rad.rms, limits.sigma_ori_rad, "mrad"),
+    ):
+        if limit is not None and found > limit:
+            reasons.append(f"{symbol} {1e3 * found:.2f} {unit} is above {1e3 * limit:.2f} {unit}")
+    ratio = estimate.chi2_per_dof
+    if limits.chi2_per_dof is not None and ratio is not None and ratio > limits.chi2_per_dof:
         reasons.append(
-            f"sigma_pos {1e3 * position:.2f} mm is above {1e3 * limits.sigma_pos_m:.2f} mm"
-        )
-    if orientation > limits.sigma_ori_rad:
-        reasons.append(
-            f"sigma_ori {1e3 * orientation:.2f} mrad is above {1e3 * limits.sigma_ori_rad:.2f} mrad"
+            f"chi2/dof {ratio:.2f} is above {limits.chi2_per_dof:.2f}: the sensors or the fixture "
+            "are worse than stated"
         )
     return tuple(reasons)

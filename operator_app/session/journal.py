@@ -119,6 +119,11 @@ class Journal:
         self._seq, self._chain = event.seq, chain
         return event
 
+    @property
+    def closed(self) -> bool:
+        """Whether `close` has been called."""
+        return self._descriptor < 0
+
     def close(self) -> None:
         """Release the journal. Safe to call twice."""
         if self._descriptor >= 0:

@@ -1,0 +1,287 @@
+"""The session: one calibration of one arm, step by step, every fact in the journal before it counts.
+
+Both faces use it, `sarcal run` and the terminal app. It prints nothing and asks nothing; refusals
+are `SessionError`s that say what happened and what to do. Calls come from one thread; `state` and
+`arm.snapshot()` may be read from any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+
+from fixtures.base import Fixture, SetupCheck, Severity
+from hardware.arm import Arm, ArmIdentity, JointMode, MoveResult
+from operator_app.calibration import Solution, calibrate
+from operator_app.session.errors import GuardError
+from operator_app.session.exploration import range_watch, waypoints
+from operator_app.session.journal import Clock, Journal, utc_now
+from operator_app.session.settings import Procedure
+from operator_app.session.state import CapturedPose, SessionState, apply, replay
+from solver.arm_model import ArmModel
+from solver.least_squares import Progress
+
+
+class Session:
+    """A calibration session on one arm."""
+
+    def __init__(
+        self,
+        *,
+        journal: Journal,
+        arm: Arm,
+        model: ArmModel,
+        fixture: Fixture,
+        procedure: Procedure,
+        clock: Clock = utc_now,
+    ) -> None:
+        self.arm = arm
+        self.model = model
+        self.fixture = fixture
+        self.procedure = procedure
+        self.journal = journal
+        self._clock = clock
+        self.state: SessionState = replay((e.name, e.data, e.utc) for e in journal.contents.events)
+        self.identity: ArmIdentity | None = None
+
+    # -- facts -----------------------------------------------------------------------------------
+
+    def record(self, name: str, data: Mapping[str, Any]) -> None:
+        """Write an event and let it count; in this order, so that nothing unwritten counts."""
+        event = self.journal.append(name, data, clock=self._clock)
+        self.state = apply(self.state, event.name, event.data, event.utc)
+
+    def open(self, sources: Mapping[str, str], settings: Mapping[str, Any]) -> None:
+        """Record what this session is about; the first event of a new journal."""
+        self.record("opened", {"sources": dict(sources), "settings": dict(settings)})
+
+    # -- 1 Connect -------------------------------------------------------------------------------
+
+    def connect(self) -> ArmIdentity:
+        """Find the arm. A resumed session insists on the arm it was begun with."""
+        identity = self.arm.connect()
+        known = self.state.serial_number
+        if known and known != identity.serial_number:
+            raise GuardError(
+                f"this session belongs to arm {known}, and the arm on the bus is "
+                f"{identity.serial_number}",
+                "connect the right arm or start a new session",
+            )
+        self.identity = identity
+        self.record(
+            "connected",
+            {
+                "model": identity.model,
+                "serial_number": identity.serial_number,
+                "nodes": [asdict(node) for node in identity.nodes],
+            },
+        )
+        return identity
+
+    # -- 2 Fixture -------------------------------------------------------------------------------
+
+    def check_fixture(self) -> tuple[SetupCheck, ...]:
+        """Judge the nominal placement at the arm's present pose."""
+        checks = self.fixture.setup_checks(self.model, self.arm.snapshot().positions_rad)
+        self.record(
+            "fixture_checked",
+            {"checks": [{**asdict(c), "severity": c.severity.value} for c in checks]},
+        )
+        return checks
+
+    def require_fixture(self) -> tuple[SetupCheck, ...]:
+        """Like `check_fixture`; raises GuardError when a check refuses the placement."""
+        checks = self.check_fixture()
+        for check in checks:
+            if check.severity is Severity.REFUSED:
+                raise GuardError(check.text, check.remedy)
+        return checks
+
+    # -- 3 Modes ---------------------------------------------------------------------------------
+
+    @property
+    def mobility(self) -> int:
+        """How many joints belong in position mode."""
+        loop = self.fixture.model(self.model)
+        return self.model.joint_count - loop.equations_per_pose
+
+    def check_modes(self, position_joints: tuple[int, ...]) -> None:
+        """Refuse a wrong number of position-mode joints, with the reason."""
+        n, want, have = self.model.joint_count, self.mobility, len(set(position_joints))
+        wrong = [j for j in position_joints if not 1 <= j <= n]
+        if wrong:
+            raise GuardError(f"there is no joint {wrong[0]}", f"joints are numbered 1 to {n}")
+        names = ", ".join(str(j) for j in sorted(set(position_joints))) or "none"
+        if have < want:
+            raise GuardError(
+                f"{have} joint{'s' if have != 1 else ''} in position mode ({names}) where the "
+                f"{self.fixture.kind} leaves the arm {want} freedom{'s' if want != 1 else ''}: "
+                "nothing would hold the rest, and the arm would sag",
+                f"put exactly {want} in position mode",
+            )
+        if have > want:
+            raise GuardError(
+                f"{have} joints in position mode ({names}) where the {self.fixture.kind} leaves "
+                f"the arm {want} freedom{'s' if want != 1 else ''}: they would work against each "
+                "other through the fixture, and torque would build up until a drive trips",
+                f"put exactly {want} in position mode",
+            )
+
+    def set_modes(self, position_joints: tuple[int, ...]) -> None:
+        """Take control, then position mode for these joints and free mode for the rest."""
+        self.check_modes(position_joints)
+        self.take_control()
+        modes = tuple(
+            JointMode.POSITION if j in position_joints else JointMode.FREE
+            for j in range(1, self.model.joint_count + 1)
+        )
+        self.arm.set_modes(modes)
+        self.record("modes", {"modes": [m.value for m in modes]})
+
+    def take_control(self) -> None:
+        """Enable the drives, holding; the first time, remember where the arm stood."""
+        self.arm.take_control()
+        start = self.arm.capture(self.procedure.capture.samples_per_pose).mean_rad
+        self.record("control", {"start_rad": start.tolist()})
+
+    @property
+    def position_joints(self) -> tuple[int, ...]:
+        """Joints in position mode as last confirmed."""
+        return tuple(j for j, m in enumerate(self.state.modes, 1) if m == JointMode.POSITION.value)
+
+    # -- 4 Capture -------------------------------------------------------------------------------
+
+    def plan(self) -> tuple[Mapping[int, float], ...]:
+        """All waypoints of this session, visited ones included."""
+        if self.state.start_rad is None or not self.position_joints:
+            raise GuardError("the joint modes are not set", "set the modes first (step 3)")
+        return waypoints(self.model, self.state.start_rad, self.procedure.capture)
+
+    def go_to(self, targets_rad: Mapping[int, float]) -> MoveResult:
+        """Move the position-mode joints, watching every joint."""
+        return self.arm.move(
+            targets_rad,
+            speed_rad_per_s=self.procedure.capture.speed_rad_per_s,
+            watch=range_watch(self.model),
+        )
+
+    def capture(self, waypoint: int, note: str = "") -> CapturedPose:
+        """Let the arm settle, read a pose, and keep it."""
+        rule = self.procedure.capture.settle
+        if not self.arm.settle(
+            window=rule.window_syncs,
+            spread_rad=rule.spread_rad(self.model),
+            timeout_syncs=rule.timeout_syncs,
+        ):
+            raise GuardError(
+                "the arm does not come to rest",
+                "look for something that moves or pushes it, then capture again",
+            )
+        reading = self.arm.capture(self.procedure.capture.samples_per_pose)
+        self.record(
+            "pose",
+            {
+                "number": self.state.captured + 1,
+                "waypoint": waypoint,
+                "mean_rad": reading.mean_rad.tolist(),
+                "sd_rad": reading.sd_rad.tolist(),
+                "samples": reading.samples,
+                "first_sync": reading.first_sync,
+                "note": note,
+            },
+        )
+        return self.state.poses[-1]
+
+    def run_plan(self, on_pose: Callable[[SessionState], None] | None = None) -> None:
+        """Visit waypoints until enough poses are captured; goes on where the journal ends."""
+        plan = self.plan()
+        wanted = self.procedure.capture.poses
+        columns = [j - 1 for j in self.position_joints]
+        while len(self.state.used_poses) < wanted:
+            index = self.state.next_waypoint
+            if index >= len(plan):
+                raise GuardError(
+                    f"only {len(self.state.used_poses)} of {wanted} poses could be reached",
+                    "drive another pair of joints, widen the span or mount the hinge elsewhere",
+                )
+            before = self.arm.snapshot().positions_rad[columns]
+            moved = self.go_to(plan[index])
+            if not moved.reached:
+                # What stopped the move lies ahead: go back the way it came and pass this one over.
+                self.go_to(dict(zip(self.position_joints, before.tolist(), strict=True)))
+                self.record("waypoint_skipped", {"waypoint": index, "reason": moved.reason})
+                continue
+            self.capture(index)
+            if on_pose is not None:
+                on_pose(self.state)
+
+    def undo(self) -> CapturedPose:
+        """Take back the last pose that counts."""
+        if not self.state.poses:
+            raise GuardError("there is no pose to take back", "capture one first")
+        last = self.state.poses[-1]
+        self.record("pose_undone", {"number": last.number})
+        return last
+
+    def exclude(self, number: int, reason: str) -> None:
+        """Leave a pose out of the calibration; it stays in the journal."""
+        self._require_pose(number)
+        self.record("pose_excluded", {"number": number, "text": reason or "by the operator"})
+
+    def include(self, number: int) -> None:
+        """Let an excluded pose count again."""
+        self._require_pose(number)
+        self.record("pose_included", {"number": number})
+
+    def note(self, number: int, text: str) -> None:
+        """Attach a note to a pose."""
+        self._require_pose(number)
+        self.record("pose_noted", {"number": number, "text": text})
+
+    # -- 5 Calibrate -----------------------------------------------------------------------------
+
+    def calibrate(self, progress: Progress | None = None) -> Solution:
+        """Calibrate from the poses that count."""
+        poses = self.state.used_poses
+        solution = calibrate(
+            self.model,
+            self.fixture,
+            self.state.q_rad().reshape(len(poses), self.model.joint_count),
+            estimator=self.procedure.estimator,
+            unsensed_joints=self.procedure.unsensed_joints,
+            labels=tuple(str(p.number) for p in poses),
+            limits=self.procedure.acceptance,
+            progress=progress,
+        )
+        estimate = solution.estimate
+        self.record(
+            "solved",
+            {
+                "estimator": estimate.estimator,
+                "poses": [p.number for p in poses],
+                "parameters": {
+                    p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)
+                },
+                "scaled_condition_number": solution.seen.scaled_condition_number,
+                "accepted": solution.accepted,
+            },
+        )
+        return solution
+
+    # -- end -------------------------------------------------------------------------------------
+
+    def close(self, reason: str) -> None:
+        """Leave the arm held and the journal whole. Safe to call twice."""
+        try:
+            self.arm.close()
+        finally:
+            if not self.journal.closed:
+                self.record("closed", {"reason": reason})
+                self.journal.close()
+
+    def _require_pose(self, number: int) -> None:
+        if all(pose.number != number for pose in self.state.poses):
+            known = ", ".join(str(p.number) for p in self.state.poses) or "none"
+            raise GuardError(f"there is no pose {number}", f"captured poses: {known}")

@@ -1,0 +1,111 @@
+"""One pose's closure and Jacobian, tuned for the plant's inner loop. Knows D-H links only; no forces.
+
+`solver.closure.DhLoop.loop` does the same for many poses at once; on a single pose its broadcasting
+costs ten times as much. A test holds the two together to 1e-12.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain import DhTable
+
+
+class LoopPoint:
+    """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; buffers are overwritten by every call.
+
+    Attributes
+    ----------
+    error
+        (6,) rotation vector (rad) over position (m) of frame n, seen in frame -1.
+    jacobian
+        (6, n + 1) its derivative for theta_0 .. theta'_n.
+    axes_z, origins_m
+        (n + 2, 3) z axis and origin of frames -1 .. n, seen in frame -1.
+    """
+
+    def __init__(self, table: DhTable) -> None:
+        links = table.links
+        c, s = np.cos(table.alpha_rad), np.sin(table.alpha_rad)
+        # Rows of A_j are linear in cos theta and sin theta: A = cos * even + sin * odd + constant.
+        even, odd = np.zeros((links, 4, 4)), np.zeros((links, 4, 4))
+        constant = np.zeros((links, 4, 4))
+        even[:, 0, 0], even[:, 0, 3] = 1.0, table.a_m
+        even[:, 1, 1], even[:, 1, 2] = c, -s
+        odd[:, 0, 1], odd[:, 0, 2] = -c, s
+        odd[:, 1, 0], odd[:, 1, 3] = 1.0, table.a_m
+        constant[:, 2, 1], constant[:, 2, 2], constant[:, 2, 3] = s, c, table.s_m
+        constant[:, 3, 3] = 1.0
+        self._even, self._odd, self._constant = even, odd, constant
+        self._links = np.empty((links, 4, 4))
+        self._frames = np.empty((links + 1, 4, 4))
+        self._frames[0] = np.eye(4)
+        self._products = [
+            (self._frames[j], self._links[j], self._frames[j + 1]) for j in range(links)
+        ]
+        self.axes_z = self._frames[:, :3, 2]
+        self.base_axes = self._frames[1, :3, :3]
+        self.origins_m = self._frames[:, :3, 3]
+        self.error = np.empty(6)
+        self.jacobian = np.empty((6, links))
+        self._rotation = np.empty((links, 3))
+
+    def at(self, theta_rad: FloatArray) -> None:
+        """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
+        cosine, sine = np.cos(theta_rad), np.sin(theta_rad)
+        np.multiply(self._even, cosine[:, None, None], out=self._links)
+        self._links += self._odd * sine[:, None, None]
+        self._links += self._constant
+        dot = np.dot
+        for before, link, after in self._products:
+            dot(before, link, after)
+        end = self._frames[-1]
+        r0, r1, r2 = _rotation_vector(end[:3, :3].tolist())
+        p = end[:3, 3]
+        self.error[:] = (r0, r1, r2, *p.tolist())
+        z = self.axes_z[:-1]
+        arm = p - self.origins_m[:-1]
+        J = self.jacobian  # noqa: N806
+        z0, z1, z2 = z[:, 0], z[:, 1], z[:, 2]
+        d0, d1, d2 = arm[:, 0], arm[:, 1], arm[:, 2]
+        J[3] = z1 * d2 - z2 * d1
+        J[4] = z2 * d0 - z0 * d2
+        J[5] = z0 * d1 - z1 * d0
+        # dr = E w with E = 1 - [r]/2 + f [r]^2 (solver.rotations.rotation_vector_differential).
+        square = r0 * r0 + r1 * r1 + r2 * r2
+        f = _second_order_factor(math.sqrt(square))
+        diagonal = 1.0 - f * square
+        E = np.array(  # noqa: N806
+            (
+                (diagonal + f * r0 * r0, 0.5 * r2 + f * r0 * r1, -0.5 * r1 + f * r0 * r2),
+                (-0.5 * r2 + f * r0 * r1, diagonal + f * r1 * r1, 0.5 * r0 + f * r1 * r2),
+                (0.5 * r1 + f * r0 * r2, -0.5 * r0 + f * r1 * r2, diagonal + f * r2 * r2),
+            )
+        )
+        J[:3] = E @ z.T
+
+
+def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:  # noqa: N803
+    """Logarithm of a rotation well below half a turn, rad (a loop that far open has broken)."""
+    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R
+    x, y, z = r21 - r12, r02 - r20, r10 - r01
+    # 4 w^2 = 1 + trace; the quaternion's vector part is (x, y, z) / 4w.
+    four_w2 = 1.0 + r00 + r11 + r22
+    if four_w2 < 1e-3:
+        raise ValueError("the loop is open by half a turn: no fixture holds that")
+    w = 0.5 * math.sqrt(four_w2)
+    x, y, z = x / (4.0 * w), y / (4.0 * w), z / (4.0 * w)
+    sine = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 if sine < 1e-150 else 2.0 * math.atan2(sine, w) / sine
+    return x * scale, y * scale, z * scale
+
+
+def _second_order_factor(angle: float) -> float:
+    """``(1 - (angle/2) cot(angle/2)) / angle^2``, whose series starts 1/12 + angle^2/720."""
+    if angle < 1e-4:
+        return 1.0 / 12.0 + angle * angle / 720.0
+    half = 0.5 * angle
+    return (1.0 - half / math.tan(half)) / (angle * angle)

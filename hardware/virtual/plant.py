@@ -1,0 +1,245 @@
+"""The arm bolted to its hinge, as forces move it: a compliant closed chain. Knows no bus and no estimator.
+
+Quasi-static: hydraulic joints at calibration speeds are damped far above their inertia. In each
+control period the increment D of the true angles (hinge, then joints) minimises
+
+    1/2 sum_position k (target - theta - D)^2 + 1/2 e(theta + D)' K e(theta + D)
+        + 1/2 sum d D^2 / dt - gravity' D + friction(D)
+
+with e the closure error and K the fixture's stiffness (backward Euler of the overdamped chain). So
+two drives move the arm, one lets it sag, and a third that disagrees builds up torque.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hardware.arm import JointMode
+from hardware.virtual.loop_point import LoopPoint
+from hardware.virtual.port import JointCommand, PlantReading
+from hardware.virtual.sensors import SensorBank
+from hardware.virtual.truth import LoopTruth
+from solver.arrays import FloatArray, frozen
+
+CONVERGED_RAD = 1e-9
+"""Newton stops after a step this small; convergence is fast, the next one would be far smaller."""
+MAX_NEWTON_STEPS = 12
+LONGEST_NEWTON_STEP_RAD = 0.1
+"""Near a fold a joint wants to jump: let it run, but over a path that the chain can follow."""
+
+
+def fixture_stiffness(*, n_per_m: float, nm_per_rad: float) -> FloatArray:
+    """Stiffness (6, 6) of a fixture that is alike in every direction: rotations, then positions."""
+    return np.diag([nm_per_rad] * 3 + [n_per_m] * 3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dynamics:
+    """Forces in the closed chain of n joints.
+
+    Attributes
+    ----------
+    fixture
+        (6, 6) symmetric stiffness for the closure error (rotation over position, frame -1), N m/rad
+        and N/m.
+    payload_kg
+        (n,) mass at the origins of frames 1..n that the drives' gravity compensation misses.
+    gravity_m_per_s2
+        (3,) in frame 0, the arm's base.
+    friction_nm
+        (n,) dry friction of the joints.
+    presliding_rad
+        How far a joint creeps elastically before dry friction lets it slide.
+    servo_nm_per_rad
+        Position-mode stiffness; also that of a blocked valve.
+    damping_nm_s_per_rad, hinge_damping_nm_s_per_rad
+        Viscous damping of every joint and of the hinge.
+    period_s
+        Control period.
+    """
+
+    fixture: FloatArray
+    payload_kg: FloatArray
+    gravity_m_per_s2: FloatArray
+    friction_nm: FloatArray
+    presliding_rad: float = 1e-3
+    servo_nm_per_rad: float = 5e3
+    damping_nm_s_per_rad: float = 5.0
+    hinge_damping_nm_s_per_rad: float = 0.5
+    period_s: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name in ("fixture", "payload_kg", "gravity_m_per_s2", "friction_nm"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        if self.fixture.shape != (6, 6) or self.gravity_m_per_s2.shape != (3,):
+            raise ValueError("the fixture's stiffness is 6 x 6, gravity has three components")
+        if self.payload_kg.shape != self.friction_nm.shape:
+            raise ValueError("payload and friction need one entry per joint each")
+        if min(self.damping_nm_s_per_rad, self.hinge_damping_nm_s_per_rad, self.period_s) <= 0.0:
+            raise ValueError("damping and period must be positive: they keep every step solvable")
+
+
+class Plant:
+    """A `PlantPort`: the truth moves, the sensors read it.
+
+    Parameters
+    ----------
+    truth
+        True geometry.
+    dynamics
+        Forces.
+    sensors
+        Sensors of joints 1..n.
+    start_rad, start_hinge_rad
+        True joint angles theta' (n,) and hinge angle of a closed pose, rad.
+    """
+
+    def __init__(
+        self,
+        *,
+        truth: LoopTruth,
+        dynamics: Dynamics,
+        sensors: SensorBank,
+        start_rad: FloatArray,
+        start_hinge_rad: float,
+    ) -> None:
+        n = truth.joint_count
+        if len(sensors.sensors) != n or dynamics.payload_kg.shape != (n,):
+            raise ValueError(f"truth, sensors and dynamics must all have {n} joints")
+        self.joint_count = n
+        self.truth = truth
+        self.sensors = sensors
+        self._dynamics = dynamics
+        self._angles = np.concatenate(([start_hinge_rad], start_rad))
+        self._offsets = np.concatenate(([0.0], truth.offsets_rad))
+        self._last = np.zeros(n + 1)
+        self._bristle = np.zeros(n + 1)
+        self._valve: list[float | None] = [None] * n
+        self._point = LoopPoint(truth.table)
+        self._point.at(self._angles)
+        d = np.full(n + 1, dynamics.damping_nm_s_per_rad)
+        d[0] = dynamics.hinge_damping_nm_s_per_rad
+        self._damping = d / dynamics.period_s
+        self._friction = np.concatenate(([0.0], dynamics.friction_nm))
+        self._rubs = bool(np.any(self._friction > 0.0))
+        self._loaded = bool(np.any(dynamics.payload_kg > 0.0))
+
+    @property
+    def true_angles_rad(self) -> FloatArray:
+        """True hinge angle and joint angles theta', shape (n + 1,). For tests: never on the bus."""
+        return self._angles.copy()
+
+    @property
+    def closure_error(self) -> FloatArray:
+        """How far the fixture gives: rotation vector (rad) over position (m), shape (6,)."""
+        return self._point.error.copy()
+
+    def step(self, commands: Sequence[JointCommand]) -> PlantReading:
+        """Advance one control period (see the module's head).
+
+        Raises
+        ------
+        ValueError
+            If there is not one command per joint, or a position target is not finite.
+        """
+        n = self.joint_count
+        if len(commands) != n:
+            raise ValueError(f"{len(commands)} commands for {n} joints")
+        stiffness, target = self._servos(commands)
+        self._advance(stiffness, target)
+        angles = self._angles
+        torque = stiffness * (target - angles)
+        speed = self._last / self._dynamics.period_s
+        return PlantReading(
+            position_counts=self.sensors.read((angles - self._offsets)[1:].tolist()),
+            torque_nm=tuple(torque[1:].tolist()),
+            speed_rad_per_s=tuple(speed[1:].tolist()),
+        )
+
+    def _servos(self, commands: Sequence[JointCommand]) -> tuple[FloatArray, FloatArray]:
+        """Stiffness and true target angle of every joint, shape (n + 1,); the hinge has none."""
+        stiffness, target = np.zeros(self.joint_count + 1), self._angles.copy()
+        now = self._angles.tolist()
+        offsets = self._offsets.tolist()
+        for j, command in enumerate(commands, start=1):
+            if command.mode is None:
+                # A blocked valve holds the joint where it was when it closed.
+                held = self._valve[j - 1]
+                if held is None:
+                    held = self._valve[j - 1] = now[j]
+                target[j] = held
+            else:
+                self._valve[j - 1] = None
+                if command.mode is JointMode.FREE:
+                    continue
+                # The drive closes its loop on what its sensor says, curve and all.
+                curve = self.sensors.sensors[j - 1].deviation_rad(now[j] - offsets[j])
+                target[j] = command.target_rad - curve + offsets[j]
+            stiffness[j] = self._dynamics.servo_nm_per_rad
+        if not np.all(np.isfinite(target)):
+            raise ValueError("position targets must be finite")
+        return stiffness, target
+
+    def _advance(self, stiffness: FloatArray, target: FloatArray) -> None:
+        """Newton's method for the increment, started from the previous period's motion."""
+        start, point, K = self._angles, self._point, self._dynamics.fixture  # noqa: N806
+        gravity = self._gravity() if self._loaded else 0.0
+        diagonal = stiffness + self._damping
+        angles = start + self._last
+        for _ in range(MAX_NEWTON_STEPS):
+            point.at(angles)
+            J = point.jacobian  # noqa: N806
+            KJ = K @ J  # noqa: N806
+            force = stiffness * (target - angles) - self._damping * (angles - start) + gravity
+            force -= point.error @ KJ
+            H = J.T @ KJ  # noqa: N806
+            tangent = diagonal
+            if self._rubs:
+                rubbing, hardening = self._rub(angles - start)
+                force -= rubbing
+                tangent = diagonal + hardening
+            H.flat[:: angles.size + 1] += tangent
+            step = np.linalg.solve(H, force)
+            longest = float(np.abs(step).max())
+            if longest > LONGEST_NEWTON_STEP_RAD:
+                step *= LONGEST_NEWTON_STEP_RAD / longest
+            angles = angles + step
+            if longest < CONVERGED_RAD:
+                break
+        self._last = angles - start
+        if self._rubs:
+            limit = self._dynamics.presliding_rad
+            self._bristle = np.clip(self._bristle + self._last, -limit, limit)
+        self._angles = angles
+
+    def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Dry friction (n + 1,) N m against an increment, and its slope: elastic, then sliding."""
+        limit = self._dynamics.presliding_rad
+        deflection = (self._bristle + increment) / limit
+        slope = np.where(np.abs(deflection) < 1.0, self._friction / limit, 0.0)
+        return self._friction * np.clip(deflection, -1.0, 1.0), slope
+
+    def _gravity(self) -> FloatArray:
+        """Torque (n + 1,) of the uncompensated masses about every joint axis, N m.
+
+        Frame 0 stands on the table, so the hinge's coordinate lifts nothing: entry 0 is zero.
+        """
+        origins, mass = self._point.origins_m, self._dynamics.payload_kg
+        g = self._point.base_axes @ self._dynamics.gravity_m_per_s2
+        # Everything from frame j on hangs on joint j: sums from the tip back.
+        moment = np.cumsum((mass[:, None] * origins[2:])[::-1], axis=0)[::-1]
+        weight = np.cumsum(mass[::-1])[::-1]
+        lever = moment - weight[:, None] * origins[1:-1]
+        z = self._point.axes_z[1:-1]
+        torque = np.zeros(self.joint_count + 1)
+        # g . (z x lever) = z . (lever x g)
+        x, y, w = lever[:, 0], lever[:, 1], lever[:, 2]
+        torque[1:] = (
+            z[:, 0] * (y * g[2] - w * g[1])
+            + z[:, 1] * (w * g[0] - x * g[2])
+            + z[:, 2] * (x * g[1] - y * g[0])
+        )
+        return torque

@@ -1,0 +1,238 @@
+"""Named virtual arms: a truth, what its sensors get wrong and how its fixture gives. Knows no bus.
+
+The paper names three error sources (section 4): RVDTs, fixed lengths, fixture. Each is one field of
+a `Scenario`, on or off with a stated size, drawn from its own stream of the seed, so that switching
+one off leaves the others as they were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+
+from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
+from hardware.virtual.sensors import RvdtCurve, SensorBank, joint_sensor
+from hardware.virtual.truth import (
+    PAPER_HOME_RAD,
+    LoopTruth,
+    paper_loop,
+    with_length_errors,
+)
+from hardware.virtual.wild import WildSpread, wild_loop
+from solver.arm_model import ArmModel
+from solver.arrays import FloatArray, frozen
+from solver.sensors import Encoder, Rvdt
+
+ENCODER_COUNTS_PER_REV = 400_000
+"""The arm's encoders (paper, section 3); scenario `exact` has them on the wrist as well."""
+
+
+class _Stream(IntEnum):
+    """Independent random streams of one seed."""
+
+    LENGTHS = 0
+    CURVES = 1
+    NOISE = 2
+    WILD = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LengthErrors:
+    """Lengths taken from the maker's table are off by `smallest_m` to `largest_m`, either way."""
+
+    smallest_m: float
+    largest_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Loads:
+    """Stiffness of the fixture and the forces that bend it.
+
+    Attributes
+    ----------
+    fixture_n_per_m, fixture_nm_per_rad
+        Stiffness, alike in every direction.
+    friction_nm
+        Dry friction of each joint, shape (n,).
+    payload_kg
+        Uncompensated mass at the origin of each frame, shape (n,).
+    """
+
+    fixture_n_per_m: float
+    fixture_nm_per_rad: float
+    friction_nm: FloatArray
+    payload_kg: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "friction_nm", frozen(self.friction_nm))
+        object.__setattr__(self, "payload_kg", frozen(self.payload_kg))
+
+
+GRAVITY_M_PER_S2 = frozen([0.0, -9.81, 0.0])
+"""In the arm's base frame: z_0, the first shoulder axis, is level."""
+PAYLOAD_KG = frozen([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0])
+"""What gravity compensation leaves at the elbow and at the wrist."""
+
+STIFF = Loads(
+    fixture_n_per_m=2e9,
+    fixture_nm_per_rad=1e8,
+    friction_nm=frozen(np.zeros(7)),
+    payload_kg=PAYLOAD_KG,
+)
+"""A fixture that gives less than a hundredth of an encoder count."""
+
+YIELDING = Loads(
+    fixture_n_per_m=4e4,
+    fixture_nm_per_rad=1.7e3,
+    friction_nm=frozen([6.0, 6.0, 5.0, 5.0, 3.0, 2.0, 2.0]),
+    payload_kg=PAYLOAD_KG,
+)
+"""A slender fixture: friction and weight bend it by 1 to 3 mm and 2 to 6 mrad."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """A virtual arm in a hinge: frozen description, from which `build` makes a plant.
+
+    Attributes
+    ----------
+    name, seed
+        The same name and seed are the same arm and the same noise.
+    specimen
+        Seed of the arm's own errors, curves and lengths: which of all arms of this kind it is.
+        None takes `seed`.
+    truth
+        True geometry before length errors; any truth may be given.
+    encoders_only
+        Every joint, the wrist's too, carries a 400,000-count encoder.
+    noise
+        Whether sensors have the noise their description states.
+    curve_of_full_scale
+        Peak deviation of every RVDT from its best-fit line, fraction of full scale; 0 is off.
+    lengths
+        Errors of the fixed lengths; None is off.
+    loads
+        Fixture stiffness and loads.
+    """
+
+    name: str
+    seed: int
+    truth: LoopTruth
+    specimen: int | None = None
+    encoders_only: bool = False
+    noise: bool = True
+    curve_of_full_scale: float = 0.0
+    lengths: LengthErrors | None = None
+    loads: Loads = STIFF
+
+    def arm(self, arm: ArmModel) -> ArmModel:
+        """Return `arm` with the sensors that this virtual arm really carries."""
+        if not self.encoders_only:
+            return arm
+        encoder = Encoder(counts_per_rev=ENCODER_COUNTS_PER_REV)
+        return replace(arm, joints=tuple(replace(j, sensor=encoder) for j in arm.joints))
+
+    def true_loop(self) -> LoopTruth:
+        """Geometry with the length errors in."""
+        if self.lengths is None:
+            return self.truth
+        return with_length_errors(
+            self.truth,
+            smallest_m=self.lengths.smallest_m,
+            largest_m=self.lengths.largest_m,
+            rng=self._rng(_Stream.LENGTHS),
+        )
+
+    def curves(self, arm: ArmModel) -> tuple[RvdtCurve | None, ...]:
+        """RVDT curve of every joint of `arm`; None for encoders and when curves are off."""
+        rng = self._rng(_Stream.CURVES)
+        return tuple(
+            RvdtCurve.drawn(
+                rng,
+                full_scale_rad=joint.sensor.full_scale_rad,
+                peak=self.curve_of_full_scale,
+            )
+            if isinstance(joint.sensor, Rvdt) and self.curve_of_full_scale > 0.0
+            else None
+            for joint in self.arm(arm).joints
+        )
+
+    def build(self, arm: ArmModel) -> Plant:
+        """Make the plant, at rest at the closed pose nearest to the arm's home.
+
+        Raises
+        ------
+        ValueError
+            If the arm has another number of joints than the truth, or the loop does not close there.
+        """
+        carried, truth = self.arm(arm), self.true_loop()
+        if carried.joint_count != truth.joint_count:
+            raise ValueError(
+                f"scenario {self.name!r} has {truth.joint_count} joints, the arm file {carried.joint_count}"
+            )
+        sensors = [
+            joint_sensor(joint, with_noise=self.noise, curve=curve)
+            for joint, curve in zip(carried.joints, self.curves(arm), strict=True)
+        ]
+        start, hinge = truth.closed_near(carried.home_rad)
+        return Plant(
+            truth=truth,
+            dynamics=Dynamics(
+                fixture=fixture_stiffness(
+                    n_per_m=self.loads.fixture_n_per_m, nm_per_rad=self.loads.fixture_nm_per_rad
+                ),
+                payload_kg=self.loads.payload_kg,
+                gravity_m_per_s2=GRAVITY_M_PER_S2,
+                friction_nm=self.loads.friction_nm,
+            ),
+            sensors=SensorBank(sensors, rng=self._rng(_Stream.NOISE)),
+            start_rad=start,
+            start_hinge_rad=hinge,
+        )
+
+    def _rng(self, stream: _Stream) -> np.random.Generator:
+        seed = self.seed if stream is _Stream.NOISE or self.specimen is None else self.specimen
+        return np.random.default_rng([seed, int(stream)])
+
+
+SCENARIOS = ("exact", "datasheet", "as_reported", "wild")
+
+
+def scenario(name: str, seed: int = 0) -> Scenario:
+    """Return a scenario by name.
+
+    Raises
+    ------
+    ValueError
+        If there is no such scenario or the seed is negative.
+    """
+    if seed < 0:
+        raise ValueError("a seed is a whole number from zero")
+    match name:
+        case "exact":
+            return Scenario(
+                name=name, seed=seed, truth=paper_loop(), encoders_only=True, noise=False
+            )
+        case "datasheet":
+            return Scenario(name=name, seed=seed, truth=paper_loop(), curve_of_full_scale=0.02)
+        case "as_reported":
+            return Scenario(
+                name=name,
+                seed=seed,
+                truth=paper_loop(),
+                specimen=8,
+                curve_of_full_scale=0.019,
+                lengths=LengthErrors(smallest_m=0.001, largest_m=0.002),
+                loads=YIELDING,
+            )
+        case "wild":
+            truth = wild_loop(
+                np.random.default_rng([seed, int(_Stream.WILD)]),
+                spread=WildSpread(),
+                reading_rad=PAPER_HOME_RAD,
+            )
+            return Scenario(name=name, seed=seed, truth=truth, curve_of_full_scale=0.02)
+        case _:
+            raise ValueError(f"no scenario {name!r}; there are {', '.join(SCENARIOS)}")

@@ -1,0 +1,168 @@
+"""What the virtual joints' sensors report for a true angle: counts, curves, noise. Knows no chain and no bus.
+
+Counts are relative to sensor coordinate zero. An RVDT has its electrical zero at the middle of its
+joint's range, and its converter saturates at the ends of full scale around it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from solver.arm_model import Joint
+from solver.arrays import FloatArray, frozen
+from solver.sensors import Encoder, NoSensor, Rvdt
+
+CURVE_DEGREES = (2, 3, 4, 5)
+"""Legendre polynomials of an RVDT's curve: all of them orthogonal to every straight line."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RvdtCurve:
+    """Smooth deviation of an RVDT from its best-fit straight line.
+
+    The deviation is ``sum_k c_k P_k(x)`` with x the angle over half of full scale. Without P_0 and
+    P_1 its least-squares line over full scale is exactly zero, so its peak is what a maker calls
+    linearity.
+
+    Attributes
+    ----------
+    coefficients_rad
+        c_k for the polynomials of `CURVE_DEGREES`, shape (4,).
+    half_scale_rad
+        Half of full scale.
+    """
+
+    coefficients_rad: FloatArray
+    half_scale_rad: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficients_rad", frozen(self.coefficients_rad))
+        if self.coefficients_rad.shape != (len(CURVE_DEGREES),):
+            raise ValueError(f"a curve needs {len(CURVE_DEGREES)} coefficients")
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float) -> RvdtCurve:
+        """Random shape whose largest deviation is `peak` (a fraction of full scale) exactly.
+
+        Higher polynomials are weaker, as in a real transformer, whose curve is mostly a bow and an S.
+        """
+        shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
+        unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
+        largest = unit.peak_rad()
+        return cls(
+            coefficients_rad=shape * (peak * full_scale_rad / largest),
+            half_scale_rad=0.5 * full_scale_rad,
+        )
+
+    def deviation_rad(self, from_zero_rad: float) -> float:
+        """Reading minus true angle, at an angle from the electrical zero (clipped to full scale)."""
+        x = min(1.0, max(-1.0, from_zero_rad / self.half_scale_rad))
+        square = x * x
+        c2, c3, c4, c5 = self.coefficients_rad.tolist()
+        return float(
+            c2 * (1.5 * square - 0.5)
+            + c3 * x * (2.5 * square - 1.5)
+            + c4 * ((4.375 * square - 3.75) * square + 0.375)
+            + c5 * x * ((7.875 * square - 8.75) * square + 1.875)
+        )
+
+    def peak_rad(self) -> float:
+        """Largest deviation over full scale: at an end or where the slope vanishes."""
+        series = np.zeros(CURVE_DEGREES[-1] + 1)
+        series[list(CURVE_DEGREES)] = self.coefficients_rad
+        roots = legendre.legroots(legendre.legder(series)) if np.any(series) else np.zeros(0)
+        turns = [r.real for r in roots if abs(r.imag) < 1e-9 and abs(r.real) < 1.0]
+        return float(np.abs(legendre.legval(np.array([-1.0, *turns, 1.0]), series)).max())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointSensor:
+    """One joint's sensor with its errors.
+
+    Attributes
+    ----------
+    resolution_rad
+        One count.
+    noise_counts
+        Standard deviation of the noise before rounding.
+    lowest_counts, highest_counts
+        Saturation; None for an encoder.
+    curve, zero_rad
+        An RVDT's curve and electrical zero.
+    """
+
+    resolution_rad: float
+    noise_counts: float
+    lowest_counts: int | None = None
+    highest_counts: int | None = None
+    curve: RvdtCurve | None = None
+    zero_rad: float = 0.0
+
+    def deviation_rad(self, angle_rad: float) -> float:
+        """Systematic error of the reading at a true angle in sensor coordinates."""
+        return 0.0 if self.curve is None else self.curve.deviation_rad(angle_rad - self.zero_rad)
+
+    def counts(self, angle_rad: float, standard_normal: float) -> int:
+        """Read a true angle in sensor coordinates with one draw of standard normal noise."""
+        reading = (angle_rad + self.deviation_rad(angle_rad)) / self.resolution_rad
+        count = round(reading + self.noise_counts * standard_normal)
+        if self.lowest_counts is not None and count < self.lowest_counts:
+            return self.lowest_counts
+        if self.highest_counts is not None and count > self.highest_counts:
+            return self.highest_counts
+        return count
+
+
+def joint_sensor(joint: Joint, *, with_noise: bool, curve: RvdtCurve | None) -> JointSensor:
+    """Sensor of one joint of an arm file.
+
+    Raises
+    ------
+    ValueError
+        If the joint has no sensor, or if a curve is given for an encoder.
+    """
+    match joint.sensor:
+        case Encoder() as encoder:
+            if curve is not None:
+                raise ValueError(f"joint {joint.name!r} has an encoder, which has no curve")
+            return JointSensor(
+                resolution_rad=encoder.resolution_rad,
+                noise_counts=encoder.noise_counts if with_noise else 0.0,
+            )
+        case Rvdt() as rvdt:
+            zero = round(joint.middle_rad / rvdt.resolution_rad)
+            half = 2 ** (rvdt.bits - 1)
+            return JointSensor(
+                resolution_rad=rvdt.resolution_rad,
+                noise_counts=rvdt.noise_lsb if with_noise else 0.0,
+                lowest_counts=zero - half,
+                highest_counts=zero + half - 1,
+                curve=curve,
+                zero_rad=zero * rvdt.resolution_rad,
+            )
+        case NoSensor():
+            raise ValueError(f"joint {joint.name!r} has no sensor: a drive cannot report it")
+
+
+class SensorBank:
+    """All sensors of an arm, read together once a control period; deterministic for a seed."""
+
+    def __init__(self, sensors: Sequence[JointSensor], *, rng: np.random.Generator) -> None:
+        self.sensors = tuple(sensors)
+        self._rng = rng
+
+    def read(self, angles_rad: Sequence[float]) -> tuple[int, ...]:
+        """Counts for true angles in sensor coordinates (n,)."""
+        noise = self._rng.standard_normal(len(self.sensors)).tolist()
+        return tuple(
+            sensor.counts(angle, draw)
+            for sensor, angle, draw in zip(self.sensors, angles_rad, noise, strict=True)
+        )
+
+    def deviations_rad(self, angles_rad: Sequence[float]) -> list[float]:
+        """Systematic errors of the readings at true angles in sensor coordinates (n,)."""
+        return [s.deviation_rad(a) for s, a in zip(self.sensors, angles_rad, strict=True)]

@@ -1,0 +1,103 @@
+"""True geometry of the virtual arm's closed loop: what calibration must find. Knows no sensor, no plant, no bus."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver.arrays import FloatArray, frozen
+from solver.chain import DhTable
+from solver.closing import close_loops
+from solver.closure import DhLoop
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopTruth:
+    """A hinge loop as it really is.
+
+    Attributes
+    ----------
+    table
+        D-H rows 0..n; row 0 is the hinge (`theta_off_rad[0]` is 0), rows 1..n the arm with its true
+        joint-angle offsets.
+    """
+
+    table: DhTable
+
+    @property
+    def joint_count(self) -> int:
+        """Joints n of the arm."""
+        return self.table.links - 1
+
+    @property
+    def offsets_rad(self) -> FloatArray:
+        """True offsets of joints 1..n, shape (n,)."""
+        return self.table.theta_off_rad[1:]
+
+    def loop(self) -> DhLoop:
+        """Closure model of this loop with nothing unknown; its joint angles are sensor coordinates."""
+        return DhLoop(table=self.table, entries=(), hinge=True)
+
+    def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
+        """Nearest closed pose to a reading.
+
+        Parameters
+        ----------
+        reading_rad
+            Joint angles in sensor coordinates, shape (n,).
+
+        Returns
+        -------
+        True joint angles theta' (n,) and the hinge angle theta_0, rad.
+
+        Raises
+        ------
+        ValueError
+            If no pose near the reading closes the loop.
+        """
+        loop, nothing = self.loop(), np.zeros(0)
+        start = np.asarray(reading_rad, dtype=np.float64)[None, :]
+        flipped = bool(loop.reduced(nothing, start).flipped[0])
+        closed = close_loops(loop, nothing, start)
+        if flipped or not bool(closed.closed[0]):
+            raise ValueError("this loop does not close near the given pose")
+        return closed.q[0] + self.offsets_rad, float(closed.u[0, 0])
+
+
+def paper_loop() -> LoopTruth:
+    """Tables 1 and 2 of the paper, exactly: rows 0 (hinge) to 7."""
+    return LoopTruth(
+        table=DhTable(
+            theta_off_rad=np.deg2rad([0.0, 9.9, -122.8, -21.1, -9.2, 27.1, 116.3, 89.3]),
+            s_m=frozen([0.014, 0.273, 0.0, 0.355, 0.0, 0.320, 0.0, 0.038]),
+            a_m=frozen([0.202, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.101]),
+            alpha_rad=np.deg2rad([-38.5, 90.0, -90.0, 90.0, -90.0, 90.0, -90.0, 99.8]),
+        )
+    )
+
+
+PAPER_HOME_RAD = frozen(
+    np.deg2rad([40.5311, 245.5792, 143.1309, -115.0631, -189.2465, -215.6707, 44.9482])
+)
+"""A closed pose of `paper_loop`, sensor coordinates (to the digits given; hinge -118.936 deg)."""
+
+
+def with_length_errors(
+    truth: LoopTruth, *, smallest_m: float, largest_m: float, rng: np.random.Generator
+) -> LoopTruth:
+    """Put every length that calibration takes from the maker's table off by a random amount.
+
+    These are s_2..s_n-1 and a_1..a_n-1: the fixture's own entries (s_1, s_n, a_n, row 0) are
+    identified and have no nominal value to be off from. Each is off by `smallest_m` to `largest_m`,
+    either way.
+    """
+    n = truth.joint_count
+    fixed = {"s_m": slice(2, n), "a_m": slice(1, n)}
+    columns = {}
+    for name, rows in fixed.items():
+        column = np.array(getattr(truth.table, name))
+        size = rng.uniform(smallest_m, largest_m, column[rows].shape)
+        column[rows] += size * rng.choice((-1.0, 1.0), column[rows].shape)
+        columns[name] = column
+    return LoopTruth(table=replace(truth.table, **columns))

@@ -251,7 +251,12 @@ def _reasons(
         )
     for symbol, found, limit, unit in (
         ("sigma_pos", estimate.sigmas.position_m.rms, limits.sigma_pos_m, "mm"),
-        ("sigma_ori", estimate.sigmas.orientation_rad.rms, limits.sigma_ori_rad, "mrad"),
+        (
+            "sigma_ori",
+            estimate.sigmas.orientation_rad.rms,
+            limits.sigma_ori_rad,
+            "mrad",
+        ),
     ):
         if limit is not None and found > limit:
             reasons.append(f"{symbol} {1e3 * found:.2f} {unit} is above {1e3 * limit:.2f} {unit}")

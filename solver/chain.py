@@ -68,7 +68,7 @@ class Frames:
     origins_m: FloatArray
 
     @property
-    def R_end(self) -> FloatArray:  # noqa: N802 - the paper's name
+    def R_end(self) -> FloatArray:
         """Rotation of the last frame, shape (..., 3, 3)."""
         return self.axes[..., -1, :, :]
 

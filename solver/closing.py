@@ -68,7 +68,7 @@ def close_loops(
         size = np.abs(error.residual).max(-1, initial=0.0)
         if bool(np.all(size < tolerance)):
             break
-        J = np.concatenate((error.jac_q * weight, error.jac_u * free), axis=-1)  # noqa: N806
+        J = np.concatenate((error.jac_q * weight, error.jac_u * free), axis=-1)
         step = -(np.linalg.pinv(J, rcond=1e-10) @ error.residual[..., None])[..., 0]
         dq, du = step[..., : q.shape[-1]] * weight, step[..., q.shape[-1] :] * free
         longest = np.concatenate((np.abs(dq), np.abs(du)), axis=-1).max(-1, keepdims=True)
@@ -92,15 +92,15 @@ def reduced_jacobian(
         the columns of the unsensed joints (method, section 3).
     """
     error = model.loop(x, q, u)
-    E = left_null_space(error.jac_u)  # noqa: N806
-    Et = np.swapaxes(E, -1, -2)  # noqa: N806
+    E = left_null_space(error.jac_u)
+    Et = np.swapaxes(E, -1, -2)
     return Et @ error.jac_x, Et @ error.jac_q
 
 
-def left_null_space(N: FloatArray) -> FloatArray:  # noqa: N803
+def left_null_space(N: FloatArray) -> FloatArray:
     """Orthonormal E (..., k, k - U) with ``E' N = 0`` for N of shape (..., k, U) and rank U."""
     k, unsensed = N.shape[-2:]
     if unsensed == 0:
         return np.broadcast_to(np.eye(k), (*N.shape[:-1], k))
-    Q = np.linalg.qr(N, mode="complete").Q  # noqa: N806
+    Q = np.linalg.qr(N, mode="complete").Q
     return Q[..., unsensed:]

@@ -192,7 +192,7 @@ class DhLoop:
         frames = self.frames(x, q, u)
         r = rotation_vector(frames.R_end)
         columns = jacobian(frames)
-        E = rotation_vector_differential(r)  # noqa: N806
+        E = rotation_vector_differential(r)
         shape = columns.shape
         columns[..., :3, :, :] = (E @ columns[..., :3, :, :].reshape(*shape[:-3], 3, -1)).reshape(
             *shape[:-3], 3, *shape[-2:]
@@ -215,7 +215,7 @@ class DhLoop:
             if row > 0:
                 u[..., k] = q[..., row - 1] + self.table.theta_off_rad[row]
         if self.hinge:
-            R_c = self.frames(x, q, u).R_end  # noqa: N806 - eq. 12, theta_0 = 0
+            R_c = self.frames(x, q, u).R_end
             u[..., 0] = -np.arctan2(R_c[..., 1, 0], R_c[..., 0, 0])
         return u
 
@@ -249,7 +249,7 @@ class DhLoop:
         frames = self.frames(x, q, u)
         columns = jacobian(frames)
         jac = self._columns(columns)
-        R = frames.R_end  # noqa: N806
+        R = frames.R_end
         # theta_0 answers to every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31.
         hinge_rate = jac[..., 0, :] * (R[..., 2, 0] / R[..., 0, 0])[..., None] - jac[..., 2, :]
         jac = jac + columns[..., DhKind.THETA_OFF, 0][..., None] * hinge_rate[..., None, :]

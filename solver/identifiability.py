@@ -66,13 +66,13 @@ def identifiability(
     """
     poses = close_loops(model, x, q, sigma_rad=sigma_rad)
     spans = np.ptp(poses.q, axis=0)
-    A, _ = reduced_jacobian(model, x, poses.q, poses.u)  # noqa: N806
+    A, _ = reduced_jacobian(model, x, poses.q, poses.u)
     names = tuple(p.name for p in model.parameters)
     return judge_jacobian(A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=spans)
 
 
 def judge_jacobian(
-    J: FloatArray,  # noqa: N803
+    J: FloatArray,
     names: tuple[str, ...],
     *,
     poses: int,
@@ -82,8 +82,8 @@ def judge_jacobian(
     scale = column_scale(J)
     zero_columns = np.linalg.norm(J, axis=0) <= RANK_TOLERANCE * max(float(scale.max()), 1e-300)
     # The R factor has the same singular values and is P x P however many poses there are.
-    R = np.linalg.qr(np.where(zero_columns, 0.0, J / scale), mode="r")  # noqa: N806
-    _, s, Vt = np.linalg.svd(R, full_matrices=True)  # noqa: N806
+    R = np.linalg.qr(np.where(zero_columns, 0.0, J / scale), mode="r")
+    _, s, Vt = np.linalg.svd(R, full_matrices=True)
     s = np.concatenate((s, np.zeros(len(names) - len(s))))
     rank = int((s > RANK_TOLERANCE * max(s[0], 1e-300)).sum())
     directions = tuple(_direction(vector, names, spans_rad) for vector in _sparse_basis(Vt[rank:]))

@@ -223,7 +223,7 @@ def estimate_implicit(
 def information(system: LinearisedPoses) -> FloatArray:
     """Fisher information of the parameters (P, P): ``sum A' V^-1 A``."""
     white = np.linalg.solve(np.linalg.cholesky(system.V), system.A)
-    J = white.reshape(-1, white.shape[-1])  # noqa: N806
+    J = white.reshape(-1, white.shape[-1])
     return J.T @ J
 
 
@@ -236,21 +236,21 @@ def _linearise(
     variance: FloatArray,
     give: FloatArray,
 ) -> LinearisedPoses:
-    E = left_null_space(jac_u)  # noqa: N806
-    Et = np.swapaxes(E, -1, -2)  # noqa: N806
-    B = Et @ jac_q  # noqa: N806
-    Bt = np.swapaxes(B, -1, -2)  # noqa: N806
-    F = Et @ (give[: c.shape[-1], None] * E)  # noqa: N806
+    E = left_null_space(jac_u)
+    Et = np.swapaxes(E, -1, -2)
+    B = Et @ jac_q
+    Bt = np.swapaxes(B, -1, -2)
+    F = Et @ (give[: c.shape[-1], None] * E)
     w = (Et @ (c - (jac_q @ e[..., None])[..., 0])[..., None])[..., 0]
     return LinearisedPoses(w=w, A=Et @ jac_x, B=B, V=B @ (variance[..., :, None] * Bt) + F, E=E)
 
 
 def _solve(system: LinearisedPoses) -> tuple[FloatArray, FloatArray, float]:
     """Step of the parameters (P,), multipliers (m, r) and the chi2 the step leads to."""
-    L = np.linalg.cholesky(system.V)  # noqa: N806
-    white_A = np.linalg.solve(L, system.A)  # noqa: N806
+    L = np.linalg.cholesky(system.V)
+    white_A = np.linalg.solve(L, system.A)
     white_w = np.linalg.solve(L, system.w[..., None])[..., 0]
-    J = white_A.reshape(-1, white_A.shape[-1])  # noqa: N806
+    J = white_A.reshape(-1, white_A.shape[-1])
     scale = column_scale(J)
     step = np.asarray(-np.linalg.lstsq(J / scale, white_w.reshape(-1), rcond=1e-12)[0] / scale)
     left = white_w + white_A @ step

@@ -44,7 +44,7 @@ class Fit:
     converged: bool
 
 
-def column_scale(J: FloatArray) -> FloatArray:  # noqa: N803
+def column_scale(J: FloatArray) -> FloatArray:
     """Column norms (P,), 1 where a column is zero, so that ``J / scale`` has unit columns."""
     norms = np.linalg.norm(J, axis=0)
     return np.where(norms > 0.0, norms, 1.0)
@@ -68,12 +68,12 @@ def solve_damped(
         Largest component of a step (rad, m) that counts as no step.
     """
     x = np.array(x0, dtype=np.float64)
-    r, J = problem(x)  # noqa: N806
+    r, J = problem(x)
     cost = 0.5 * float(r @ r)
     damping = 0.0
     for iteration in range(1, max_iterations + 1):
         scale = column_scale(J)
-        U, s, Vt = np.linalg.svd(J / scale, full_matrices=False)  # noqa: N806
+        U, s, Vt = np.linalg.svd(J / scale, full_matrices=False)
         # Directions the equations do not see get no step at all, rather than a huge one.
         seen = s > 1e-12 * s[0]
         beta = U.T @ r
@@ -81,7 +81,7 @@ def solve_damped(
             gain = np.where(seen, s / np.where(seen, s**2 + damping, 1.0), 0.0)
             step = -(Vt.T @ (gain * beta)) / scale
             largest = float(np.max(np.abs(step), initial=0.0))
-            r_new, J_new = problem(x + step)  # noqa: N806
+            r_new, J_new = problem(x + step)
             cost_new = 0.5 * float(r_new @ r_new)
             if np.isfinite(cost_new) and cost_new < cost:
                 damping = 0.0 if damping < 1e-8 else damping / 10.0
@@ -95,7 +95,7 @@ def solve_damped(
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e12:
                 return Fit(x=x, cost=cost, iterations=iteration - 1, converged=False)
-        x, r, J, cost = x + step, r_new, J_new, cost_new  # noqa: N806
+        x, r, J, cost = x + step, r_new, J_new, cost_new
         if progress is not None:
             progress(iteration, cost)
         if largest < step_tolerance:

@@ -45,7 +45,7 @@ def estimate_paper(
     fit = solve_damped(problem, nominal if x0 is None else x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
     error = model.reduced(x, q)
-    J = error.jac_x.reshape(-1, len(nominal))  # noqa: N806
+    J = error.jac_x.reshape(-1, len(nominal))
     return Estimate(
         estimator="paper",
         parameters=model.parameters,

@@ -16,7 +16,7 @@ def skew(v: FloatArray) -> FloatArray:
     return out
 
 
-def rotation_vector(R: FloatArray) -> FloatArray:  # noqa: N803
+def rotation_vector(R: FloatArray) -> FloatArray:
     """Logarithm of rotations, shape (..., 3, 3) to (..., 3), rad, length in [0, pi].
 
     Goes through the unit quaternion (the largest of its four components is taken from the diagonal,
@@ -70,5 +70,5 @@ def rotation_vector_differential(r: FloatArray) -> FloatArray:
         1.0 / 12.0 + angle**2 / 720.0,
         (1.0 - half * np.cos(half) / np.where(tiny, 1.0, np.sin(half))) / safe**2,
     )
-    K = skew(r)  # noqa: N806
+    K = skew(r)
     return np.asarray(np.eye(3) - 0.5 * K + factor[..., None, None] * (K @ K))

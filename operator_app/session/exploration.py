@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hardware.arm import ArmSnapshot, Watch
-from operator_app.session.settings import CapturePlan
+from operator_app.config.procedure import CapturePlan
 from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
 

@@ -71,7 +71,8 @@ class Journal:
             ) from error
         except OSError as error:
             raise JournalError(
-                f"cannot write {path}: {error.strerror}", "choose a folder you may write to"
+                f"cannot write {path}: {error.strerror}",
+                "choose a folder you may write to",
             ) from error
         _lock(descriptor, path)
         _sync_folder(folder)
@@ -156,7 +157,10 @@ def _parse(raw: bytes, path: Path) -> tuple[JournalContents, str, int]:
         try:
             record = json.loads(line)
             event = Event(
-                seq=record["seq"], utc=record["utc"], name=record["event"], data=record["data"]
+                seq=record["seq"],
+                utc=record["utc"],
+                name=record["event"],
+                data=record["data"],
             )
             expected = _checksum(chain, _body(event))
             if record["sum"] != expected or event.seq != number:
@@ -179,7 +183,12 @@ def _parse(raw: bytes, path: Path) -> tuple[JournalContents, str, int]:
 
 
 def _body(event: Event) -> str:
-    record = {"seq": event.seq, "utc": event.utc, "event": event.name, "data": event.data}
+    record = {
+        "seq": event.seq,
+        "utc": event.utc,
+        "event": event.name,
+        "data": event.data,
+    }
     return json.dumps(record, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 

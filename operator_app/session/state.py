@@ -130,7 +130,11 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
 
 
 def _edit(
-    state: SessionState, number: int, *, note: str | None = None, excluded: str | None = None
+    state: SessionState,
+    number: int,
+    *,
+    note: str | None = None,
+    excluded: str | None = None,
 ) -> tuple[CapturedPose, ...]:
     return tuple(
         replace(

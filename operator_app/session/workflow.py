@@ -11,14 +11,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-
 from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, JointMode, MoveResult
 from operator_app.calibration import Solution, calibrate
+from operator_app.config.procedure import Procedure
 from operator_app.session.errors import GuardError
 from operator_app.session.exploration import range_watch, waypoints
 from operator_app.session.journal import Clock, Journal, utc_now
-from operator_app.session.settings import Procedure
 from operator_app.session.state import CapturedPose, SessionState, apply, replay
 from solver.arm_model import ArmModel
 from solver.least_squares import Progress

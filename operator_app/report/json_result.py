@@ -1,0 +1,113 @@
+"""A calibration as the JSON object of `sarcal solve --json`. The key names are a contract.
+
+Angles in deg, lengths in m, as the keys of `formats`; sigmas of the closure in mm and mrad.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from operator_app.calibration import Notice, Solution
+from solver.errors import UnidentifiableDirection
+from solver.estimate import Estimate
+from solver.goodness import TwoReadings
+from solver.parameters import Parameter
+
+ACCEPTED = "accepted"
+NOT_ACCEPTED = "not accepted"
+NOT_IDENTIFIABLE = "not identifiable"
+
+
+def solution_json(solution: Solution) -> dict[str, Any]:
+    """Return the object for a solved calibration."""
+    estimate = solution.estimate
+    return {
+        **estimate_json(estimate),
+        "rank": solution.seen.rank,
+        "unidentifiable": [],
+        "scaled_condition_number": _finite(solution.seen.scaled_condition_number),
+        "condition_number": _finite(solution.seen.condition_number),
+        "observability": dict(
+            zip(("O1", "O2", "O3", "O4", "O5"), solution.seen.observability, strict=True)
+        ),
+        "weakest_direction": list(solution.seen.weakest.parameters),
+        "nominal": {p.name: in_file_units(p, p.nominal) for p in estimate.parameters},
+        "before": {
+            "sigma_pos_mm": _both(solution.before.position_m),
+            "sigma_ori_mrad": _both(solution.before.orientation_rad),
+        },
+        "poses": solution.poses,
+        "verdict": ACCEPTED if solution.accepted else NOT_ACCEPTED,
+        "verdict_reasons": list(solution.reasons),
+        "warnings": notices_json(solution.warnings),
+    }
+
+
+def estimate_json(estimate: Estimate) -> dict[str, Any]:
+    """Return what one estimator found."""
+    return {
+        "estimator": estimate.estimator,
+        "parameters": _named(estimate, estimate.x),
+        "sigma": _named(estimate, estimate.standard_deviation),
+        "sigma_pos_mm": _both(estimate.sigmas.position_m),
+        "sigma_ori_mrad": _both(estimate.sigmas.orientation_rad),
+        "chi2_per_dof": estimate.chi2_per_dof,
+        "variance_components": {},
+        "dof": estimate.dof,
+        "iterations": estimate.iterations,
+        "converged": estimate.converged,
+    }
+
+
+def unidentifiable_json(
+    directions: tuple[UnidentifiableDirection, ...], *, parameters: int, poses: int
+) -> dict[str, Any]:
+    """Return the object for a pose set that leaves parameters undetermined (exit code 5)."""
+    return {
+        "parameters": {},
+        "sigma": {},
+        "rank": parameters - len(directions),
+        "unidentifiable": [d.parameters[0] for d in directions],
+        "unidentifiable_directions": [
+            {"parameters": list(d.parameters), "reason": d.reason, "text": str(d)}
+            for d in directions
+        ],
+        "scaled_condition_number": None,
+        "sigma_pos_mm": None,
+        "sigma_ori_mrad": None,
+        "chi2_per_dof": None,
+        "variance_components": {},
+        "poses": poses,
+        "iterations": 0,
+        "verdict": NOT_IDENTIFIABLE,
+        "verdict_reasons": [str(d) for d in directions],
+        "warnings": [],
+    }
+
+
+def notices_json(notices: tuple[Notice, ...]) -> list[dict[str, str]]:
+    """Return warnings as code and text."""
+    return [{"code": n.code, "text": n.text} for n in notices]
+
+
+def in_file_units(parameter: Parameter, value: float) -> float:
+    """Angle in deg, length in m."""
+    return math.degrees(value) if parameter.is_angle else float(value)
+
+
+def _named(estimate: Estimate, values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float]:
+    return {
+        p.name: in_file_units(p, float(v)) for p, v in zip(estimate.parameters, values, strict=True)
+    }
+
+
+def _both(figure: TwoReadings) -> dict[str, float]:
+    """m to mm, rad to mrad."""
+    return {"rms": 1e3 * figure.rms, "as_printed": 1e3 * figure.as_printed}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""One pose's closure and Jacobian, tuned for the plant's inner loop. Knows D-H links only; no forces.
+"""One pose's closure and Jacobian, tuned for the plant's inner loop. Knows D-H links, no forces.
 
 `solver.closure.DhLoop.loop` does the same for many poses at once; on a single pose its broadcasting
 costs ten times as much. A test holds the two together to 1e-12.

@@ -1,4 +1,4 @@
-"""The arm bolted to its hinge, as forces move it: a compliant closed chain. Knows no bus and no estimator.
+"""The arm in its hinge, moved by forces: a compliant closed chain. Knows no bus, no estimator.
 
 Quasi-static: hydraulic joints at calibration speeds are damped far above their inertia. In each
 control period the increment D of the true angles (hinge, then joints) minimises

@@ -1,4 +1,4 @@
-"""The seam between the virtual controller and its plant: commands in, readings out. Knows neither side."""
+"""Between virtual controller and plant: commands in, readings out. Knows neither side."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the virtual joints' sensors report for a true angle: counts, curves, noise. Knows no chain and no bus.
+"""What a virtual joint's sensor reports for a true angle: counts. Knows no chain and no bus.
 
 Counts are relative to sensor coordinate zero. An RVDT has its electrical zero at the middle of its
 joint's range, and its converter saturates at the ends of full scale around it.
@@ -48,7 +48,7 @@ class RvdtCurve:
     def drawn(cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float) -> RvdtCurve:
         """Random shape whose largest deviation is `peak` (a fraction of full scale) exactly.
 
-        Higher polynomials are weaker, as in a real transformer, whose curve is mostly a bow and an S.
+        The two higher polynomials are weaker: a transformer's curve is mostly a bow and an S.
         """
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
@@ -59,7 +59,7 @@ class RvdtCurve:
         )
 
     def deviation_rad(self, from_zero_rad: float) -> float:
-        """Reading minus true angle, at an angle from the electrical zero (clipped to full scale)."""
+        """Reading minus true angle, at an angle from electrical zero (clipped to full scale)."""
         x = min(1.0, max(-1.0, from_zero_rad / self.half_scale_rad))
         square = x * x
         c2, c3, c4, c5 = self.coefficients_rad.tolist()

@@ -1,4 +1,4 @@
-"""True geometry of the virtual arm's closed loop: what calibration must find. Knows no sensor, no plant, no bus."""
+"""True geometry of the virtual arm's loop: what calibration must find. Knows no sensor, no bus."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LoopTruth:
         return self.table.theta_off_rad[1:]
 
     def loop(self) -> DhLoop:
-        """Closure model of this loop with nothing unknown; its joint angles are sensor coordinates."""
+        """Closure model with nothing unknown; its joint angles are sensor coordinates."""
         return DhLoop(table=self.table, entries=(), hinge=True)
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:

@@ -1,4 +1,4 @@
-"""Other true arms than the paper's, drawn by seed: another hinge, other offsets. Knows no sensor and no plant."""
+"""Truths drawn by seed: another hinge, other offsets. Knows no sensor and no plant."""
 
 from __future__ import annotations
 

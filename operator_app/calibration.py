@@ -6,7 +6,8 @@ app all call it. Knows no file, no bus and no screen.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from solver.implicit_estimator import NoiseModel, estimate_implicit
 from solver.least_squares import Progress
 from solver.paper_estimator import estimate_paper
 from solver.parameters import nominal_vector
+from solver.poses import PoseSet
 from solver.sensors import Rvdt
 
 ESTIMATORS = ("implicit", "paper")
@@ -94,24 +96,22 @@ class Solution:
         """Whether the calibration meets its limits."""
         return not self.reasons
 
+    def with_notices(self, notices: Iterable[Notice]) -> Solution:
+        """Return the same solution with more warnings."""
+        return replace(self, warnings=(*self.warnings, *notices))
+
 
 def calibrate(
     arm: ArmModel,
     fixture: Fixture,
-    q_rad: FloatArray,
+    poses: PoseSet,
     *,
     estimator: str = "implicit",
     unsensed_joints: tuple[int, ...] = (),
-    labels: tuple[str, ...] | None = None,
     limits: AcceptanceLimits | None = None,
     progress: Progress | None = None,
 ) -> Solution:
-    """Calibrate `arm` in `fixture` from measured joint angles `q_rad` (m, n).
-
-    Parameters
-    ----------
-    labels
-        What the operator calls each pose (default 1..m); used in warnings.
+    """Calibrate `arm` in `fixture` from measured poses.
 
     Raises
     ------
@@ -120,16 +120,15 @@ def calibrate(
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
-    labels = tuple(str(k) for k in range(1, len(q_rad) + 1)) if labels is None else labels
     limits = AcceptanceLimits() if limits is None else limits
     unsensed_joints = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = fixture.model(arm, unsensed_joints=unsensed_joints)
-    require_enough_poses(model, len(q_rad))
+    require_enough_poses(model, len(poses))
     nominal = nominal_vector(model.parameters)
     _refuse(fixture.placement_checks(arm, nominal, unsensed_joints=unsensed_joints))
 
-    kept, flipped = _on_branch(model, q_rad)
-    q = q_rad[kept]
+    kept, flipped = _on_branch(model, poses.q_rad)
+    q = poses.q_rad[kept]
     require_enough_poses(model, len(q))
     paper = None if unsensed_joints else estimate_paper(model, q)
     sigma = arm.sigma_rad()
@@ -149,7 +148,7 @@ def calibrate(
     at_nominal = closure_at_readings(model, nominal, q)
     warnings = (
         *_setup_warnings(checks),
-        *_flipped_warnings(flipped, labels),
+        *_flipped_warnings(flipped, poses.label),
         *_rvdt_warnings(arm, estimate, unsensed_joints),
     )
     return Solution(

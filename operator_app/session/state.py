@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver.arrays import FloatArray, frozen
+from solver.poses import PoseSet
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +71,19 @@ class SessionState:
         """Poses that count: captured, not undone, not excluded."""
         return tuple(p for p in self.poses if not p.excluded)
 
-    def q_rad(self) -> FloatArray:
-        """Mean joint angles of the used poses, shape (m, n)."""
-        return np.array([p.mean_rad for p in self.used_poses])
+    def pose_set(self) -> PoseSet:
+        """Return the used poses as the estimators take them."""
+        used = self.used_poses
+        joints = len(used[0].mean_rad) if used else 1
+        return PoseSet(
+            placement=np.ones(len(used), dtype=np.int64),
+            label=tuple(str(p.number) for p in used),
+            q_rad=np.array([p.mean_rad for p in used]).reshape(len(used), joints),
+            sd_rad=np.array([p.sd_rad for p in used]).reshape(len(used), joints),
+            samples=np.array([p.samples for p in used], dtype=np.int64),
+            utc=tuple(p.utc for p in used),
+            notes=tuple(p.note for p in used),
+        )
 
 
 def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> SessionState:

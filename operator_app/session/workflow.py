@@ -247,10 +247,9 @@ class Session:
         solution = calibrate(
             self.model,
             self.fixture,
-            self.state.q_rad().reshape(len(poses), self.model.joint_count),
+            self.state.pose_set(),
             estimator=self.procedure.estimator,
             unsensed_joints=self.procedure.unsensed_joints,
-            labels=tuple(str(p.number) for p in poses),
             limits=self.procedure.acceptance,
             progress=progress,
         )

@@ -1,0 +1,81 @@
+"""The command line: parsing, dispatch, and every error a user can cause as words and an exit code.
+
+Commands are imported when they are called, so that ``--help`` and the terminal app start at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+
+COMMANDS = {
+    "run": "calibrate an arm from start to finish, without questions",
+    "solve": "calibrate from a file of poses, without an arm",
+    "export": "write, show or upload the parameters of a session",
+    "session": "list sessions or show one",
+    "controller": "run the virtual controller as its own process",
+}
+
+DESCRIPTION = """\
+Calibrate a redundant arm without any external measuring device: the hand is bolted to the table
+through a passive hinge, the arm moves inside the closed chain, and its joint readings alone give
+the joint-angle offsets and where the hinge is."""
+
+EPILOG = """\
+Names such as `hinge` are packaged files; a path works everywhere a name does. Results go to stdout,
+progress to stderr.
+
+exit codes: 0 accepted; 2 usage or bad input; 3 bus or arm fault; 4 solved but not accepted;
+5 not identifiable; 130 interrupted."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    try:
+        return _dispatch(sys.argv[1:] if argv is None else list(argv))
+    except KeyboardInterrupt:
+        print("sarcal: interrupted.", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has gone; the interpreter must not complain at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _dispatch(argv: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(
+        prog="sarcal",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"sarcal {version('sarcal')}")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
+    wanted = next((word for word in argv if word in COMMANDS), None)
+    for name, summary in COMMANDS.items():
+        sub = subparsers.add_parser(
+            name, help=summary, description=summary[0].upper() + summary[1:] + "."
+        )
+        if name == wanted:
+            importlib.import_module(f"operator_app.commands.{name}").add_arguments(sub)
+    args = parser.parse_args(argv)
+    if args.command is None:
+        parser.print_help()
+        return 2
+
+    from operator_app.exit_codes import EXPECTED_ERRORS, exit_code
+
+    command = importlib.import_module(f"operator_app.commands.{args.command}")
+    try:
+        return int(command.execute(args))
+    except EXPECTED_ERRORS as error:
+        print(f"sarcal: {error}", file=sys.stderr)
+        return int(exit_code(error))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""`sarcal solve`: a calibration from a poses file, without any arm."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+
+from operator_app.commands.options import estimator_options, json_option
+from operator_app.exit_codes import ExitCode, UsageError
+
+SUMMARY = "calibrate from a file of poses, without an arm"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("poses", metavar="POSES.csv", help="captured poses, angles in deg")
+    parser.add_argument("--arm", default="sarcos_dextrous", help="arm file or built-in name")
+    parser.add_argument("--fixture", default="hinge", help="fixture file or built-in name")
+    estimator_options(parser)
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Solve and report on stdout."""
+    from operator_app.calibration import Notice, calibrate
+    from operator_app.config.arm_file import load_arm
+    from operator_app.config.fixture_file import load_fixture
+    from operator_app.config.poses_file import load_poses
+    from operator_app.report.json_result import solution_json, unidentifiable_json
+    from operator_app.report.text import solution_text, unidentifiable_text
+    from solver.errors import UnidentifiableError
+
+    arm = load_arm(args.arm)
+    fixture = load_fixture(args.fixture).fixture
+    unsensed = parse_joints(args.unsensed, arm.joint_count)
+    loaded = load_poses(args.poses, joint_count=arm.joint_count)
+    estimator = args.estimator or "implicit"
+    if estimator == "paper" and unsensed:
+        raise UsageError(
+            "the paper's estimator eliminates the hinge angle only (eqs. 10-13); "
+            "use --estimator implicit with --unsensed"
+        )
+    try:
+        solution = calibrate(
+            arm, fixture, loaded.poses, estimator=estimator, unsensed_joints=unsensed
+        )
+    except UnidentifiableError as error:
+        count = len(fixture.model(arm, unsensed_joints=unsensed).parameters)
+        if args.json:
+            found = unidentifiable_json(error.directions, parameters=count, poses=len(loaded.poses))
+            print(json.dumps(found, indent=2, allow_nan=False))
+        else:
+            print(unidentifiable_text(error.directions))
+        return ExitCode.NOT_IDENTIFIABLE
+    solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in loaded.warnings)
+    if args.json:
+        print(json.dumps(solution_json(solution), indent=2, allow_nan=False))
+    else:
+        print(solution_text(solution))
+    return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
+
+
+def parse_joints(text: str, joint_count: int) -> tuple[int, ...]:
+    """Read ``6,7`` into joint numbers; UsageError when it is anything else."""
+    if not text:
+        return ()
+    if not re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")):
+        raise UsageError(f"--unsensed {text!r}: write joint numbers with commas, e.g. 6,7")
+    joints = tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
+    wrong = [j for j in joints if not 1 <= j <= joint_count]
+    if wrong:
+        raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")
+    return joints

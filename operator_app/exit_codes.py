@@ -1,0 +1,50 @@
+"""Exit codes of `sarcal`, a contract with scripts, and which error ends in which. Prints nothing."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from fixtures.errors import FixtureError
+from hardware.errors import HardwareError
+from operator_app.config.errors import ConfigError, WriteError
+from operator_app.session.errors import SessionError
+from solver.errors import TooFewPosesError, UnidentifiableError
+
+
+class ExitCode(IntEnum):
+    """What a finished command says to the shell."""
+
+    ACCEPTED = 0
+    BAD_INPUT = 2
+    ARM_FAULT = 3
+    NOT_ACCEPTED = 4
+    NOT_IDENTIFIABLE = 5
+    INTERRUPTED = 130
+
+
+class UsageError(Exception):
+    """Options that do not go together; the text says which and what to do."""
+
+
+EXPECTED_ERRORS = (
+    ConfigError,
+    WriteError,
+    UsageError,
+    SessionError,
+    HardwareError,
+    FixtureError,
+    TooFewPosesError,
+    UnidentifiableError,
+)
+"""Everything a user can cause. Anything else is a defect of this program and shows its traceback."""
+
+
+def exit_code(error: BaseException) -> ExitCode:
+    """Return the code for one of `EXPECTED_ERRORS`."""
+    match error:
+        case HardwareError():
+            return ExitCode.ARM_FAULT
+        case UnidentifiableError() | FixtureError():
+            return ExitCode.NOT_IDENTIFIABLE
+        case _:
+            return ExitCode.BAD_INPUT

@@ -1,0 +1,1 @@
+"""Files people touch: strict schemas and their domain objects. pydantic stays in here."""

@@ -1,0 +1,276 @@
+"""The arm file (``sarcal/arm/1``): D-H rows, free entries, ranges, sensors. Knows no bus and no fixture."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from operator_app.config.quantities import (
+    AngleDeg,
+    Count,
+    LengthM,
+    Name,
+    NonNegativeNumber,
+    PositiveNumber,
+    Text,
+    TurnDeg,
+    TwistDeg,
+    refuse,
+)
+from operator_app.config.resources import resolve
+from operator_app.config.schema import StrictModel, read_model, report
+from solver.arm_model import ArmModel, Joint
+from solver.arrays import frozen
+from solver.chain import DhTable
+from solver.parameters import DhEntry, DhKind
+from solver.sensors import Encoder, NoSensor, Rvdt, Sensor
+
+
+class RowModel(StrictModel):
+    """One D-H row. ``fixture`` stands for an entry that the fixture determines (Table 1's asterisk)."""
+
+    row: Count
+    theta_off_deg: TurnDeg
+    s_m: LengthM | Literal["fixture"]
+    a_m: LengthM | Literal["fixture"]
+    alpha_deg: TwistDeg | Literal["fixture"]
+
+
+class EncoderModel(StrictModel):
+    """Incremental encoder."""
+
+    kind: Literal["encoder"]
+    counts_per_rev: Annotated[int, Field(strict=True, ge=4, le=2**31 - 1)]
+    noise_counts: NonNegativeNumber = 0.0
+
+    def sensor(self) -> Sensor:
+        """Domain object."""
+        return Encoder(counts_per_rev=self.counts_per_rev, noise_counts=self.noise_counts)
+
+
+class RvdtModel(StrictModel):
+    """RVDT read by an ADC over its full scale."""
+
+    kind: Literal["rvdt"]
+    bits: Annotated[int, Field(strict=True, ge=4, le=32)]
+    full_scale_deg: Annotated[PositiveNumber, Field(le=360.0)]
+    linearity: Annotated[NonNegativeNumber, Field(le=0.5)]
+    noise_lsb: NonNegativeNumber
+
+    @field_validator("full_scale_deg")
+    @classmethod
+    def _degrees(cls, value: float) -> float:
+        if value <= 2.0 * math.pi:
+            raise refuse(
+                f"a full scale of {value:g} deg: radians where degrees belong?",
+                f"write {math.degrees(value):.6g}",
+            )
+        return value
+
+    def sensor(self) -> Sensor:
+        """Domain object."""
+        return Rvdt(
+            bits=self.bits,
+            full_scale_rad=math.radians(self.full_scale_deg),
+            linearity=self.linearity,
+            noise_lsb=self.noise_lsb,
+        )
+
+
+class NoSensorModel(StrictModel):
+    """A joint without a sensor."""
+
+    kind: Literal["none"]
+
+    def sensor(self) -> Sensor:
+        """Domain object."""
+        return NoSensor()
+
+
+SensorModel = Annotated[EncoderModel | RvdtModel | NoSensorModel, Field(discriminator="kind")]
+
+
+class JointModel(StrictModel):
+    """One joint."""
+
+    joint: Count
+    name: Text
+    range_deg: tuple[AngleDeg, AngleDeg]
+    sensor: SensorModel
+    max_speed_deg_per_s: Annotated[PositiveNumber, Field(le=3600.0)]
+    max_torque_nm: Annotated[PositiveNumber, Field(le=100000.0)]
+
+    @field_validator("range_deg")
+    @classmethod
+    def _range(cls, value: tuple[float, float]) -> tuple[float, float]:
+        low, high = value
+        if low >= high:
+            raise refuse(
+                f"the range goes from {low:g} to {high:g} deg", "write the lower end first"
+            )
+        if high - low < 2.0 * math.pi and max(abs(low), abs(high)) < 2.0 * math.pi:
+            raise refuse(
+                f"a range of {low:g} to {high:g} deg: radians where degrees belong?",
+                "write degrees",
+            )
+        return value
+
+
+class ArmFile(StrictModel):
+    """The whole file, without its ``schema`` line."""
+
+    name: Name
+    source: Text | None = None
+    dh: Annotated[tuple[RowModel, ...], Field(min_length=1, max_length=32)]
+    joints: tuple[JointModel, ...]
+    free: tuple[Text, ...]
+    home_deg: tuple[AngleDeg, ...]
+
+    @field_validator("dh")
+    @classmethod
+    def _rows_in_order(
+        cls, value: tuple[RowModel, ...], info: ValidationInfo
+    ) -> tuple[RowModel, ...]:
+        for k, row in enumerate(value):
+            if row.row != k + 1:
+                report(
+                    info,
+                    ("dh", k, "row"),
+                    f"row {row.row} stands where row {k + 1} belongs",
+                    "list rows 1 to n in order, each once",
+                )
+        return value
+
+    @field_validator("joints")
+    @classmethod
+    def _joint_per_row(
+        cls, value: tuple[JointModel, ...], info: ValidationInfo
+    ) -> tuple[JointModel, ...]:
+        for k, joint in enumerate(value):
+            if joint.joint != k + 1:
+                report(
+                    info,
+                    ("joints", k, "joint"),
+                    f"joint {joint.joint} stands where joint {k + 1} belongs",
+                    "list joints 1 to n in order, each once",
+                )
+        rows = info.data.get("dh")
+        if rows is not None and len(rows) != len(value):
+            report(
+                info,
+                ("joints",),
+                f"there are {len(value)} joints for {len(rows)} D-H rows",
+                "write one joint per row",
+            )
+        return value
+
+    @field_validator("free")
+    @classmethod
+    def _free_entries(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        rows, joints = info.data.get("dh"), info.data.get("joints")
+        for k, name in enumerate(value):
+            try:
+                entry = DhEntry.parse(name)
+            except ValueError as error:
+                report(info, ("free", k), str(error), "write for example theta_off_1")
+                continue
+            if entry.name != name:
+                report(info, ("free", k), f"{name} has a leading zero", f"write {entry.name}")
+            elif name in value[:k]:
+                report(info, ("free", k), f"{name} is listed twice", "keep one of them")
+            if rows is not None and not 1 <= entry.row <= len(rows):
+                report(
+                    info,
+                    ("free", k),
+                    f"{name}: the arm has rows 1 to {len(rows)}",
+                    "entries of row 0 belong to the fixture",
+                )
+            elif (
+                joints is not None
+                and 1 <= entry.row <= len(joints)
+                and entry.kind is DhKind.THETA_OFF
+                and isinstance(joints[entry.row - 1].sensor, NoSensorModel)
+            ):
+                report(
+                    info,
+                    ("free", k),
+                    f"joint {entry.row} has no sensor and so no offset",
+                    f"take {name} out",
+                )
+        return value
+
+    @field_validator("home_deg")
+    @classmethod
+    def _home_in_range(cls, value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        joints = info.data.get("joints")
+        if joints is None:
+            return value
+        if len(joints) != len(value):
+            report(
+                info,
+                ("home_deg",),
+                f"has {len(value)} angles for {len(joints)} joints",
+                "write one angle per joint",
+            )
+            return value
+        for k, (angle, joint) in enumerate(zip(value, joints, strict=True)):
+            low, high = joint.range_deg
+            if not low <= angle <= high:
+                report(
+                    info,
+                    ("home_deg", k),
+                    f"{angle:g} deg is outside joint {k + 1}'s range {low:g} to {high:g} deg",
+                    "correct the home or the range",
+                )
+        return value
+
+    def model(self) -> ArmModel:
+        """Domain object: SI units; entries that the fixture determines are zero."""
+
+        def column(name: str) -> list[float]:
+            values = [getattr(row, name) for row in self.dh]
+            return [0.0 if value == "fixture" else float(value) for value in values]
+
+        return ArmModel(
+            name=self.name,
+            table=DhTable(
+                theta_off_rad=np.deg2rad(column("theta_off_deg")),
+                s_m=frozen(column("s_m")),
+                a_m=frozen(column("a_m")),
+                alpha_rad=np.deg2rad(column("alpha_deg")),
+            ),
+            joints=tuple(
+                Joint(
+                    name=joint.name,
+                    lower_rad=float(np.deg2rad(joint.range_deg[0])),
+                    upper_rad=float(np.deg2rad(joint.range_deg[1])),
+                    sensor=joint.sensor.sensor(),
+                    max_speed_rad_per_s=math.radians(joint.max_speed_deg_per_s),
+                    max_torque_nm=joint.max_torque_nm,
+                )
+                for joint in self.joints
+            ),
+            free=tuple(DhEntry.parse(name) for name in self.free),
+            home_rad=frozen(np.deg2rad(self.home_deg)),
+        )
+
+
+def parse_arm(data: bytes, file: str) -> ArmModel:
+    """Read an arm from the bytes of its file; `file` is its name in messages.
+
+    Raises
+    ------
+    ConfigError
+        With all that is wrong.
+    """
+    return read_model(ArmFile, data, kind="arm", file=file).model()
+
+
+def load_arm(reference: str | Path) -> ArmModel:
+    """Read an arm by built-in name or path; raises as `parse_arm`."""
+    found = resolve("arm", reference)
+    return parse_arm(found.data, found.file)

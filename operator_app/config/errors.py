@@ -1,0 +1,62 @@
+"""What is wrong with a file, in one complaint that lists everything. Knows no schema and no screen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """One thing that is wrong with a file.
+
+    Attributes
+    ----------
+    file
+        Name of the file as the user gave it, or ``packaged:<name>``.
+    line
+        Line, from 1; None when the problem is the file as a whole (it is missing, it is empty).
+    column
+        YAML: character in the line, from 1. CSV: number of the field, from 1.
+    key
+        Where in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file.
+        Items of a list are named by their own number where they have one, else counted from 1.
+    text
+        What is wrong.
+    remedy
+        What to do about it.
+    """
+
+    file: str
+    line: int | None = None
+    column: int | None = None
+    key: str = ""
+    text: str
+    remedy: str = ""
+
+    def __str__(self) -> str:
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        head = f"{place}: {self.key}: " if self.key else f"{place}: "
+        return f"{head}{self.text}; {self.remedy}" if self.remedy else f"{head}{self.text}"
+
+
+class ConfigError(Exception):
+    """A file cannot be used. `problems` holds all that is wrong, in the order of the file."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        listed = tuple(problems)
+        if not listed:
+            raise ValueError("a ConfigError needs at least one problem")
+        self.problems: tuple[Problem, ...] = tuple(
+            sorted(listed, key=lambda p: (p.line or 0, p.column or 0))
+        )
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class WriteError(Exception):
+    """A file could not be written; whatever was there before is still there, whole."""
+
+    def __init__(self, *, file: str, reason: str) -> None:
+        self.file = file
+        self.reason = reason
+        super().__init__(f"{file}: cannot be written: {reason}")

@@ -1,0 +1,115 @@
+"""A procedure as the workflow sees it: arm, fixture, bus, capture plan, limits. Knows no file format."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from operator_app.calibration import AcceptanceLimits
+from operator_app.config.fixture_file import FixtureSpec
+from operator_app.config.resources import Resource
+from solver.arm_model import ArmModel
+from solver.sensors import NoSensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusSettings:
+    """Which bus, in python-can's words; None leaves it to python-can's own configuration."""
+
+    interface: str
+    channel: str | None
+    bitrate: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exploration:
+    """How far one drive joint is taken from home: `lower_rad` <= 0 <= `upper_rad`, both relative."""
+
+    joint: int
+    lower_rad: float
+    upper_rad: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettleRule:
+    """When the arm counts as still: every joint's spread over `window_syncs` SYNCs is small.
+
+    Small is `spread_sigmas` standard deviations of the joint's sensor, but never less than
+    `spread_min_rad`; after `timeout_syncs` the pose is given up.
+    """
+
+    window_syncs: int
+    spread_sigmas: float
+    spread_min_rad: float
+    timeout_syncs: int
+
+    def spread_rad(self, arm: ArmModel) -> tuple[float, ...]:
+        """Allowed spread of every joint of `arm`; infinite for a joint without a sensor."""
+        return tuple(
+            math.inf
+            if isinstance(joint.sensor, NoSensor)
+            else max(self.spread_min_rad, self.spread_sigmas * joint.sensor.sigma_rad)
+            for joint in arm.joints
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CapturePlan:
+    """Which poses are taken, and how.
+
+    Attributes
+    ----------
+    poses
+        How many.
+    exploration
+        The box the drive joints are taken through; empty when the modes are chosen automatically.
+    speed_rad_per_s
+        Command speed of the drive joints.
+    samples_per_pose
+        SYNC samples averaged into one pose.
+    seed
+        Of the sequence of poses.
+    """
+
+    poses: int
+    exploration: tuple[Exploration, ...]
+    speed_rad_per_s: float
+    settle: SettleRule
+    samples_per_pose: int
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Procedure:
+    """A procedure with the arm and the fixture it names.
+
+    Attributes
+    ----------
+    name
+        What the operator calls it.
+    arm, fixture
+        As read from their files.
+    sources
+        The three files as found (procedure, arm, fixture), for the session's snapshot.
+    position_joints
+        Joints (1-based) in position mode; None: chosen automatically.
+    unsensed_joints
+        Joints whose readings are not used.
+    estimator
+        ``paper`` or ``implicit``.
+    upload
+        Whether the parameters go to the controller.
+    """
+
+    name: str
+    arm: ArmModel
+    fixture: FixtureSpec
+    sources: tuple[Resource, Resource, Resource]
+    bus: BusSettings
+    position_joints: tuple[int, ...] | None
+    unsensed_joints: tuple[int, ...]
+    capture: CapturePlan
+    estimator: Literal["paper", "implicit"]
+    acceptance: AcceptanceLimits
+    upload: bool

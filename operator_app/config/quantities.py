@@ -1,0 +1,105 @@
+"""Numbers with a unit, and what size of number that unit makes plausible. Knows no file and no kind."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, StringConstraints
+from pydantic_core import PydanticCustomError
+
+LONGEST_M = 10.0
+"""No arm or fixture here is longer; a larger number of metres is an angle or millimetres."""
+
+LARGEST_DEG = 3600.0
+"""Sensor angles are continuous and may exceed a turn, but not ten; beyond are counts."""
+
+
+def refuse(text: str, remedy: str = "") -> PydanticCustomError:
+    """Build the error with which a schema refuses a value, in words for the operator."""
+    return PydanticCustomError("refused", "{what}", {"what": text, "remedy": remedy})
+
+
+def length_doubt(value_m: float) -> str:
+    """Say what a number of metres probably is instead; empty when it is plausible."""
+    if abs(value_m) <= LONGEST_M:
+        return ""
+    return (
+        f"{value_m:g} m is longer than any arm (limit {LONGEST_M:g} m): "
+        "degrees where metres belong? or millimetres?"
+    )
+
+
+def angle_doubt(value_deg: float) -> str:
+    """Say what a number of degrees probably is instead; empty when it is plausible."""
+    if abs(value_deg) <= LARGEST_DEG:
+        return ""
+    return (
+        f"{value_deg:g} deg is more than ten turns (limit {LARGEST_DEG:g} deg): "
+        "counts where degrees belong?"
+    )
+
+
+def looks_like_radians(value_deg: float) -> bool:
+    """Whether a nominal twist given in degrees is a well-known number of radians (pi/2, pi)."""
+    return any(
+        math.isclose(abs(value_deg), known, abs_tol=2e-3)
+        for known in (0.5 * math.pi, math.pi, 1.5 * math.pi)
+    )
+
+
+def _length_m(value: float) -> float:
+    if doubt := length_doubt(value):
+        raise refuse(doubt, "write metres, e.g. 0.355")
+    return value
+
+
+def _length_mm(value: float) -> float:
+    if abs(value) > 1e3 * LONGEST_M:
+        raise refuse(
+            f"{value:g} mm is longer than any fixture (limit {1e3 * LONGEST_M:g} mm)",
+            "write millimetres",
+        )
+    return value
+
+
+def _angle_deg(value: float) -> float:
+    if doubt := angle_doubt(value):
+        raise refuse(doubt, "write degrees")
+    return value
+
+
+def _turn_deg(value: float) -> float:
+    if abs(value) > 360.0:
+        raise refuse(f"{value:g} deg is more than a turn", "write degrees between -360 and 360")
+    return value
+
+
+def _twist_deg(value: float) -> float:
+    _turn_deg(value)
+    if looks_like_radians(value):
+        raise refuse(
+            f"{value:g} deg: radians where degrees belong?", f"write {math.degrees(value):.6g}"
+        )
+    return value
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+PositiveNumber = Annotated[Number, Field(gt=0.0)]
+NonNegativeNumber = Annotated[Number, Field(ge=0.0)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+Whole = Annotated[int, Field(strict=True, ge=0)]
+Integer = Annotated[int, Field(strict=True)]
+Yes = Annotated[bool, Field(strict=True)]
+
+LengthM = Annotated[Number, AfterValidator(_length_m)]
+LengthMm = Annotated[Number, AfterValidator(_length_mm)]
+AngleDeg = Annotated[Number, AfterValidator(_angle_deg)]
+"""An angle of a joint: may go beyond a turn."""
+TurnDeg = Annotated[Number, AfterValidator(_turn_deg)]
+"""An offset: within a turn."""
+TwistDeg = Annotated[Number, AfterValidator(_twist_deg)]
+"""A nominal twist: within a turn, and not pi/2."""
+
+Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]
+Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}$")]

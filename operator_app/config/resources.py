@@ -1,0 +1,134 @@
+"""Finding files by built-in name or path, and reading them with a limit. Knows no schema.
+
+A built-in name (``hinge``) always means the packaged file; ``./hinge`` means a file of that name.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+from dataclasses import dataclass
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Literal
+
+from operator_app.config.errors import ConfigError, Problem
+
+Kind = Literal["arm", "fixture", "procedure"]
+
+YAML_LIMIT_BYTES = 256 * 1024
+"""Far above any file of ours (the largest is some 10 kB); a larger one is the wrong file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resource:
+    """A file as found.
+
+    Attributes
+    ----------
+    file
+        Name to show: the path as given, or ``packaged:<name>.yaml``.
+    folder
+        Folder that relative references inside the file start from; None for a packaged file.
+    data
+        Its bytes.
+    """
+
+    file: str
+    folder: Path | None
+    data: bytes
+
+
+def builtin_names(kind: Kind) -> tuple[str, ...]:
+    """Names of the packaged files of a kind."""
+    entries = _folder(kind).iterdir()
+    return tuple(sorted(e.name[:-5] for e in entries if e.name.endswith(".yaml")))
+
+
+def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) -> Resource:
+    """Find and read a file by built-in name or path.
+
+    Parameters
+    ----------
+    reference
+        Built-in name or path.
+    folder
+        Where a relative path starts (default: the working directory).
+
+    Raises
+    ------
+    ConfigError
+        It is neither a built-in name nor a file; the message lists the names there are.
+    """
+    text = str(reference)
+    names = builtin_names(kind)
+    if isinstance(reference, str) and text in names:
+        packaged = _folder(kind) / f"{text}.yaml"
+        return Resource(file=f"packaged:{text}.yaml", folder=None, data=packaged.read_bytes())
+    path = Path(text).expanduser() if folder is None else folder / Path(text).expanduser()
+    if _looks_like_name(text) and not _exists(path):
+        near = difflib.get_close_matches(text, names, n=1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        problem = Problem(
+            file=text,
+            text=f"is neither a built-in {kind} nor a file",
+            remedy=f"{hint}built-in: {', '.join(names)}; or give a path",
+        )
+        raise ConfigError((problem,))
+    shown = text if folder is None else str(path)
+    data = read_limited(path, shown, limit=YAML_LIMIT_BYTES)
+    return Resource(file=shown, folder=path.parent, data=data)
+
+
+def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
+    """Read a file of at most `limit` bytes; every refusal of the system becomes a ConfigError."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(limit + 1)
+    except FileNotFoundError as error:
+        remedy = "check the path"
+        near = difflib.get_close_matches(path.name, _siblings(path), n=1)
+        if near:
+            remedy = f"did you mean {path.with_name(near[0])}?"
+        problem = Problem(file=shown, text="there is no such file", remedy=remedy)
+        raise ConfigError((problem,)) from error
+    except IsADirectoryError as error:
+        problem = Problem(file=shown, text="is a folder, not a file", remedy="give the file in it")
+        raise ConfigError((problem,)) from error
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        problem = Problem(file=shown, text=f"cannot be read: {reason}", remedy="check the path")
+        raise ConfigError((problem,)) from error
+    if len(data) > limit:
+        problem = Problem(
+            file=shown,
+            text=f"is larger than {limit // 1024} KiB",
+            remedy="this is not the file you mean",
+        )
+        raise ConfigError((problem,))
+    return data
+
+
+def _folder(kind: Kind) -> Traversable:
+    if kind == "fixture":
+        return files("fixtures") / "data"
+    return files("operator_app") / "data" / f"{kind}s"
+
+
+def _looks_like_name(text: str) -> bool:
+    return os.sep not in text and "." not in text and not text.startswith("~")
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
+def _siblings(path: Path) -> list[str]:
+    try:
+        return sorted(entry.name for entry in path.parent.iterdir())
+    except (OSError, ValueError):
+        return []

@@ -1,0 +1,339 @@
+"""YAML without surprises, with the line of every key. Knows no schema.
+
+A subset of YAML 1.2: mappings, lists and plain scalars. Numbers are decimal, booleans are ``true``
+and ``false``; everything that only YAML 1.1 takes for something else (``yes``, ``12:30``, ``0x1F``,
+``010``, dates) stays text, so that a schema that wants a number refuses it in words. Anchors,
+aliases, tags, merge keys, duplicate keys and non-finite numbers are refused.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import yaml
+from yaml.events import AliasEvent
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.resources import YAML_LIMIT_BYTES
+
+Path = tuple[str | int, ...]
+"""Where a value is: keys and list indices from 0."""
+
+MAX_DEPTH = 20
+
+INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
+NUMBER = re.compile(r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+NOT_FINITE = re.compile(
+    r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)|[-+]?(?:inf|infinity|nan)", re.IGNORECASE
+)
+NULLS = ("", "~", "null", "Null", "NULL")
+TRUE = ("true", "True", "TRUE")
+FALSE = ("false", "False", "FALSE")
+
+Scalar = str | int | float | bool | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class YamlDocument:
+    """A mapping as read.
+
+    Attributes
+    ----------
+    file
+        Name for messages.
+    data
+        The top mapping: plain dicts, lists, str, int, float, bool, None.
+    marks
+        Line and column (from 1) of every key and list item, by path; ``()`` is the document.
+    problems
+        What was refused on the way but did not keep the rest from being read.
+    unreadable
+        Paths whose values are placeholders, because of one of the problems.
+    """
+
+    file: str
+    data: dict[str, Any]
+    marks: Mapping[Path, tuple[int, int]]
+    problems: tuple[Problem, ...]
+    unreadable: frozenset[Path]
+
+    def problem(self, path: Path, text: str, remedy: str = "") -> Problem:
+        """Build a problem at `path`, or at the nearest parent that is in the file."""
+        place = path
+        while place and place not in self.marks:
+            place = place[:-1]
+        line, column = self.marks.get(place, (1, 1))
+        return Problem(
+            file=self.file,
+            line=line,
+            column=column,
+            key=self.name(path),
+            text=text,
+            remedy=remedy,
+        )
+
+    def at(self, path: Path) -> Any:
+        """Value at `path`; None where there is none."""
+        value: Any = self.data
+        for part in path:
+            try:
+                value = value[part]
+            except (KeyError, IndexError, TypeError):
+                return None
+        return value
+
+    def name(self, path: Path) -> str:
+        """Write a path for people: list items by their own number where they have one."""
+        text = ""
+        for depth, part in enumerate(path):
+            if isinstance(part, str):
+                text += f".{_shown(part)}" if text else _shown(part)
+                continue
+            item = self.at(path[: depth + 1])
+            label = str(part + 1)
+            if isinstance(item, dict):
+                own = next((k for k in ("row", "joint", "entry") if k in item), None)
+                if own is not None and isinstance(item[own], str | int):
+                    label = f"{own} {item[own]}" if own != "entry" else str(item[own])
+            text += f"[{_shown(label)}]"
+        return text
+
+
+def load_strict(data: bytes, file: str) -> YamlDocument:
+    """Read one YAML mapping.
+
+    Raises
+    ------
+    ConfigError
+        It is no YAML mapping at all. Problems that leave the rest readable are in the result.
+    """
+    text = _decode(data, file)
+    loader = StrictLoader(text, file)
+    try:
+        node = loader.get_single_node()
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise _one(
+            file, line, None, "holds a character that is not text", "is this the right file?"
+        ) from error
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark is not None else (1, 1)
+        what, remedy = _syntax(error, text, line)
+        raise _one(file, line, column, what, remedy) from error
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        # PyYAML lets chr() and int() speak for themselves on absurd escapes and directives.
+        raise _one(file, None, None, "is not YAML that can be read", "check the file") from error
+    if node is None:
+        raise _one(file, None, None, "is empty", "start from a packaged file")
+    if not isinstance(node, MappingNode):
+        raise _one(
+            file,
+            node.start_mark.line + 1,
+            node.start_mark.column + 1,
+            "is not a list of `key: value` lines",
+            "start from a packaged file",
+        )
+    builder = _Builder()
+    bare = YamlDocument(
+        file=file,
+        data=builder.build(node, ()),
+        marks=builder.marks,
+        problems=(),
+        unreadable=frozenset(builder.unreadable),
+    )
+    return replace(bare, problems=tuple(_placed(bare, found) for found in builder.found))
+
+
+def resolve_plain(text: str) -> Scalar:
+    """Read an unquoted scalar. Infinite when a number does not fit into a double.
+
+    Raises
+    ------
+    ValueError
+        It is a number too long to be one.
+    """
+    if text in NULLS:
+        return None
+    if text in TRUE:
+        return True
+    if text in FALSE:
+        return False
+    if INTEGER.fullmatch(text):
+        if len(text) > 40:
+            raise ValueError("a number of more than 40 digits")
+        return int(text)
+    if NUMBER.fullmatch(text):
+        return float(text)
+    if NOT_FINITE.fullmatch(text):
+        return math.inf
+    return text
+
+
+class StrictLoader(yaml.SafeLoader):
+    """SafeLoader that refuses anchors, aliases, tags and deep nesting while composing."""
+
+    def __init__(self, text: str, file: str) -> None:
+        super().__init__(text)
+        self.name = file
+        self.depth = 0
+
+    def compose_node(self, parent: Node | None, index: Any) -> Node | None:
+        """Compose one node, refusing what is not plain data."""
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        mark = event.start_mark
+        if isinstance(event, AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise yaml.composer.ComposerError(None, None, "anchors and aliases (& and *)", mark)
+        if getattr(event, "tag", None) is not None:
+            raise yaml.composer.ComposerError(None, None, "tags (!)", mark)
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise yaml.composer.ComposerError(None, None, "nesting this deep", mark)
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self.depth -= 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Found:
+    """A problem before the names of list items around it are known."""
+
+    mark: tuple[int, int]
+    path: Path
+    text: str
+    remedy: str
+
+
+@dataclass(slots=True)
+class _Builder:
+    """Turns nodes into plain data, remembering where everything was."""
+
+    marks: dict[Path, tuple[int, int]] = field(default_factory=dict)
+    found: list[_Found] = field(default_factory=list)
+    unreadable: set[Path] = field(default_factory=set)
+
+    def build(self, node: Node, path: Path) -> Any:
+        self.marks.setdefault(path, _mark(node))
+        if isinstance(node, MappingNode):
+            return self._mapping(node, path)
+        if isinstance(node, SequenceNode):
+            return [self.build(item, (*path, k)) for k, item in enumerate(node.value)]
+        if not isinstance(node, ScalarNode):  # pragma: no cover - YAML has three kinds of node
+            raise TypeError(f"unknown node {node!r}")
+        return self._scalar(node, path)
+
+    def _mapping(self, node: MappingNode, path: Path) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, ScalarNode):
+                self._complain(key_node, path, "a key that is not a word", "write `key: value`")
+                continue
+            key = str(key_node.value)
+            here = (*path, key)
+            if key == "<<" and key_node.style is None:
+                self._complain(key_node, here, "merge keys are not read", "write the keys out")
+                continue
+            if key in out:
+                first = self.marks[here][0]
+                self._complain(
+                    key_node, here, f"is given twice (first in line {first})", "keep one of them"
+                )
+                continue
+            self.marks[here] = _mark(key_node)
+            out[key] = self.build(value_node, here)
+        return out
+
+    def _scalar(self, node: ScalarNode, path: Path) -> Scalar:
+        text = str(node.value)
+        if node.style is not None:
+            if any("\ud800" <= c <= "\udfff" for c in text):
+                self._complain(node, path, "holds half a character", "write the text plainly")
+                self.unreadable.add(path)
+            return text
+        try:
+            value = resolve_plain(text)
+        except ValueError as error:
+            self._complain(node, path, f"is {error}", "check the number")
+            self.unreadable.add(path)
+            return None
+        if isinstance(value, float) and not math.isfinite(value):
+            self._complain(node, path, f"{text} is not a finite number", "give a finite number")
+            self.unreadable.add(path)
+        return value
+
+    def _complain(self, node: Node, path: Path, text: str, remedy: str) -> None:
+        self.found.append(_Found(mark=_mark(node), path=path, text=text, remedy=remedy))
+
+
+def _placed(document: YamlDocument, found: _Found) -> Problem:
+    # Not `document.problem`: the second of two equal keys has a line of its own.
+    line, column = found.mark
+    return Problem(
+        file=document.file,
+        line=line,
+        column=column,
+        key=document.name(found.path),
+        text=found.text,
+        remedy=found.remedy,
+    )
+
+
+def _decode(data: bytes, file: str) -> str:
+    if len(data) > YAML_LIMIT_BYTES:
+        raise _one(
+            file,
+            None,
+            None,
+            f"is larger than {YAML_LIMIT_BYTES // 1024} KiB",
+            "this is not the file you mean",
+        )
+    return decode_text(data, file)
+
+
+def decode_text(data: bytes, file: str) -> str:
+    """Decode UTF-8, with or without a byte order mark; ConfigError for anything else."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise _one(file, None, None, "is UTF-16 text", "save it as UTF-8")
+    if b"\0" in data:
+        raise _one(file, None, None, "is a binary file", "is this the right file?")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise _one(file, line, None, "is not UTF-8 text", "save it as UTF-8") from error
+
+
+def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str]:
+    """Say what PyYAML found, in the words of somebody who edits the file."""
+    lines = text.splitlines()
+    shown = lines[line - 1] if 0 < line <= len(lines) else ""
+    problem = str(error.problem or error.context or "")
+    if isinstance(error, yaml.composer.ComposerError):
+        if "single document" in str(error.context) or "but found another document" in problem:
+            return "a second document (---)", "one file holds one document"
+        return f"{problem} are not read" if "deep" not in problem else f"{problem} is not read", (
+            "write the values out"
+        )
+    if "\\t" in problem or "\t" in shown:
+        return "a tab where YAML needs spaces", "indent with spaces"
+    return f"is not YAML: {problem}", "check indentation, colons and quotes in this line"
+
+
+def _mark(node: Node) -> tuple[int, int]:
+    return node.start_mark.line + 1, node.start_mark.column + 1
+
+
+def _shown(text: str) -> str:
+    """A key as part of one line of text, whatever it holds."""
+    plain = text if text.isprintable() and text else repr(text)
+    return plain if len(plain) <= 60 else plain[:57] + "..."
+
+
+def _one(file: str, line: int | None, column: int | None, text: str, remedy: str) -> ConfigError:
+    return ConfigError((Problem(file=file, line=line, column=column, text=text, remedy=remedy),))

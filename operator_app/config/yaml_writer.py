@@ -1,0 +1,72 @@
+"""Writing YAML that `strict_yaml` reads back as the very same values. Knows no schema.
+
+Floats are written with the digits that read back as the same double (never more than 17), text is
+quoted whenever it could be taken for anything else.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import yaml
+
+from operator_app.config.strict_yaml import resolve_plain
+
+PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
+
+
+def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
+    """Write a mapping of plain values; `comment` lines go first, behind ``#``.
+
+    Raises
+    ------
+    ValueError
+        For a value that a strict file cannot hold, such as NaN.
+    """
+    text = yaml.dump(
+        data,
+        Dumper=_StrictDumper,
+        sort_keys=False,
+        default_flow_style=None,
+        width=100,
+        allow_unicode=False,
+    )
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    return (head + text).encode("utf-8")
+
+
+def float_text(value: float) -> str:
+    """Shortest decimal that reads back as the same double; always with a point or an exponent."""
+    if not math.isfinite(value):
+        raise ValueError(f"{value} cannot be written: only finite numbers")
+    return repr(float(value))
+
+
+class _StrictDumper(yaml.SafeDumper):
+    """SafeDumper without aliases, with our numbers and quotes."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
+    return dumper.represent_scalar("tag:yaml.org,2002:float", float_text(value))
+
+
+def _represent_str(dumper: yaml.SafeDumper, value: str) -> yaml.Node:
+    if any("\ud800" <= c <= "\udfff" for c in value):
+        raise ValueError("half a character cannot be written")
+    plain = PLAIN.fullmatch(value) is not None and resolve_plain(value) == value
+    return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=None if plain else '"')
+
+
+def _represent_list(dumper: yaml.SafeDumper, value: Sequence[Any]) -> yaml.Node:
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value)
+
+
+_StrictDumper.add_representer(float, _represent_float)
+_StrictDumper.add_representer(str, _represent_str)
+_StrictDumper.add_representer(tuple, _represent_list)

@@ -1,0 +1,139 @@
+"""A set of measured poses: readings, their spread, optional endpoint. Knows no file and no estimator."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray, frozen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseSet:
+    """Measured poses of an arm of n joints, in the order in which they were taken.
+
+    Attributes
+    ----------
+    placement
+        Placement of the fixture each pose belongs to, shape (m,), from 1.
+    label
+        What the pose is called, unique within its placement, length m.
+    q_rad
+        Sensor angles as read, continuous and never wrapped, shape (m, n).
+    sd_rad
+        Standard deviation over the samples of one pose, shape (m, n); None where not recorded.
+    samples
+        Number of samples averaged, shape (m,); None where not recorded.
+    endpoint
+        Measured endpoint, shape (m, 3): x, y, z (m); or (m, 6): and a rotation vector (rad). None
+        without an instrument.
+    utc, notes
+        When each pose was taken and what the operator wrote, length m, "" where there is nothing;
+        None where not recorded.
+    """
+
+    placement: IntArray
+    label: tuple[str, ...]
+    q_rad: FloatArray
+    sd_rad: FloatArray | None = None
+    samples: IntArray | None = None
+    endpoint: FloatArray | None = None
+    utc: tuple[str, ...] | None = None
+    notes: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "placement", _whole(self.placement, "placement"))
+        object.__setattr__(self, "label", tuple(str(label) for label in self.label))
+        for name in ("q_rad", "sd_rad", "endpoint"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, frozen(value))
+        if self.samples is not None:
+            object.__setattr__(self, "samples", _whole(self.samples, "samples"))
+        for name in ("utc", "notes"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, tuple(value))
+        self._check()
+
+    def _check(self) -> None:
+        self._check_shapes()
+        for name in ("q_rad", "sd_rad", "endpoint"):
+            value = getattr(self, name)
+            if value is not None and not np.all(np.isfinite(value)):
+                raise ValueError(f"{name} must be finite")
+        if self.sd_rad is not None and np.any(self.sd_rad < 0.0):
+            raise ValueError("sd_rad must not be negative")
+        if np.any(self.placement < 1) or (self.samples is not None and np.any(self.samples < 1)):
+            raise ValueError("placements and samples count from 1")
+        if any(not label or label != label.strip() for label in self.label):
+            raise ValueError("every pose needs a label without white space around it")
+        if len(set(self.keys)) != len(self):
+            raise ValueError("a label is used twice in one placement")
+
+    def _check_shapes(self) -> None:
+        if self.q_rad.ndim != 2 or self.q_rad.shape[1] == 0:
+            raise ValueError("q_rad must have one row a pose and one column a joint")
+        m = len(self.q_rad)
+        for name in ("placement", "label", "sd_rad", "samples", "endpoint", "utc", "notes"):
+            value = getattr(self, name)
+            if value is not None and len(value) != m:
+                raise ValueError(f"{name} has {len(value)} entries for {m} poses")
+        if self.placement.ndim != 1 or (self.samples is not None and self.samples.ndim != 1):
+            raise ValueError("placement and samples have one number a pose")
+        if self.sd_rad is not None and self.sd_rad.shape != self.q_rad.shape:
+            raise ValueError("sd_rad must have the shape of q_rad")
+        if self.endpoint is not None and self.endpoint.shape[1:] not in ((3,), (6,)):
+            raise ValueError("endpoint must have 3 or 6 columns")
+
+    def __len__(self) -> int:
+        return len(self.q_rad)
+
+    @property
+    def joint_count(self) -> int:
+        """Number n of joints."""
+        return int(self.q_rad.shape[1])
+
+    @property
+    def keys(self) -> tuple[tuple[int, str], ...]:
+        """Placement and label of every pose."""
+        return tuple((int(p), label) for p, label in zip(self.placement, self.label, strict=True))
+
+    @property
+    def placements(self) -> tuple[int, ...]:
+        """The placements there are, ascending."""
+        return tuple(sorted({int(p) for p in self.placement}))
+
+    def sha256(self) -> str:
+        """SHA-256 of what a calibration uses: keys, angles, spreads, samples, endpoints.
+
+        Independent of the order of the poses and of how a file was formatted; times and notes do
+        not take part. Two sets with the same digest have bit-for-bit the same numbers (but for the
+        sign of zero).
+        """
+        digest = hashlib.sha256(b"sarcal/poses/1\n")
+        columns = [self.q_rad, self.sd_rad, self.endpoint]
+        shape = ",".join("-" if c is None else str(c.shape[1]) for c in columns)
+        digest.update(f"{shape};{'-' if self.samples is None else 1}\n".encode())
+        for k in sorted(range(len(self)), key=lambda k: self.keys[k]):
+            placement, label = self.keys[k]
+            name = label.encode("utf-8", "surrogatepass")
+            digest.update(f"{placement} {len(name)} ".encode() + name + b"\n")
+            for column in columns:
+                if column is not None:
+                    # Adding zero turns -0.0 into 0.0; little-endian whatever the machine.
+                    digest.update((column[k] + 0.0).astype("<f8").tobytes())
+            if self.samples is not None:
+                digest.update(int(self.samples[k]).to_bytes(8, "little"))
+        return digest.hexdigest()
+
+
+def _whole(values: IntArray, name: str) -> IntArray:
+    array = np.array(values)
+    if array.size and not np.issubdtype(array.dtype, np.integer):
+        raise ValueError(f"{name} must be whole numbers")
+    array = array.astype(np.int64)
+    array.setflags(write=False)
+    return array

@@ -7,6 +7,7 @@ are `SessionError`s that say what happened and what to do. Calls come from one t
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -14,9 +15,19 @@ from typing import Any
 from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, JointMode, MoveResult
 from operator_app.calibration import Solution, calibrate
+from operator_app.config.atomic import write_atomically
+from operator_app.config.parameters_file import format_parameters
+from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
 from operator_app.session.errors import GuardError
 from operator_app.session.exploration import range_watch, waypoints
+from operator_app.session.export import (
+    PARAMETERS_NAME,
+    POSES_NAME,
+    Exported,
+    parameters_document,
+    upload,
+)
 from operator_app.session.journal import Clock, Journal, utc_now
 from operator_app.session.state import CapturedPose, SessionState, apply, replay
 from solver.arm_model import ArmModel
@@ -31,14 +42,12 @@ class Session:
         *,
         journal: Journal,
         arm: Arm,
-        model: ArmModel,
-        fixture: Fixture,
         procedure: Procedure,
         clock: Clock = utc_now,
     ) -> None:
         self.arm = arm
-        self.model = model
-        self.fixture = fixture
+        self.model: ArmModel = procedure.arm
+        self.fixture: Fixture = procedure.fixture.fixture
         self.procedure = procedure
         self.journal = journal
         self._clock = clock
@@ -267,6 +276,42 @@ class Session:
             },
         )
         return solution
+
+    # -- 7 Export --------------------------------------------------------------------------------
+
+    def export(self, solution: Solution) -> Exported:
+        """Write the session's files and, if the procedure says so, upload the parameters."""
+        poses = self.state.pose_set()
+        document = parameters_document(
+            solution,
+            arm=self.model,
+            serial_number=self.state.serial_number,
+            fixture=self.procedure.fixture,
+            poses=poses,
+            utc=self._clock(),
+        )
+        folder = self.journal.path.parent
+        save_poses(folder / POSES_NAME, poses)
+        data = format_parameters(document)
+        write_atomically(folder / PARAMETERS_NAME, data)
+        receipt = None
+        if self.procedure.upload:
+            counts = tuple(joint.home_offset_counts for joint in document.joints)
+            receipt = upload(self.arm, data, counts)
+        self.record(
+            "exported",
+            {
+                "file": PARAMETERS_NAME,
+                "sha256": hashlib.sha256(data).hexdigest(),
+                "uploaded": None if receipt is None else asdict(receipt),
+            },
+        )
+        return Exported(
+            folder=folder,
+            parameters=folder / PARAMETERS_NAME,
+            poses=folder / POSES_NAME,
+            receipt=receipt,
+        )
 
     # -- end -------------------------------------------------------------------------------------
 

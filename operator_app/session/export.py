@@ -1,0 +1,120 @@
+"""From a judged calibration to the parameter document, the session's files and the controller.
+
+Everything written here can be made again from the journal. Prints nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from hardware.arm import Arm, UploadReceipt
+from operator_app.calibration import Solution
+from operator_app.config.fixture_file import FixtureSpec
+from operator_app.config.parameters import (
+    CalibratedEntry,
+    DocumentWarning,
+    ParametersDocument,
+    Quality,
+    TwoFigures,
+    joints_from_table,
+    rows_from_table,
+)
+from operator_app.session.errors import SessionError
+from solver.arm_model import ArmModel
+from solver.chain import DhTable
+from solver.closure import DhLoop
+from solver.goodness import TwoReadings
+from solver.poses import PoseSet
+
+PARAMETERS_NAME = "parameters.yaml"
+POSES_NAME = "poses.csv"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exported:
+    """Where everything is. `receipt` is None when nothing was uploaded."""
+
+    folder: Path
+    parameters: Path
+    poses: Path
+    receipt: UploadReceipt | None
+
+
+def parameters_document(
+    solution: Solution,
+    *,
+    arm: ArmModel,
+    serial_number: str,
+    fixture: FixtureSpec,
+    poses: PoseSet,
+    utc: datetime,
+) -> ParametersDocument:
+    """Return the document that describes a calibration completely."""
+    estimate, model = solution.estimate, solution.model
+    if not isinstance(model, DhLoop):
+        raise SessionError(
+            f"a {fixture.kind} calibration has no D-H table of the closed loop",
+            "export is for hinge and rigid fixtures",
+        )
+    stacked = model.tables(estimate.x)
+    table = DhTable(theta_off_rad=stacked[0], s_m=stacked[1], a_m=stacked[2], alpha_rad=stacked[3])
+    calibrated = tuple(
+        CalibratedEntry(entry=p.name, sigma=math.degrees(s) if p.is_angle else float(s))
+        for p, s in zip(estimate.parameters, estimate.standard_deviation, strict=True)
+    )
+    return ParametersDocument(
+        arm_model=arm.name,
+        arm_serial=serial_number,
+        joints=joints_from_table(arm, table, calibrated),
+        dh=rows_from_table(table),
+        calibrated=calibrated,
+        fixture=fixture.name,
+        fixture_kind=fixture.kind,
+        quality=Quality(
+            poses=solution.poses,
+            rank=solution.seen.rank,
+            scaled_condition_number=solution.seen.scaled_condition_number,
+            sigma_pos_mm=_figures(estimate.sigmas.position_m),
+            sigma_ori_mrad=_figures(estimate.sigmas.orientation_rad),
+            chi2_per_dof=estimate.chi2_per_dof,
+        ),
+        warnings=tuple(DocumentWarning(code=n.code, text=n.text) for n in solution.warnings),
+        estimator=estimate.estimator,
+        pose_set_sha256=poses.sha256(),
+        software_version=version("sarcal"),
+        utc=utc,
+    )
+
+
+def upload(arm: Arm, document: bytes, expected_counts: tuple[int | None, ...]) -> UploadReceipt:
+    """Upload a document and insist that the controller holds it byte for byte.
+
+    Raises
+    ------
+    SessionError
+        What was read back is not what was sent.
+    """
+    receipt = arm.upload_parameters(document)
+    if arm.active_parameters() != document:
+        raise SessionError(
+            "the controller's active parameters are not the ones that were uploaded",
+            "upload again; if it happens twice, do not move the arm and look at the supervisor",
+        )
+    for joint, (wanted, found) in enumerate(
+        zip(expected_counts, receipt.home_offset_counts, strict=True), 1
+    ):
+        if wanted is not None and wanted != found:
+            raise SessionError(
+                f"joint {joint} holds home offset {found} counts where {wanted} were uploaded",
+                "upload again; if it happens twice, do not move the arm and look at that drive",
+            )
+    return receipt
+
+
+def _figures(reading: TwoReadings) -> TwoFigures:
+    """m to mm, rad to mrad."""
+    return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -1,0 +1,295 @@
+"""The bus vocabulary both sides share: nodes, COB-IDs, object indices, PDO layouts, codes. Knows no transport.
+
+CANopen (CiA 301) with the drive profile CiA 402; indices 2000h and up are our own. What is written
+here is the one source: the EDS files and the dictionaries of both sides are made from it (see
+`hardware.eds`).
+
+Positions are counts in sensor coordinates (the measured theta). 607Ch holds the calibration's
+theta_off in the same counts; it is stored and read back, and never shifts what 6064h reports.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum, IntFlag
+from typing import Final
+
+from hardware.arm import JointMode
+
+# ---- nodes -------------------------------------------------------------------------------------
+MAX_JOINTS: Final = 15
+"""Joint j is node j; node 16 is taken."""
+SUPERVISOR_NODE: Final = 16
+OPERATOR_NODE: Final = 127
+
+
+def joint_node(joint: int) -> int:
+    """Node number of a joint (1-based)."""
+    if not 1 <= joint <= MAX_JOINTS:
+        raise ValueError(f"joint {joint} is not one of 1..{MAX_JOINTS}")
+    return joint
+
+
+# ---- COB-IDs (predefined connection set of CiA 301) --------------------------------------------
+COB_NMT: Final = 0x000
+COB_SYNC: Final = 0x080
+COB_EMCY: Final = 0x080
+COB_TPDO1: Final = 0x180
+COB_RPDO1: Final = 0x200
+COB_SDO_FROM_SERVER: Final = 0x580
+COB_SDO_TO_SERVER: Final = 0x600
+COB_HEARTBEAT: Final = 0x700
+"""All but NMT and SYNC are bases: add the node number."""
+
+
+# ---- NMT and heartbeat -------------------------------------------------------------------------
+class NmtState(IntEnum):
+    """NMT states as a heartbeat carries them."""
+
+    BOOT_UP = 0
+    STOPPED = 4
+    OPERATIONAL = 5
+    PRE_OPERATIONAL = 127
+
+
+class NmtCommand(IntEnum):
+    """NMT commands: first byte of the frame; the second is the node, 0 for all."""
+
+    START = 1
+    STOP = 2
+    ENTER_PRE_OPERATIONAL = 128
+    RESET_NODE = 129
+    RESET_COMMUNICATION = 130
+
+
+HEARTBEAT_PERIOD_S: Final = 0.1
+HEARTBEAT_TIMEOUT_S: Final = 0.5
+CONTROL_PERIOD_S: Final = 0.01
+"""The plant moves on by this much with every SYNC (60C2h)."""
+
+# ---- PDOs --------------------------------------------------------------------------------------
+TPDO1: Final = struct.Struct("<Hih")
+"""Statusword, position in counts, torque in per mille of rated: sent on every SYNC."""
+TPDO1_MAPPING: Final = ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))
+RPDO1: Final = struct.Struct("<Hib")
+"""Controlword, target position in counts, mode: acted on as it arrives."""
+RPDO1_MAPPING: Final = ((0x6040, 0, 16), (0x607A, 0, 32), (0x6060, 0, 8))
+TPDO_EVERY_SYNC: Final = 1
+RPDO_ON_RECEIPT: Final = 254
+EMCY: Final = struct.Struct("<HB5s")
+"""Error code, error register 1001h, five bytes of the maker (unused here)."""
+
+# ---- CiA 301 objects ---------------------------------------------------------------------------
+DEVICE_TYPE: Final = 0x1000
+ERROR_REGISTER: Final = 0x1001
+ERROR_FIELD: Final = 0x1003
+SYNC_COB_ID: Final = 0x1005
+DEVICE_NAME: Final = 0x1008
+HARDWARE_VERSION: Final = 0x1009
+SOFTWARE_VERSION: Final = 0x100A
+EMCY_COB_ID: Final = 0x1014
+HEARTBEAT_CONSUMER: Final = 0x1016
+HEARTBEAT_PRODUCER: Final = 0x1017
+IDENTITY: Final = 0x1018
+SDO_SERVER: Final = 0x1200
+RPDO1_COMMUNICATION: Final = 0x1400
+RPDO1_MAP: Final = 0x1600
+TPDO1_COMMUNICATION: Final = 0x1800
+TPDO1_MAP: Final = 0x1A00
+
+# Sub-indices of 1018h.
+IDENTITY_VENDOR: Final = 1
+IDENTITY_PRODUCT: Final = 2
+IDENTITY_REVISION: Final = 3
+IDENTITY_SERIAL: Final = 4
+
+# ---- CiA 402 objects ---------------------------------------------------------------------------
+ERROR_CODE: Final = 0x603F
+CONTROLWORD: Final = 0x6040
+STATUSWORD: Final = 0x6041
+QUICK_STOP_OPTION: Final = 0x605A
+"""Always 6: slow down on the quick-stop ramp and stay in *quick stop active*."""
+MODE: Final = 0x6060
+MODE_DISPLAY: Final = 0x6061
+POSITION_ACTUAL: Final = 0x6064
+FOLLOWING_WINDOW: Final = 0x6065
+VELOCITY_ACTUAL: Final = 0x606C
+"""Counts per second."""
+TARGET_TORQUE: Final = 0x6071
+MAX_TORQUE: Final = 0x6072
+RATED_TORQUE: Final = 0x6076
+"""N m / 1000; the per mille of 6071h, 6072h, 6077h refer to it."""
+TORQUE_ACTUAL: Final = 0x6077
+TARGET_POSITION: Final = 0x607A
+HOME_OFFSET: Final = 0x607C
+POSITION_LIMITS: Final = 0x607D
+"""Sub 1 lowest, sub 2 highest position, counts."""
+MAX_VELOCITY: Final = 0x607F
+"""Counts per second: the limit of commands and the trip."""
+ENCODER_RESOLUTION: Final = 0x608F
+"""Sub 1 increments per sub 2 revolutions."""
+CONTROL_PERIOD: Final = 0x60C2
+"""Sub 1 times ten to the power of sub 2, seconds."""
+SUPPORTED_MODES: Final = 0x6502
+
+# ---- our own objects, joints -------------------------------------------------------------------
+SENSOR: Final = 0x2100
+"""Sub 1 kind (`SensorKind`), sub 2 full scale in millionths of a degree, sub 3 converter bits."""
+SENSOR_KIND: Final = 1
+SENSOR_FULL_SCALE: Final = 2
+SENSOR_BITS: Final = 3
+
+# ---- our own objects, supervisor ---------------------------------------------------------------
+DOCUMENT: Final = 0x2000
+"""DOMAIN. Reads what was last written, until it is committed, dropped or refused; then the active
+document. With neither, reading aborts with 08000024h (no data)."""
+DIGEST: Final = 0x2001
+"""Of what 2000h reads, as the supervisor computed it: sub 1 SHA-256 (32 bytes), sub 2 length."""
+DIGEST_SHA256: Final = 1
+DIGEST_LENGTH: Final = 2
+COMMAND: Final = 0x2002
+SLOTS: Final = 0x2003
+"""Sub 1 active slot (`Slot`), subs 2 and 3 state of A and B (`SlotState`), sub 4 whether a
+document passed *stage* and waits for *commit* (0, 1)."""
+SLOTS_ACTIVE: Final = 1
+SLOTS_A: Final = 2
+SLOTS_B: Final = 3
+SLOTS_STAGED: Final = 4
+REFUSAL: Final = 0x2004
+"""Text of the last refusal; aborts with 08000024h while there was none."""
+TOKEN: Final = 0x2010
+"""Node in control, 0 = free. Writing a node number takes it (that node's heartbeat must be heard,
+and nobody else may hold it), writing 0 gives it back. Lapses with the holder's heartbeat."""
+ARM: Final = 0x2020
+"""The arm: sub 1 model, sub 2 serial number (both text), sub 3 number of joints."""
+ARM_MODEL: Final = 1
+ARM_SERIAL: Final = 2
+ARM_JOINTS: Final = 3
+
+
+class ParameterCommand(IntEnum):
+    """Values of 2002h. All need the control token; a refusal aborts and leaves words in 2004h."""
+
+    STAGE = 1
+    """Check the document in 2000h against the schema, this arm and its limits."""
+    COMMIT = 2
+    """Write the staged document to the spare slot, make that one active, set 607Ch everywhere."""
+    ROLL_BACK = 3
+    """Drop what was written or staged; with nothing there, make the other slot active."""
+
+
+class Slot(IntEnum):
+    """Parameter slots as 2003h sub 1 names them."""
+
+    NONE = 0
+    A = 1
+    B = 2
+
+
+class SlotState(IntEnum):
+    """2003h subs 2 and 3."""
+
+    EMPTY = 0
+    WHOLE = 1
+    DAMAGED = 2
+
+
+class SensorKind(IntEnum):
+    """2100h sub 1."""
+
+    NONE = 0
+    ENCODER = 1
+    RVDT = 2
+
+
+# ---- modes of operation ------------------------------------------------------------------------
+CYCLIC_POSITION: Final = 8
+CYCLIC_TORQUE: Final = 10
+MODE_CODE: Final = {JointMode.POSITION: CYCLIC_POSITION, JointMode.FREE: CYCLIC_TORQUE}
+"""6060h/6061h of a joint mode."""
+JOINT_MODE: Final = {code: mode for mode, code in MODE_CODE.items()}
+"""Joint mode of 6060h/6061h; a code that is not here is neither position nor free."""
+
+
+# ---- errors ------------------------------------------------------------------------------------
+class ErrorBit(IntFlag):
+    """Bits of the error register 1001h."""
+
+    GENERIC = 1 << 0
+    COMMUNICATION = 1 << 4
+    PROFILE = 1 << 5
+    MANUFACTURER = 1 << 7
+
+
+class EmergencyCode(IntEnum):
+    """Error codes in use (CiA 301 and CiA 402)."""
+
+    NONE = 0x0000
+    EXTERNAL_STOP = 0x5441
+    EXTERNAL_STOP_SECOND = 0x5442
+    SENSOR = 0x7305
+    HEARTBEAT_LOST = 0x8130
+    EXCESS_TORQUE = 0x8311
+    OVERSPEED = 0x8400
+    FOLLOWING = 0x8611
+    REFERENCE_LIMIT = 0x8612
+
+
+EMERGENCY_TEXT: Final = {
+    EmergencyCode.NONE: "no error",
+    EmergencyCode.EXTERNAL_STOP: "external stop, first contact",
+    EmergencyCode.EXTERNAL_STOP_SECOND: "external stop, second contact",
+    EmergencyCode.SENSOR: "angle sensor failed",
+    EmergencyCode.HEARTBEAT_LOST: "operator's heartbeat lost",
+    EmergencyCode.EXCESS_TORQUE: "excess torque",
+    EmergencyCode.OVERSPEED: "overspeed",
+    EmergencyCode.FOLLOWING: "following error",
+    EmergencyCode.REFERENCE_LIMIT: "target refused: outside the limits",
+}
+
+
+def emergency_text(code: int) -> str:
+    """Words for an EMCY error code, known or not."""
+    try:
+        return EMERGENCY_TEXT[EmergencyCode(code)]
+    except ValueError:
+        return f"error {code:04X}h"
+
+
+class Abort(IntEnum):
+    """SDO abort codes in use (CiA 301)."""
+
+    TOGGLE = 0x05030000
+    UNKNOWN_COMMAND = 0x05040001
+    OUT_OF_MEMORY = 0x05040005
+    WRITE_ONLY = 0x06010001
+    READ_ONLY = 0x06010002
+    NO_OBJECT = 0x06020000
+    LENGTH = 0x06070010
+    TOO_LONG = 0x06070012
+    NO_SUBINDEX = 0x06090011
+    VALUE = 0x06090030
+    VALUE_TOO_HIGH = 0x06090031
+    VALUE_TOO_LOW = 0x06090032
+    GENERAL = 0x08000000
+    NOT_STORED = 0x08000020
+    """A parameter document was refused; 2004h says why."""
+    LOCAL_CONTROL = 0x08000021
+    """The control token is not held."""
+    DEVICE_STATE = 0x08000022
+    """Not now: the token is taken, or there is nothing to commit."""
+    NO_DATA = 0x08000024
+
+
+# ---- identity ----------------------------------------------------------------------------------
+DRIVE_DEVICE_TYPE: Final = 0x00020192
+"""CiA 402 (192h), servo drive."""
+SUPERVISOR_DEVICE_TYPE: Final = 0
+"""No device profile."""
+VENDOR_ID: Final = 0
+"""CiA assigned none to this project; 0 is *not registered*."""
+JOINT_PRODUCT: Final = 0x0001
+SUPERVISOR_PRODUCT: Final = 0x0002
+REVISION: Final = 0x00010000
+JOINT_DEVICE_NAME: Final = "sarcal virtual joint drive"
+SUPERVISOR_DEVICE_NAME: Final = "sarcal virtual supervisor"

@@ -1,0 +1,84 @@
+"""Simulated readings with every error source the method names. Shares no code with `solver`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tests.oracles.loop_oracle import Truth, closed_poses, paper_truth
+
+COUNT_RAD = 2.0 * np.pi / 400_000
+ENCODER_SD = COUNT_RAD / np.sqrt(12.0)
+FULL_SCALE_RAD = np.deg2rad(120.0)
+LSB_RAD = FULL_SCALE_RAD / 4096
+RVDT_SD = LSB_RAD * np.sqrt(2.0**2 + 1.0 / 12.0)
+PARAMETERS = (
+    *(f"theta_off_{j}" for j in range(1, 8)),
+    *("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7"),
+)
+
+
+@dataclass(frozen=True)
+class Bow:
+    """Smooth RVDT deviation (rad): amplitudes (fractions of full scale) of Legendre P2..P5."""
+
+    amplitudes: tuple[float, ...]
+    middle_rad: float
+
+    def __call__(self, theta: np.ndarray) -> np.ndarray:
+        x = (theta - self.middle_rad) / (0.5 * FULL_SCALE_RAD)
+        series = np.zeros(len(self.amplitudes) + 2)
+        series[2:] = np.array(self.amplitudes) * FULL_SCALE_RAD
+        return np.polynomial.legendre.legval(x, series)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What to simulate; everything off by default but the sensors' own noise."""
+
+    poses: int = 60
+    wrist_sd: float = RVDT_SD
+    encoder_sd: float = ENCODER_SD
+    flexure_m: float = 0.0
+    flexure_rad: float = 0.0
+    bows: dict[int, Bow] = field(default_factory=dict)
+    gains: dict[int, float] = field(default_factory=dict)
+    truth: Truth = field(default_factory=paper_truth)
+    spread_deg: float = 45.0
+
+    def sigma(self) -> np.ndarray:
+        """Standard deviations of the seven readings."""
+        return np.array([self.encoder_sd] * 5 + [self.wrist_sd] * 2)
+
+    def readings(self, seed: int) -> np.ndarray:
+        """Readings (m, 7) of random closed poses."""
+        rng = np.random.default_rng(seed)
+        return self.read(self.closed(rng), rng)
+
+    def closed(self, rng: np.random.Generator) -> np.ndarray:
+        """True angles (m, 8) on loops that close against what the fixture gives."""
+        give = None
+        if self.flexure_m > 0.0 or self.flexure_rad > 0.0:
+            size = np.array([self.flexure_rad] * 3 + [self.flexure_m] * 3)
+            give = rng.normal(size=(self.poses, 6)) * size
+        return closed_poses(self.truth, rng, self.poses, give=give, spread_deg=self.spread_deg)
+
+    def read(self, closed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Noisy readings (m, 7) of true angles (m, 8)."""
+        angles = closed[:, 1:]
+        readings = angles + rng.normal(size=angles.shape) * self.sigma()
+        for joint, bow in self.bows.items():
+            readings[:, joint - 1] += bow(angles[:, joint - 1])
+        for joint, gain in self.gains.items():
+            readings[:, joint - 1] += gain * (angles[:, joint - 1] - self.truth.home[joint - 1])
+        return readings
+
+
+def wrist_bows(percent: float = 1.0) -> dict[int, Bow]:
+    """Bows of about `percent` of full scale at their peak, on joints 6 and 7."""
+    home = paper_truth().home
+    return {
+        6: Bow((0.006 * percent, 0.007 * percent), float(home[5])),
+        7: Bow((-0.008 * percent, 0.003 * percent), float(home[6])),
+    }

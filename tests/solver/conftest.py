@@ -1,0 +1,51 @@
+"""The loop of the paper as the solver sees it, and its truth from the oracle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.chain import DhTable
+from solver.closure import DhLoop, entries
+from tests.oracles.loop_oracle import Truth, paper_truth
+
+NAMES = (
+    *(f"theta_off_{j}" for j in range(1, 8)),
+    *("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7"),
+)
+
+
+def loop_of(
+    truth: Truth, *, names: tuple[str, ...] = NAMES, unsensed: tuple[int, ...] = ()
+) -> DhLoop:
+    """Build the solver's model of the oracle's loop, with the truth as nominal values."""
+    lost = {f"theta_off_{j}" for j in unsensed}
+    return DhLoop(
+        table=DhTable(
+            theta_off_rad=truth.theta_off, s_m=truth.s, a_m=truth.a, alpha_rad=truth.alpha
+        ),
+        entries=entries([n for n in names if n not in lost]),
+        hinge=True,
+        unsensed_joints=unsensed,
+    )
+
+
+@pytest.fixture(scope="session")
+def truth() -> Truth:
+    return paper_truth()
+
+
+@pytest.fixture(scope="session")
+def hinge_data() -> Path:
+    """Folder of the oracle pose sets that stand beside the repository."""
+    folder = Path(__file__).resolve().parents[3] / "shared" / "data" / "hinge"
+    if not folder.is_dir():
+        pytest.skip("the oracle pose sets (../shared/data/hinge) are not on this machine")
+    return folder
+
+
+def read_poses(path: Path) -> np.ndarray:
+    """Joint angles (m, 7), rad."""
+    return np.deg2rad(np.loadtxt(path, delimiter=",", skiprows=1)[:, 2:9])

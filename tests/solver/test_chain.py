@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.oracles.loop_oracle import paper_truth, product
-from tests.oracles.pinocchio_chain import PinocchioChain
 
 from solver.chain import DhTable, forward, jacobian
+from tests.oracles.loop_oracle import paper_truth, product
+from tests.oracles.pinocchio_chain import PinocchioChain
 
 LINKS = 8
 

@@ -1,0 +1,253 @@
+"""The CiA 402 drive state machine as pure functions, for the drive and for its operator. Knows no bus.
+
+Drive side: state and controlword (or event) to state, state to statusword. Operator side: statusword
+and wish to the next controlword. Quick stop (605Ah = 6) stays in *quick stop active*, holding.
+
+Two choices make a late frame harmless. Transition 16 (*quick stop active* straight back to
+*operation enabled*) does not exist: the standard advises against it, and with it a command that was
+already under way when STOP was pressed would start the arm again. A fault is reset by the rising edge
+of bit 7 only, never by a bit that stays set.
+"""
+
+from __future__ import annotations
+
+from enum import Enum, IntFlag
+from types import MappingProxyType
+from typing import Final
+
+from hardware.arm import DriveState
+
+_S = DriveState
+
+
+class ControlBit(IntFlag):
+    """Bits of 6040h."""
+
+    SWITCH_ON = 1 << 0
+    ENABLE_VOLTAGE = 1 << 1
+    NO_QUICK_STOP = 1 << 2
+    ENABLE_OPERATION = 1 << 3
+    FAULT_RESET = 1 << 7
+
+
+class StatusBit(IntFlag):
+    """Bits of 6041h beside those that code the state."""
+
+    VOLTAGE_ENABLED = 1 << 4
+    WARNING = 1 << 7
+    REMOTE = 1 << 9
+    """Somebody holds the control token: the drive obeys the bus."""
+    INTERNAL_LIMIT = 1 << 11
+    """The last target was refused; the drive stays with the one before."""
+    FOLLOWS_COMMAND = 1 << 12
+    FOLLOWING_ERROR = 1 << 13
+
+
+CONTROLWORD_DISABLE_VOLTAGE: Final = 0x0000
+CONTROLWORD_QUICK_STOP: Final = 0x0002
+CONTROLWORD_SHUTDOWN: Final = 0x0006
+CONTROLWORD_SWITCH_ON: Final = 0x0007
+CONTROLWORD_ENABLE_OPERATION: Final = 0x000F
+CONTROLWORD_FAULT_RESET: Final = 0x0080
+
+STATE_BITS: Final = MappingProxyType(
+    {
+        _S.NOT_READY_TO_SWITCH_ON: 0x00,
+        _S.SWITCH_ON_DISABLED: 0x40,
+        _S.READY_TO_SWITCH_ON: 0x21,
+        _S.SWITCHED_ON: 0x23,
+        _S.OPERATION_ENABLED: 0x27,
+        _S.QUICK_STOP_ACTIVE: 0x07,
+        _S.FAULT_REACTION_ACTIVE: 0x0F,
+        _S.FAULT: 0x08,
+    }
+)
+"""What a drive in each state shows in bits 0..3, 5, 6 of 6041h."""
+_WITH_QUICK_STOP_BIT = 0x6F
+_WITHOUT_QUICK_STOP_BIT = 0x4F
+_DECODED: Final = MappingProxyType(
+    {
+        **{
+            (_WITH_QUICK_STOP_BIT, STATE_BITS[state]): state
+            for state in (
+                _S.READY_TO_SWITCH_ON,
+                _S.SWITCHED_ON,
+                _S.OPERATION_ENABLED,
+                _S.QUICK_STOP_ACTIVE,
+            )
+        },
+        **{
+            (_WITHOUT_QUICK_STOP_BIT, STATE_BITS[state]): state
+            for state in (
+                _S.NOT_READY_TO_SWITCH_ON,
+                _S.SWITCH_ON_DISABLED,
+                _S.FAULT_REACTION_ACTIVE,
+                _S.FAULT,
+            )
+        },
+    }
+)
+
+
+class Command(Enum):
+    """What a controlword's level bits ask for."""
+
+    SHUTDOWN = "shutdown"
+    SWITCH_ON = "switch on"
+    """In *operation enabled* the same bits mean *disable operation*."""
+    ENABLE_OPERATION = "enable operation"
+    DISABLE_VOLTAGE = "disable voltage"
+    QUICK_STOP = "quick stop"
+
+
+class Event(Enum):
+    """What moves a drive's state without a controlword."""
+
+    INITIALISED = "initialised"
+    FAULT = "fault"
+    FAULT_REACTION_DONE = "fault reaction done"
+    QUICK_STOP = "quick stop"
+    """A stop the drive orders itself: a neighbour tripped, the token was given back."""
+
+
+class Wish(Enum):
+    """Where an operator wants a drive to be."""
+
+    DISABLED = "disabled"
+    """*Switch on disabled*; a fault stays a fault."""
+    ENABLED = "enabled"
+    """*Operation enabled*; never resets a fault."""
+    STOPPED = "stopped"
+    """Quick stop."""
+    FAULT_CLEARED = "fault cleared"
+    """*Switch on disabled*, out of a fault as well."""
+
+
+_TRANSITIONS: Final = MappingProxyType(
+    {
+        (_S.SWITCH_ON_DISABLED, Command.SHUTDOWN): _S.READY_TO_SWITCH_ON,  # 2
+        (_S.READY_TO_SWITCH_ON, Command.SWITCH_ON): _S.SWITCHED_ON,  # 3
+        (_S.READY_TO_SWITCH_ON, Command.ENABLE_OPERATION): _S.OPERATION_ENABLED,  # 3 and 4
+        (_S.READY_TO_SWITCH_ON, Command.DISABLE_VOLTAGE): _S.SWITCH_ON_DISABLED,  # 7
+        (_S.READY_TO_SWITCH_ON, Command.QUICK_STOP): _S.SWITCH_ON_DISABLED,  # 7
+        (_S.SWITCHED_ON, Command.ENABLE_OPERATION): _S.OPERATION_ENABLED,  # 4
+        (_S.SWITCHED_ON, Command.SHUTDOWN): _S.READY_TO_SWITCH_ON,  # 6
+        (_S.SWITCHED_ON, Command.DISABLE_VOLTAGE): _S.SWITCH_ON_DISABLED,  # 10
+        (_S.SWITCHED_ON, Command.QUICK_STOP): _S.SWITCH_ON_DISABLED,  # 10
+        (_S.OPERATION_ENABLED, Command.SWITCH_ON): _S.SWITCHED_ON,  # 5, disable operation
+        (_S.OPERATION_ENABLED, Command.SHUTDOWN): _S.READY_TO_SWITCH_ON,  # 8
+        (_S.OPERATION_ENABLED, Command.DISABLE_VOLTAGE): _S.SWITCH_ON_DISABLED,  # 9
+        (_S.OPERATION_ENABLED, Command.QUICK_STOP): _S.QUICK_STOP_ACTIVE,  # 11
+        (_S.QUICK_STOP_ACTIVE, Command.DISABLE_VOLTAGE): _S.SWITCH_ON_DISABLED,  # 12
+    }
+)
+POWERED: Final = frozenset({_S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE, _S.FAULT_REACTION_ACTIVE})
+"""States in which the drive closes a loop."""
+_IN_FAULT: Final = frozenset({_S.FAULT_REACTION_ACTIVE, _S.FAULT})
+
+
+def command_of(controlword: int) -> Command:
+    """Decode the level bits; bit 7 and everything above is not looked at."""
+    if not controlword & ControlBit.ENABLE_VOLTAGE:
+        return Command.DISABLE_VOLTAGE
+    if not controlword & ControlBit.NO_QUICK_STOP:
+        return Command.QUICK_STOP
+    if not controlword & ControlBit.SWITCH_ON:
+        return Command.SHUTDOWN
+    if not controlword & ControlBit.ENABLE_OPERATION:
+        return Command.SWITCH_ON
+    return Command.ENABLE_OPERATION
+
+
+def after_controlword(state: DriveState, controlword: int, previous: int) -> DriveState:
+    """State after a controlword arrived; `previous` is the one before it, for the edge of bit 7.
+
+    A command with that bit set asks for the reset and nothing else (CiA 402).
+    """
+    if controlword & ControlBit.FAULT_RESET:
+        edge = not previous & ControlBit.FAULT_RESET
+        return _S.SWITCH_ON_DISABLED if state is _S.FAULT and edge else state
+    return _TRANSITIONS.get((state, command_of(controlword)), state)
+
+
+def raises_power(before: DriveState, after: DriveState) -> bool:
+    """Whether a transition goes towards motion: those need the control token, the others never do."""
+    ladder = (_S.SWITCH_ON_DISABLED, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, _S.OPERATION_ENABLED)
+    return before in ladder and after in ladder and ladder.index(after) > ladder.index(before)
+
+
+def after_event(state: DriveState, event: Event) -> DriveState:
+    """State after something happened inside the drive."""
+    match event:
+        case Event.INITIALISED:  # 0 and 1
+            return _S.SWITCH_ON_DISABLED if state is _S.NOT_READY_TO_SWITCH_ON else state
+        case Event.FAULT:  # 13
+            return state if state in _IN_FAULT else _S.FAULT_REACTION_ACTIVE
+        case Event.FAULT_REACTION_DONE:  # 14
+            return _S.FAULT if state is _S.FAULT_REACTION_ACTIVE else state
+        case Event.QUICK_STOP:
+            return _S.QUICK_STOP_ACTIVE if state is _S.OPERATION_ENABLED else state
+
+
+def statusword(state: DriveState, flags: int = 0) -> int:
+    """6041h of a drive in `state`; flags (`StatusBit`) are the bits beside the state's own."""
+    return STATE_BITS[state] | flags
+
+
+def drive_state(status: int) -> DriveState:
+    """State that a statusword shows.
+
+    Raises
+    ------
+    ValueError
+        If the bits are no state of the standard.
+    """
+    for mask in (_WITH_QUICK_STOP_BIT, _WITHOUT_QUICK_STOP_BIT):
+        state = _DECODED.get((mask, status & mask))
+        if state is not None:
+            return state
+    raise ValueError(f"statusword {status:04X}h shows no CiA 402 state")
+
+
+def reached(state: DriveState, wish: Wish) -> bool:
+    """Whether a drive is where an operator wants it."""
+    match wish:
+        case Wish.ENABLED:
+            return state is _S.OPERATION_ENABLED
+        case Wish.STOPPED:
+            return state not in (_S.OPERATION_ENABLED, _S.FAULT_REACTION_ACTIVE)
+        case Wish.DISABLED | Wish.FAULT_CLEARED:
+            return state is _S.SWITCH_ON_DISABLED
+
+
+def next_controlword(status: int, wish: Wish, *, previous: int = 0) -> int:
+    """Controlword that brings a drive one step closer to a wish, or keeps it there.
+
+    Parameters
+    ----------
+    status
+        Its statusword.
+    wish
+        Where it should go.
+    previous
+        The controlword sent last: a fault reset needs bit 7 to rise, so it is taken back first.
+
+    Raises
+    ------
+    ValueError
+        If the statusword shows no CiA 402 state.
+    """
+    state = drive_state(status)
+    match wish:
+        case Wish.STOPPED:
+            return CONTROLWORD_QUICK_STOP
+        case Wish.FAULT_CLEARED if state is _S.FAULT and not previous & ControlBit.FAULT_RESET:
+            return CONTROLWORD_FAULT_RESET
+        case Wish.ENABLED if state is _S.SWITCH_ON_DISABLED:
+            return CONTROLWORD_SHUTDOWN
+        case Wish.ENABLED if state is _S.READY_TO_SWITCH_ON:
+            return CONTROLWORD_SWITCH_ON
+        case Wish.ENABLED if state in (_S.SWITCHED_ON, _S.OPERATION_ENABLED):
+            return CONTROLWORD_ENABLE_OPERATION
+        case _:
+            return CONTROLWORD_DISABLE_VOLTAGE

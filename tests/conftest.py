@@ -1,0 +1,56 @@
+"""What all tests may ask for: programs and data that a machine may lack. Knows nothing of sarcal."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SHARED_DATA = REPOSITORY.parent / "shared" / "data"
+
+# Program: where it comes from.
+PROGRAMS = {
+    "candump": "Debian package can-utils",
+    "cansend": "Debian package can-utils",
+    "dcfchk": "extra 'test'",
+    "ip": "Debian package iproute2",
+    "linux.uml": "Debian package user-mode-linux",
+    "tmux": "Debian package tmux",
+    "tshark": "Debian package tshark",
+}
+SEARCH_PATH = os.pathsep.join(
+    [str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"]
+)
+
+# How long an example takes is the machine's affair. Under CI, hypothesis has a profile of its own.
+if "CI" not in os.environ:
+    hypothesis.settings.register_profile("local", deadline=None)
+    hypothesis.settings.load_profile("local")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        "markers",
+        f"needs(*programs): skips without them, saying what to install; knows {sorted(PROGRAMS)}",
+    )
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    for marker in item.iter_markers("needs"):
+        for program in marker.args:
+            origin = PROGRAMS[program]
+            if shutil.which(program, path=SEARCH_PATH) is None:
+                pytest.skip(f"needs {program} ({origin})")
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of the reference data sets, which lies beside the repository."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip("needs the reference data in ../shared/data, beside the repository")
+    return SHARED_DATA

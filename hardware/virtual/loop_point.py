@@ -68,7 +68,7 @@ class LoopPoint:
         self.error[:] = (r0, r1, r2, *p.tolist())
         z = self.axes_z[:-1]
         arm = p - self.origins_m[:-1]
-        J = self.jacobian  # noqa: N806
+        J = self.jacobian
         z0, z1, z2 = z[:, 0], z[:, 1], z[:, 2]
         d0, d1, d2 = arm[:, 0], arm[:, 1], arm[:, 2]
         J[3] = z1 * d2 - z2 * d1
@@ -78,7 +78,7 @@ class LoopPoint:
         square = r0 * r0 + r1 * r1 + r2 * r2
         f = _second_order_factor(math.sqrt(square))
         diagonal = 1.0 - f * square
-        E = np.array(  # noqa: N806
+        E = np.array(
             (
                 (diagonal + f * r0 * r0, 0.5 * r2 + f * r0 * r1, -0.5 * r1 + f * r0 * r2),
                 (-0.5 * r2 + f * r0 * r1, diagonal + f * r1 * r1, 0.5 * r0 + f * r1 * r2),
@@ -88,7 +88,7 @@ class LoopPoint:
         J[:3] = E @ z.T
 
 
-def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:  # noqa: N803
+def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:
     """Logarithm of a rotation well below half a turn, rad (a loop that far open has broken)."""
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R
     x, y, z = r21 - r12, r02 - r20, r10 - r01

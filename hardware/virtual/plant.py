@@ -66,7 +66,7 @@ class Dynamics:
     gravity_m_per_s2: FloatArray
     friction_nm: FloatArray
     presliding_rad: float = 1e-3
-    servo_nm_per_rad: float = 5e3
+    servo_nm_per_rad: float = 6e3
     damping_nm_s_per_rad: float = 5.0
     hinge_damping_nm_s_per_rad: float = 0.5
     period_s: float = 0.01
@@ -185,17 +185,17 @@ class Plant:
 
     def _advance(self, stiffness: FloatArray, target: FloatArray) -> None:
         """Newton's method for the increment, started from the previous period's motion."""
-        start, point, K = self._angles, self._point, self._dynamics.fixture  # noqa: N806
+        start, point, K = self._angles, self._point, self._dynamics.fixture
         gravity = self._gravity() if self._loaded else 0.0
         diagonal = stiffness + self._damping
         angles = start + self._last
         for _ in range(MAX_NEWTON_STEPS):
             point.at(angles)
-            J = point.jacobian  # noqa: N806
-            KJ = K @ J  # noqa: N806
+            J = point.jacobian
+            KJ = K @ J
             force = stiffness * (target - angles) - self._damping * (angles - start) + gravity
             force -= point.error @ KJ
-            H = J.T @ KJ  # noqa: N806
+            H = J.T @ KJ
             tangent = diagonal
             if self._rubs:
                 rubbing, hardening = self._rub(angles - start)

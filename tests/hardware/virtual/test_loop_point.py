@@ -1,0 +1,71 @@
+"""The plant's tuned kinematics against the solver's, and against central differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hardware.virtual.loop_point import LoopPoint
+from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
+from solver.arrays import FloatArray
+from solver.chain import DhTable
+
+
+def general_loop() -> LoopTruth:
+    """Every entry of the table non-zero, so that no term is hidden."""
+    paper = paper_loop().table
+    rng = np.random.default_rng(3)
+    return LoopTruth(
+        table=DhTable(
+            theta_off_rad=paper.theta_off_rad,
+            s_m=paper.s_m + 0.01 * rng.standard_normal(8),
+            a_m=paper.a_m + 0.01 * rng.standard_normal(8),
+            alpha_rad=paper.alpha_rad + 0.01 * rng.standard_normal(8),
+        )
+    )
+
+
+def closed(truth: LoopTruth) -> FloatArray:
+    joints, hinge = truth.closed_near(PAPER_HOME_RAD)
+    return np.concatenate(([hinge], joints))
+
+
+@pytest.mark.parametrize("truth", [paper_loop(), general_loop()], ids=["paper", "general"])
+@pytest.mark.parametrize("spread_rad", [0.0, 1e-12, 1e-8, 2e-5, 1e-4, 1e-2, 0.3])
+def test_agrees_with_the_solver_at_and_off_closure(truth: LoopTruth, spread_rad: float) -> None:
+    rng = np.random.default_rng(1)
+    point, loop, offsets = LoopPoint(truth.table), truth.loop(), truth.offsets_rad
+    for _ in range(20):
+        angles = closed(truth) + spread_rad * rng.standard_normal(8)
+        point.at(angles)
+        reference = loop.loop(np.zeros(0), (angles[1:] - offsets)[None], angles[None, :1])
+        np.testing.assert_allclose(point.error, reference.residual[0], rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(
+            point.jacobian,
+            np.concatenate((reference.jac_u[0], reference.jac_q[0]), axis=-1),
+            rtol=0.0,
+            atol=1e-12,
+        )
+
+
+def test_jacobian_is_the_derivative_of_the_error() -> None:
+    truth = general_loop()
+    point, angles, h = LoopPoint(truth.table), closed(truth) + 0.05, 1e-6
+    point.at(angles)
+    analytic = point.jacobian.copy()
+    for k in range(8):
+        step = h * np.eye(8)[k]
+        point.at(angles + step)
+        ahead = point.error.copy()
+        point.at(angles - step)
+        np.testing.assert_allclose(
+            (ahead - point.error) / (2.0 * h), analytic[:, k], rtol=0.0, atol=1e-9
+        )
+
+
+def test_a_loop_open_by_half_a_turn_is_refused() -> None:
+    flat = DhTable(
+        theta_off_rad=np.zeros(2), s_m=np.zeros(2), a_m=np.ones(2), alpha_rad=np.zeros(2)
+    )
+    with pytest.raises(ValueError, match="half a turn"):
+        LoopPoint(flat).at(np.array([0.0, np.pi]))

@@ -1,0 +1,240 @@
+"""The compliant closed chain: what two drives, one too few and one too many do to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
+from hardware.virtual.port import JointCommand, PlantReading
+from hardware.virtual.sensors import JointSensor, SensorBank
+from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
+from solver.arrays import FloatArray
+
+Commands = Callable[[Mapping[int, float]], list[JointCommand]]
+
+ELBOW_AND_WRIST_KG = np.array([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0])
+FINE_RAD = 1e-9
+
+
+def make_plant(
+    *,
+    n_per_m: float = 2e6,
+    nm_per_rad: float = 3e4,
+    payload_kg: FloatArray | None = None,
+    friction_nm: float = 0.0,
+) -> Plant:
+    truth = paper_loop()
+    start, hinge = truth.closed_near(PAPER_HOME_RAD)
+    return Plant(
+        truth=truth,
+        dynamics=Dynamics(
+            fixture=fixture_stiffness(n_per_m=n_per_m, nm_per_rad=nm_per_rad),
+            payload_kg=np.zeros(7) if payload_kg is None else payload_kg,
+            gravity_m_per_s2=np.array([-9.81, 0.0, 0.0]),
+            friction_nm=np.full(7, friction_nm),
+        ),
+        sensors=SensorBank(
+            [JointSensor(resolution_rad=FINE_RAD, noise_counts=0.0)] * 7,
+            rng=np.random.default_rng(0),
+        ),
+        start_rad=start,
+        start_hinge_rad=hinge,
+    )
+
+
+def home(plant: Plant, joint: int) -> float:
+    return float((plant.true_angles_rad[1:] - plant.truth.offsets_rad)[joint - 1])
+
+
+def follow(
+    plant: Plant, drive: Commands, path: Sequence[Mapping[int, float]]
+) -> list[PlantReading]:
+    return [plant.step(drive(targets)) for targets in path]
+
+
+def there_and_back_deg(amplitude: float, settle: int = 150) -> FloatArray:
+    quarter = np.linspace(0.0, amplitude, 150)
+    return np.concatenate((quarter, quarter[::-1], -quarter, -quarter[::-1], np.zeros(settle)))
+
+
+def test_two_drives_move_the_chain_and_bring_it_back(drive: Commands) -> None:
+    plant = make_plant()
+    start, h1, h5 = plant.true_angles_rad, home(plant, 1), home(plant, 5)
+    farthest, open_by = np.zeros(8), 0.0
+    for x in np.deg2rad(there_and_back_deg(12.0)).tolist():
+        plant.step(drive({1: h1 + x, 5: h5 - 2.5 * x}))
+        farthest = np.maximum(farthest, np.abs(plant.true_angles_rad - start))
+        open_by = max(open_by, float(np.abs(plant.closure_error).max()))
+    assert np.rad2deg(farthest[[1, 5]]) == pytest.approx([12.0, 30.0], abs=0.5)
+    assert np.all(np.rad2deg(np.delete(farthest, [1, 5])) > 1.0)
+    assert open_by < 1e-3
+    assert np.rad2deg(np.abs(plant.true_angles_rad - start).max()) < 1e-9
+
+
+def test_the_prototypes_pair_returns_from_thirty_degrees(drive: Commands) -> None:
+    plant = make_plant()
+    start, h2, h5 = plant.true_angles_rad, home(plant, 2), home(plant, 5)
+    for x in np.deg2rad(there_and_back_deg(30.0)).tolist():
+        plant.step(drive({2: h2 + x, 5: h5 + x}))
+    assert np.rad2deg(np.abs(plant.true_angles_rad - start).max()) < 1e-9
+
+
+def test_a_stiff_fixture_keeps_the_loop_closed_while_moving(drive: Commands) -> None:
+    plant = make_plant(n_per_m=2e9, nm_per_rad=1e8, payload_kg=ELBOW_AND_WRIST_KG)
+    h1, h5 = home(plant, 1), home(plant, 5)
+    for x in np.deg2rad(np.linspace(0.0, 20.0, 100)).tolist():
+        plant.step(drive({1: h1 + x, 5: h5 - x}))
+        assert np.abs(plant.closure_error[:3]).max() < 2e-6
+        assert np.abs(plant.closure_error[3:]).max() < 2e-6
+    for _ in range(100):
+        plant.step(drive({1: h1 + x, 5: h5 - x}))
+    assert np.abs(plant.closure_error).max() < 2e-7
+
+
+@pytest.mark.parametrize("third", [2, 3, 4, 6, 7])
+def test_a_third_drive_that_disagrees_builds_up_torque(drive: Commands, third: int) -> None:
+    plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
+    targets = {j: home(plant, j) for j in (1, 5, third)}
+    quiet = follow(plant, drive, [targets] * 20)[-1]
+    assert max(map(abs, quiet.torque_nm)) < 1e-3
+    targets[third] += float(np.deg2rad(2.5))
+    loud = follow(plant, drive, [targets] * 100)[-1]
+    assert max(map(abs, loud.torque_nm)) > 100.0
+
+
+def test_one_drive_too_few_sags_and_two_do_not(drive: Commands) -> None:
+    def drop_deg(joints: tuple[int, ...]) -> float:
+        plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)
+        start = plant.true_angles_rad
+        targets = {j: home(plant, j) for j in joints}
+        follow(plant, drive, [targets] * 100)
+        return float(np.rad2deg(np.abs(plant.true_angles_rad - start).max()))
+
+    assert drop_deg((1,)) > 5.0
+    assert drop_deg((5,)) > 5.0
+    assert drop_deg((1, 5)) < 0.5
+
+
+def test_friction_above_the_load_holds_without_creep(drive: Commands) -> None:
+    plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG, friction_nm=30.0)
+    start = plant.true_angles_rad
+    targets = {1: home(plant, 1)}
+    follow(plant, drive, [targets] * 200)
+    settled = plant.true_angles_rad
+    follow(plant, drive, [targets] * 200)
+    assert np.abs(settled - start).max() < 2e-3
+    assert np.abs(plant.true_angles_rad - settled).max() < 1e-8
+
+
+def test_friction_leaves_the_fixture_bent_when_the_arm_has_come_to_rest(drive: Commands) -> None:
+    def bend_m(friction_nm: float) -> float:
+        plant = make_plant(n_per_m=1e5, nm_per_rad=3e3, friction_nm=friction_nm)
+        h1, h5 = home(plant, 1), home(plant, 5)
+        ramp = np.deg2rad(np.concatenate((np.linspace(0.0, 15.0, 100), np.full(150, 15.0))))
+        follow(plant, drive, [{1: h1 + x, 5: h5 - x} for x in ramp.tolist()])
+        return float(np.linalg.norm(plant.closure_error[3:]))
+
+    assert bend_m(0.0) < 1e-9
+    assert 1e-4 < bend_m(5.0) < 3e-3
+
+
+def test_gravity_is_the_slope_of_the_potential() -> None:
+    """Held joints in a fixture that gives way carry the weight alone: torque = dV/dtheta."""
+    payload = np.array([0.3, 0.0, 1.0, 0.2, 1.5, 0.0, 0.7])
+    plant = make_plant(n_per_m=1e-9, nm_per_rad=1e-9, payload_kg=payload)
+    held = [JointCommand(mode=None, target_rad=0.0)] * 7
+    for _ in range(60):
+        reading = plant.step(held)
+    angles, h = plant.true_angles_rad[1:], 1e-6
+    slope = [
+        (
+            potential(plant.truth, angles + h * e, payload)
+            - potential(plant.truth, angles - h * e, payload)
+        )
+        / (2.0 * h)
+        for e in np.eye(7)
+    ]
+    np.testing.assert_allclose(reading.torque_nm, slope, rtol=0.0, atol=1e-6)
+    assert np.abs(slope).max() > 1.0
+
+
+def potential(truth: LoopTruth, joints: FloatArray, payload_kg: FloatArray) -> float:
+    """Height energy of the payload by plain homogeneous matrices in frame 0, J."""
+    table, T, energy = truth.table, np.eye(4), 0.0
+    for j, theta in enumerate(joints, start=1):
+        T = T @ turn(theta, 2) @ shift(table.a_m[j], table.s_m[j]) @ turn(table.alpha_rad[j], 0)
+        energy += 9.81 * payload_kg[j - 1] * T[0, 3]
+    return float(energy)
+
+
+def turn(angle: float, axis: int) -> FloatArray:
+    T, i, k = np.eye(4), (axis + 1) % 3, (axis + 2) % 3
+    T[i, i] = T[k, k] = np.cos(angle)
+    T[k, i], T[i, k] = np.sin(angle), -np.sin(angle)
+    return T
+
+
+def shift(a: float, s: float) -> FloatArray:
+    T = np.eye(4)
+    T[0, 3], T[2, 3] = a, s
+    return T
+
+
+def test_a_blocked_valve_holds_where_the_joint_was(drive: Commands) -> None:
+    plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)
+    h1, h5 = home(plant, 1), home(plant, 5)
+    follow(plant, drive, [{1: h1 + 0.002 * k, 5: h5} for k in range(100)])
+    stopped = plant.true_angles_rad
+    off = [JointCommand(mode=None, target_rad=99.0)] * 7
+    for _ in range(200):
+        reading = plant.step(off)
+    assert np.rad2deg(np.abs(plant.true_angles_rad - stopped).max()) < 0.5
+    assert max(map(abs, reading.speed_rad_per_s)) < 1e-6
+
+
+def test_the_reading_is_of_the_state_after_the_step(drive: Commands) -> None:
+    plant = make_plant()
+    before = plant.true_angles_rad
+    h1, h5 = home(plant, 1), home(plant, 5)
+    reading = plant.step(drive({1: h1 + 0.01, 5: h5}))
+    after = plant.true_angles_rad
+    counted = np.array(reading.position_counts) * FINE_RAD + plant.truth.offsets_rad
+    np.testing.assert_allclose(counted, after[1:], rtol=0.0, atol=FINE_RAD)
+    np.testing.assert_allclose(reading.speed_rad_per_s, (after - before)[1:] / 0.01, atol=1e-12)
+    assert reading.torque_nm[0] > 0.0
+    assert reading.torque_nm[1] == 0.0
+
+
+def test_at_a_fold_the_free_joints_run_ahead_and_the_drive_is_stopped(drive: Commands) -> None:
+    """With joint 2 held, the chain is stretched out before joint 4 has moved by 30 deg."""
+    plant = make_plant()
+    h2, h4 = home(plant, 2), home(plant, 4)
+    fastest, hardest = 0.0, 0.0
+    ramp = np.deg2rad(np.linspace(0.0, 30.0, 400))
+    for x in ramp.tolist():
+        reading = plant.step(drive({2: h2, 4: h4 + x}))
+        fastest = max(fastest, *map(abs, reading.speed_rad_per_s))
+        hardest = max(hardest, *map(abs, reading.torque_nm))
+    assert np.all(np.isfinite(plant.true_angles_rad))
+    assert home(plant, 4) < h4 + np.deg2rad(25.0)
+    assert fastest > 4.0 * (ramp[1] / 0.01)
+    assert hardest > 100.0
+
+
+def test_wrong_calls_are_refused(drive: Commands) -> None:
+    plant = make_plant()
+    with pytest.raises(ValueError, match="7 joints"):
+        plant.step([])
+    with pytest.raises(ValueError, match="finite"):
+        plant.step(drive({1: float("nan")}))
+    with pytest.raises(ValueError, match="positive"):
+        Dynamics(
+            fixture=np.eye(6),
+            payload_kg=np.zeros(7),
+            gravity_m_per_s2=np.zeros(3),
+            friction_nm=np.zeros(7),
+            damping_nm_s_per_rad=0.0,
+        )

@@ -1,0 +1,294 @@
+"""Scenarios: what each promises, which error sources are on, and that a seed says it all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hardware.arm import JointMode
+from hardware.virtual.plant import Plant
+from hardware.virtual.port import JointCommand
+from hardware.virtual.scenarios import SCENARIOS, STIFF, LengthErrors, Scenario, scenario
+from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
+from solver.arm_model import ArmModel
+from solver.arrays import FloatArray
+from solver.closure import DhLoop, entries
+from solver.parameters import wrap_angle
+from solver.sensors import Encoder, Rvdt
+
+Commands = Callable[[Mapping[int, float]], list[JointCommand]]
+
+FOURTEEN = (
+    *(f"theta_off_{j}" for j in range(1, 8)),
+    *("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7"),
+)
+BOX_DEG = {1: (-30.0, 48.0), 5: (-70.0, 0.0)}
+"""Where joints 1 and 5 may go, relative to home."""
+
+
+def reading_rad(plant: Plant, commands: list[JointCommand]) -> FloatArray:
+    counts = np.array(plant.step(commands).position_counts)
+    return counts * [sensor.resolution_rad for sensor in plant.sensors.sensors]
+
+
+def settled_poses(plant: Plant, drive: Commands, count: int) -> FloatArray:
+    """Mean readings (count, 7) at low-discrepancy points of the box, nearest neighbour first."""
+    hold = [JointCommand(mode=None, target_rad=0.0)] * 7
+    start = np.mean([reading_rad(plant, hold) for _ in range(20)], axis=0)[[0, 4]]
+    low, high = np.deg2rad(list(BOX_DEG.values())).T
+    unit = np.outer(np.arange(1, count + 1), [0.7548776662466927, 0.5698402909980532]) % 1.0
+    left = [start + low + u * (high - low) for u in unit]
+    here, poses = start, []
+    while left:
+        k = min(range(len(left)), key=lambda i: float(np.abs(left[i] - here).max()))
+        target = left.pop(k)
+        strides = int(np.ceil(np.abs(target - here).max() / np.deg2rad(0.3)))
+        for part in np.linspace(0.0, 1.0, strides + 1)[1:]:
+            now = here + part * (target - here)
+            plant.step(drive({1: now[0], 5: now[1]}))
+        for _ in range(30):
+            plant.step(drive({1: target[0], 5: target[1]}))
+        rest = drive({1: target[0], 5: target[1]})
+        poses.append(np.mean([reading_rad(plant, rest) for _ in range(10)], axis=0))
+        here = target
+    return np.array(poses)
+
+
+def fit(poses: FloatArray) -> tuple[FloatArray, float, float, float]:
+    """Unweighted Gauss-Newton on the paper's five rows: parameters, both sigmas (rms), condition."""
+    model = DhLoop(table=paper_loop().table, entries=entries(FOURTEEN), hinge=True)
+    x = true_parameters(paper_loop())
+    for _ in range(20):
+        error = model.reduced(x, poses)
+        J = error.jac_x.reshape(-1, 14)
+        scale = np.linalg.norm(J, axis=0)
+        step = np.linalg.lstsq(J / scale, error.residual.reshape(-1), rcond=None)[0] / scale
+        x = x - step
+        if np.abs(step).max() < 1e-12:
+            break
+    r = model.reduced(x, poses).residual
+    singular = np.linalg.svd(J / scale, compute_uv=False)
+    return (
+        x,
+        float(np.sqrt((r[:, 2:] ** 2).mean())),
+        float(np.sqrt((r[:, :2] ** 2).mean())),
+        float(singular[0] / singular[-1]),
+    )
+
+
+def true_parameters(truth: LoopTruth) -> FloatArray:
+    stacked = truth.table.stacked()
+    return np.array([stacked[e.kind, e.row] for e in entries(FOURTEEN)])
+
+
+def test_the_paper_loop_closes_at_the_published_home() -> None:
+    joints, hinge = paper_loop().closed_near(PAPER_HOME_RAD)
+    np.testing.assert_allclose(
+        np.rad2deg(joints - paper_loop().offsets_rad), np.rad2deg(PAPER_HOME_RAD), atol=1e-4
+    )
+    assert np.rad2deg(hinge) == pytest.approx(-118.936, abs=1e-3)
+
+
+def test_a_loop_that_cannot_close_is_refused() -> None:
+    table = paper_loop().table
+    far = LoopTruth(table=replace(table, a_m=table.a_m + 2.0 * (np.arange(8) == 0)))
+    with pytest.raises(ValueError, match="does not close"):
+        far.closed_near(PAPER_HOME_RAD)
+
+
+def test_exact_carries_fine_encoders_everywhere_and_says_so(sarcos: ArmModel) -> None:
+    carried = scenario("exact").arm(sarcos)
+    assert [j.sensor for j in carried.joints] == [Encoder(counts_per_rev=400_000)] * 7
+    assert [j.name for j in carried.joints] == [j.name for j in sarcos.joints]
+    assert scenario("datasheet").arm(sarcos) is sarcos
+    plant = scenario("exact").build(sarcos)
+    assert {s.noise_counts for s in plant.sensors.sensors} == {0.0}
+
+
+def rounding_sigma(poses: FloatArray, lsb_rad: float) -> FloatArray:
+    """Standard deviation (14,) that rounding every angle to a grid leaves in an unweighted fit."""
+    model = DhLoop(table=paper_loop().table, entries=entries(FOURTEEN), hinge=True)
+    x, h = true_parameters(paper_loop()), 1e-6
+    J = model.reduced(x, poses).jac_x  # (m, 5, 14)
+    by_angle = np.stack(
+        [
+            (model.reduced(x, poses + h * e).residual - model.reduced(x, poses - h * e).residual)
+            / (2.0 * h)
+            for e in np.eye(7)
+        ],
+        axis=-1,
+    )
+    gain = np.linalg.pinv(J.reshape(-1, 14)).reshape(14, len(poses), 5)
+    by_count = np.einsum("pmr,mrj->pmj", gain, by_angle)
+    return np.asarray(np.sqrt((by_count**2).sum(axis=(1, 2)) * lsb_rad**2 / 12.0))
+
+
+def test_exact_lets_the_paper_estimator_find_the_truth(sarcos: ArmModel, drive: Commands) -> None:
+    plant = scenario("exact").build(sarcos)
+    poses = settled_poses(plant, drive, 40)
+    x, position_m, orientation_rad, condition = fit(poses)
+    bound = 5.0 * rounding_sigma(poses, 2.0 * np.pi / 400_000)
+    assert bound.max() < 1e-4  # about 5 counts, along the weakest direction
+    assert np.all(np.abs(x - true_parameters(paper_loop())) < bound)
+    assert position_m < 5e-6
+    assert orientation_rad < 2e-5
+    assert condition < 60.0
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_as_reported_lands_on_the_papers_figures(
+    sarcos: ArmModel, drive: Commands, seed: int
+) -> None:
+    plant = scenario("as_reported", seed).build(sarcos)
+    _, position_m, orientation_rad, condition = fit(settled_poses(plant, drive, 40))
+    assert position_m == pytest.approx(2.7e-3, rel=0.15)
+    assert orientation_rad == pytest.approx(6.6e-3, rel=0.15)
+    assert condition < 60.0
+
+
+def test_as_reported_has_plausible_errors(sarcos: ArmModel) -> None:
+    reported = scenario("as_reported", 5)
+    off = reported.true_loop().table.stacked() - paper_loop().table.stacked()
+    changed = np.abs(off[off != 0.0])
+    assert changed.size == 11  # a_1 .. a_6, s_2 .. s_6
+    assert changed.min() >= 1e-3
+    assert changed.max() <= 2e-3
+    curves = reported.curves(sarcos)
+    assert curves[:5] == (None,) * 5
+    for curve in curves[5:]:
+        assert curve is not None
+        assert curve.peak_rad() == pytest.approx(np.deg2rad(0.019 * 120.0))
+
+
+def test_each_error_source_switches_alone(sarcos: ArmModel) -> None:
+    reported = scenario("as_reported", 2)
+    straight = replace(reported, curve_of_full_scale=0.0)
+    assert straight.curves(sarcos) == (None,) * 7
+    np.testing.assert_array_equal(straight.true_loop().table.s_m, reported.true_loop().table.s_m)
+    true_lengths = replace(reported, lengths=None)
+    np.testing.assert_array_equal(true_lengths.true_loop().table.a_m, paper_loop().table.a_m)
+    kept, was = true_lengths.curves(sarcos)[6], reported.curves(sarcos)[6]
+    assert kept is not None
+    assert was is not None
+    np.testing.assert_array_equal(kept.coefficients_rad, was.coefficients_rad)
+    longer = replace(reported, lengths=LengthErrors(smallest_m=0.004, largest_m=0.005))
+    difference = longer.true_loop().table.s_m[2:7] - paper_loop().table.s_m[2:7]
+    assert np.all((np.abs(difference) >= 0.004) & (np.abs(difference) <= 0.005))
+
+
+def test_only_the_yielding_fixture_gives(sarcos: ArmModel, drive: Commands) -> None:
+    def bend_m(what: Scenario) -> float:
+        plant = what.build(sarcos)
+        start = sarcos.home_rad
+        for part in np.linspace(0.0, 1.0, 60):
+            plant.step(drive({1: start[0] + 0.2 * part, 5: start[4] - 0.4 * part}))
+        for _ in range(30):
+            plant.step(drive({1: start[0] + 0.2, 5: start[4] - 0.4}))
+        return float(np.linalg.norm(plant.closure_error[3:]))
+
+    reported = scenario("as_reported")
+    assert 3e-4 < bend_m(reported) < 5e-3
+    assert bend_m(replace(reported, loads=STIFF)) < 1e-6
+    assert bend_m(scenario("datasheet")) < 1e-6
+
+
+def test_a_truth_may_be_given_in_code(sarcos: ArmModel) -> None:
+    table = paper_loop().table
+    mine = LoopTruth(table=replace(table, s_m=table.s_m + 0.01 * (np.arange(8) == 1)))
+    plant = replace(scenario("exact"), truth=mine).build(sarcos)
+    assert plant.truth.table.s_m[1] == pytest.approx(0.283)
+    assert np.abs(plant.closure_error).max() < 1e-9
+
+
+def test_a_seed_is_one_arm_and_one_history(sarcos: ArmModel, drive: Commands) -> None:
+    def history(seed: int) -> list[tuple[int, ...]]:
+        plant = scenario("datasheet", seed).build(sarcos)
+        start = sarcos.home_rad
+        return [
+            plant.step(drive({1: start[0] + 0.002 * k, 5: start[4]})).position_counts
+            for k in range(60)
+        ]
+
+    assert history(4) == history(4)
+    assert history(4) != history(5)
+
+
+def test_as_reported_is_one_specimen_and_the_seed_its_noise(sarcos: ArmModel) -> None:
+    one, other = scenario("as_reported", 1), scenario("as_reported", 2)
+    np.testing.assert_array_equal(one.true_loop().table.s_m, other.true_loop().table.s_m)
+    hold = [JointCommand(mode=None, target_rad=0.0)] * 7
+    plants = [what.build(sarcos) for what in (one, other)]
+    first, second = ([plant.step(hold).position_counts[5:] for _ in range(10)] for plant in plants)
+    assert first != second
+
+
+def test_holding_at_the_measured_position_pulls_on_nothing(sarcos: ArmModel) -> None:
+    """The drive closes its loop on its sensor: an RVDT's curve of 2 deg is not 2 deg of error."""
+    plant = replace(scenario("datasheet", 1), noise=False).build(sarcos)
+    hold = [JointCommand(mode=None, target_rad=0.0)] * 7
+    measured = reading_rad(plant, hold)
+    true = (plant.true_angles_rad - np.concatenate(([0.0], plant.truth.offsets_rad)))[1:]
+    assert np.rad2deg(np.abs(measured - true)[5:].max()) > 0.3
+    for _ in range(50):
+        reading = plant.step(
+            [JointCommand(mode=JointMode.POSITION, target_rad=float(m)) for m in measured]
+        )
+    assert max(map(abs, reading.torque_nm)) < 15.0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_wild_arm_starts_closed_inside_its_ranges_and_moves(
+    sarcos: ArmModel, drive: Commands, seed: int
+) -> None:
+    plant = scenario("wild", seed).build(sarcos)
+    assert np.abs(plant.closure_error).max() < 1e-9
+    # RVDT noise would hide nothing here, but true angles say more.
+    start = plant.true_angles_rad[1:] - plant.truth.offsets_rad
+    np.testing.assert_allclose(start, sarcos.home_rad, atol=1e-3)
+    hardest, moved = 0.0, np.zeros(7)
+    for corner in ((48.0, -70.0), (-30.0, 0.0)):
+        here = plant.true_angles_rad[1:] - plant.truth.offsets_rad
+        goal = start[[0, 4]] + np.deg2rad(corner)
+        for part in np.linspace(0.0, 1.0, 200):
+            now = here[[0, 4]] + part * (goal - here[[0, 4]])
+            reading = plant.step(drive({1: now[0], 5: now[1]}))
+            hardest = max(hardest, *map(abs, reading.torque_nm))
+            sensed = plant.true_angles_rad[1:] - plant.truth.offsets_rad
+            assert np.all(sensed > sarcos.lower_rad)
+            assert np.all(sensed < sarcos.upper_rad)
+            moved = np.maximum(moved, np.abs(sensed - start))
+    assert hardest < sarcos.joints[0].max_torque_nm
+    assert np.all(np.rad2deg(moved) > 2.0)
+
+
+def test_wild_arms_differ_from_the_paper_and_from_each_other() -> None:
+    found = [true_parameters(scenario("wild", seed).truth) for seed in range(6)]
+    paper = true_parameters(paper_loop())
+    for k, x in enumerate(found):
+        for y in (paper, *found[:k]):
+            assert np.abs(wrap_angle(x - y)).max() > np.deg2rad(3.0)
+
+
+def test_rvdts_are_what_the_arm_file_says(sarcos: ArmModel) -> None:
+    for name in ("datasheet", "as_reported", "wild"):
+        for joint in scenario(name).arm(sarcos).joints[5:]:
+            assert isinstance(joint.sensor, Rvdt)
+
+
+def test_wrong_calls_are_refused(sarcos: ArmModel) -> None:
+    with pytest.raises(ValueError, match=", ".join(SCENARIOS)):
+        scenario("nominal")
+    with pytest.raises(ValueError, match="seed"):
+        scenario("exact", -1)
+    six = replace(
+        sarcos,
+        joints=sarcos.joints[:6],
+        table=type(sarcos.table)(
+            theta_off_rad=np.zeros(6), s_m=np.zeros(6), a_m=np.zeros(6), alpha_rad=np.zeros(6)
+        ),
+    )
+    with pytest.raises(ValueError, match="7 joints"):
+        scenario("exact").build(six)

@@ -1,0 +1,139 @@
+"""Sensors: the counting grid, saturation, RVDT curves inside their specification, noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.polynomial import legendre
+
+from hardware.virtual.sensors import JointSensor, RvdtCurve, SensorBank, joint_sensor
+from solver.arm_model import ArmModel, Joint
+from solver.sensors import NoSensor
+
+FULL_SCALE_RAD = math.radians(120.0)
+
+
+def drawn(seed: int, peak: float = 0.02) -> RvdtCurve:
+    return RvdtCurve.drawn(np.random.default_rng(seed), full_scale_rad=FULL_SCALE_RAD, peak=peak)
+
+
+@pytest.mark.parametrize("joint", [1, 5, 6, 7])
+def test_a_count_is_the_nearest_point_of_the_grid(sarcos: ArmModel, joint: int) -> None:
+    description = sarcos.joints[joint - 1]
+    sensor = joint_sensor(description, with_noise=False, curve=None)
+    lsb = 2.0 * math.pi / 400_000 if joint <= 5 else math.radians(120.0) / 4096
+    rng = np.random.default_rng(0)
+    inside = rng.uniform(description.lower_rad + lsb, description.upper_rad - lsb, 500)
+    for angle in inside.tolist():
+        count = sensor.counts(angle, 0.0)
+        assert isinstance(count, int)
+        assert abs(count * lsb - angle) <= 0.5 * lsb * (1.0 + 1e-9)
+    for count in (sensor.counts(float(a), 0.0) for a in inside[:50]):
+        assert sensor.counts(count * lsb, 0.0) == count
+
+
+@pytest.mark.parametrize("joint", [6, 7])
+def test_an_rvdt_has_4096_codes_about_the_middle_of_the_range(sarcos: ArmModel, joint: int) -> None:
+    description = sarcos.joints[joint - 1]
+    sensor = joint_sensor(description, with_noise=False, curve=None)
+    lsb = math.radians(120.0) / 4096
+    below = sensor.counts(description.lower_rad - 1.0, 0.0)
+    above = sensor.counts(description.upper_rad + 1.0, 0.0)
+    assert above - below == 4095
+    assert below * lsb == pytest.approx(description.lower_rad, abs=0.51 * lsb)
+    assert sensor.counts(description.middle_rad, 0.0) == below + 2048
+    noisy = joint_sensor(description, with_noise=True, curve=None)
+    assert noisy.counts(description.upper_rad - 2.5 * lsb, 100.0) == above
+
+
+def test_an_encoder_does_not_saturate(sarcos: ArmModel) -> None:
+    sensor = joint_sensor(sarcos.joints[0], with_noise=False, curve=None)
+    assert sensor.counts(20.0 * math.pi, 0.0) == 4_000_000
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_curve_stays_within_its_specification_and_reaches_it(seed: int) -> None:
+    curve = drawn(seed)
+    angles = np.linspace(-0.5, 0.5, 20_001) * FULL_SCALE_RAD
+    deviation = np.array([curve.deviation_rad(a) for a in angles.tolist()])
+    largest = np.abs(deviation).max() / FULL_SCALE_RAD
+    assert 0.0199999 < largest <= 0.02 * (1.0 + 1e-12)
+    slope, offset = np.polyfit(angles, deviation, 1)
+    # What remains is the trapezoid error of the even grid, not a line in the curve.
+    assert abs(slope) < 1e-4
+    assert abs(offset) < 1e-5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_curve_is_smooth(seed: int) -> None:
+    curve = drawn(seed)
+    step = FULL_SCALE_RAD / 4096
+    angles = np.arange(-2048, 2048) * step
+    deviation = np.array([curve.deviation_rad(a) for a in angles.tolist()])
+    assert np.abs(np.diff(deviation)).max() < step  # the reading stays monotonic
+    assert np.abs(np.diff(deviation, 2)).max() < 1e-3 * step
+
+
+def test_a_curve_is_its_legendre_series() -> None:
+    curve = RvdtCurve(coefficients_rad=np.array([0.3, -0.2, 0.1, 0.05]), half_scale_rad=2.0)
+    for angle in (-2.0, -1.1, 0.0, 0.3, 2.0):
+        series = np.array([0.0, 0.0, 0.3, -0.2, 0.1, 0.05])
+        assert curve.deviation_rad(angle) == pytest.approx(
+            float(legendre.legval(angle / 2.0, series)), abs=1e-14
+        )
+    assert curve.deviation_rad(5.0) == curve.deviation_rad(2.0)
+
+
+def test_a_curve_moves_the_reading_by_its_deviation(sarcos: ArmModel) -> None:
+    curve = drawn(5)
+    joint = sarcos.joints[5]
+    sensor = joint_sensor(joint, with_noise=False, curve=curve)
+    for part in (-0.4, -0.1, 0.2, 0.45):
+        angle = joint.middle_rad + part * FULL_SCALE_RAD
+        reading = sensor.counts(angle, 0.0) * sensor.resolution_rad
+        assert reading - angle == pytest.approx(
+            curve.deviation_rad(part * FULL_SCALE_RAD), abs=0.51 * sensor.resolution_rad
+        )
+
+
+def test_noise_has_its_stated_size_and_belongs_to_the_seed(sarcos: ArmModel) -> None:
+    wrist = [joint_sensor(j, with_noise=True, curve=None) for j in sarcos.joints[5:]]
+    middle = [j.middle_rad for j in sarcos.joints[5:]]
+
+    def readings(seed: int) -> np.ndarray:
+        bank = SensorBank(wrist, rng=np.random.default_rng(seed))
+        return np.array([bank.read(middle) for _ in range(4000)])
+
+    first = readings(7)
+    # Two LSB and the converter's rounding; four thousand draws know it to 1.2 % (1 sigma).
+    assert first.std(axis=0) == pytest.approx([math.hypot(2.0, 12**-0.5)] * 2, rel=0.06)
+    np.testing.assert_array_equal(first, readings(7))
+    assert not np.array_equal(first, readings(8))
+
+
+def test_an_encoder_with_a_curve_or_no_sensor_at_all_is_a_wrong_call(sarcos: ArmModel) -> None:
+    with pytest.raises(ValueError, match="encoder"):
+        joint_sensor(sarcos.joints[0], with_noise=False, curve=drawn(0))
+    blind = Joint(
+        name="blind",
+        lower_rad=0.0,
+        upper_rad=1.0,
+        sensor=NoSensor(),
+        max_speed_rad_per_s=1.0,
+        max_torque_nm=1.0,
+    )
+    with pytest.raises(ValueError, match="no sensor"):
+        joint_sensor(blind, with_noise=False, curve=None)
+    with pytest.raises(ValueError, match="coefficients"):
+        RvdtCurve(coefficients_rad=np.zeros(3), half_scale_rad=1.0)
+
+
+def test_a_bank_reads_one_angle_per_sensor() -> None:
+    bank = SensorBank(
+        [JointSensor(resolution_rad=1.0, noise_counts=0.0)] * 2, rng=np.random.default_rng(0)
+    )
+    assert bank.read([1.2, -3.9]) == (1, -4)
+    with pytest.raises(ValueError, match="zip"):
+        bank.read([1.0])

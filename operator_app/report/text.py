@@ -63,7 +63,7 @@ def dh_table(solution: Solution) -> str:
     """Return the identified D-H table beside the nominal one, as the paper's Tables 1 and 2."""
     model = solution.model
     if not isinstance(model, DhLoop):
-        raise ValueError("only a D-H loop has a D-H table")
+        raise TypeError("only a D-H loop has a D-H table")
     nominal = model.tables(np.array([p.nominal for p in model.parameters]))
     found = model.tables(solution.estimate.x)
     free = set(model.entries)
@@ -73,21 +73,20 @@ def dh_table(solution: Solution) -> str:
         (DhKind.ALPHA, "alpha_j [deg]", 180.0 / math.pi, 2),
         (DhKind.THETA_OFF, "theta_off_j [deg]", 180.0 / math.pi, 2),
     )
-    rows = [["j"] + [part for _, title, _, _ in columns for part in (title, "")]]
-    rows.append([""] + ["nominal", "identified"] * len(columns))
+    rows = [["j"] + [cell for _, title, _, _ in columns for cell in (title.split()[0], "")]]
+    rows.append([""] + [cell for _, title, _, _ in columns for cell in (title.split()[1], "found")])
     for row in range(model.table.links):
         cells = [str(row)]
         for kind, _, scale, places in columns:
             if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):
                 cells += ["n/a", ""]
                 continue
-            cells.append(f"{nominal[kind, row] * scale:.{places}f}")
             known = DhEntry(kind, row) not in free
+            cells.append(f"{nominal[kind, row] * scale:.{places - 1}f}")
             cells.append("" if known else f"{found[kind, row] * scale:.{places + 1}f}")
         rows.append(cells)
-    return (
-        "D-H table, nominal (Table 1) beside identified (Table 2); blank = not calibrated\n"
-        + aligned(rows, gap=" ")
+    return "D-H table: nominal (as Table 1) and, where calibrated, found (as Table 2)\n" + aligned(
+        rows, gap=" "
     )
 
 

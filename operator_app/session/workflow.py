@@ -12,10 +12,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, JointMode, MoveResult
 from operator_app.calibration import Solution, calibrate
 from operator_app.config.atomic import write_atomically
+from operator_app.config.degrees import degrees_for_file
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
@@ -193,8 +196,9 @@ class Session:
             {
                 "number": self.state.captured + 1,
                 "waypoint": waypoint,
-                "mean_rad": reading.mean_rad.tolist(),
-                "sd_rad": reading.sd_rad.tolist(),
+                # The angles a poses file can hold, so that poses.csv is these very poses.
+                "mean_rad": np.deg2rad(degrees_for_file(reading.mean_rad)).tolist(),
+                "sd_rad": np.deg2rad(degrees_for_file(reading.sd_rad)).tolist(),
                 "samples": reading.samples,
                 "first_sync": reading.first_sync,
                 "note": note,

@@ -1,0 +1,74 @@
+"""What `sarcal run` says while it works: lines and a progress bar on stderr. Decides nothing."""
+
+from __future__ import annotations
+
+import sys
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from fixtures.base import SetupCheck, Severity
+from hardware.arm import ArmIdentity
+from operator_app.calibration import Solution
+from operator_app.session.state import SessionState
+
+GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
+
+
+class ConsoleListener:
+    """A `Listener` that writes to stderr; the bar appears only on a terminal."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+        self._progress: Progress | None = None
+
+    def say(self, text: str) -> None:
+        """Write one line of progress."""
+        self._console.print(text, markup=False)
+
+    def connected(self, identity: ArmIdentity) -> None:
+        """Say which arm answered."""
+        self.say(
+            f"Connected to {identity.model}, serial {identity.serial_number}: "
+            f"{len(identity.nodes)} CANopen nodes."
+        )
+
+    def fixture_checked(self, checks: tuple[SetupCheck, ...]) -> None:
+        """Say what the set-up checks found."""
+        for check in checks:
+            remedy = f": {check.remedy}" if check.remedy else ""
+            self.say(f"Fixture {GLYPH[check.severity]}: {check.text}{remedy}")
+
+    def modes_set(self, position_joints: tuple[int, ...]) -> None:
+        """Say which joints drive."""
+        names = " and ".join(str(j) for j in position_joints)
+        self.say(f"Joints {names} in position mode, the others free; read back from the drives.")
+
+    def pose_captured(self, state: SessionState, wanted: int) -> None:
+        """Advance the bar."""
+        if not sys.stderr.isatty():
+            return
+        if self._progress is None:
+            self._progress = Progress(
+                TextColumn("Capturing poses"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeRemainingColumn(),
+                console=self._console,
+            )
+            self._progress.start()
+            self._progress.add_task("poses", total=wanted)
+        self._progress.update(self._progress.task_ids[0], completed=len(state.used_poses))
+
+    def solved(self, solution: Solution) -> None:
+        """End the bar."""
+        self.close()
+        self.say(
+            f"Solved from {solution.poses} poses in {solution.estimate.iterations} iterations."
+        )
+
+    def close(self) -> None:
+        """Take the bar down. Safe to call twice."""
+        if self._progress is not None:
+            self._progress.stop()
+            self._progress = None

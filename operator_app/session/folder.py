@@ -1,0 +1,66 @@
+"""Session folders: naming new ones, listing what there is. Knows journals, no arm."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from operator_app.session.errors import JournalError, SessionError
+from operator_app.session.journal import JOURNAL_NAME, read_journal
+from operator_app.session.state import SessionState, replay
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionEntry:
+    """One session folder. `problem` says why its journal cannot be read; `state` is None then."""
+
+    folder: Path
+    state: SessionState | None
+    torn: str
+    problem: str
+
+
+def new_folder(root: Path, name: str, utc: datetime) -> Path:
+    """Return a folder for a new session that does not exist yet, e.g. ``20261121-093000-hinge``."""
+    stem = f"{utc:%Y%m%d-%H%M%S}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}"
+    candidate, k = root / stem, 2
+    while candidate.exists():
+        candidate, k = root / f"{stem}-{k}", k + 1
+    return candidate
+
+
+def find_session(root: Path, reference: str) -> Path:
+    """Return the folder of a session named by path, by name below `root`, or ``latest``."""
+    if reference == "latest":
+        found = [entry.folder for entry in list_sessions(root)]
+        if found:
+            return found[-1]
+        raise SessionError(f"there is no session in {root}", "run `sarcal run hinge` first")
+    for candidate in (Path(reference).expanduser(), root / reference):
+        if (candidate / JOURNAL_NAME).is_file():
+            return candidate
+    raise SessionError(
+        f"{reference} is no session: there is no {JOURNAL_NAME} in it",
+        f"name a session folder, or `latest`; `sarcal session list` shows those in {root}",
+    )
+
+
+def read_session(folder: Path) -> SessionEntry:
+    """Read one session without locking it."""
+    try:
+        contents = read_journal(folder)
+    except JournalError as error:
+        return SessionEntry(folder=folder, state=None, torn="", problem=error.happened)
+    state = replay((e.name, e.data, e.utc) for e in contents.events)
+    return SessionEntry(folder=folder, state=state, torn=contents.torn, problem="")
+
+
+def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
+    """Return all sessions below `root`, oldest first."""
+    if not root.is_dir():
+        return ()
+    folders = sorted(p for p in root.iterdir() if (p / JOURNAL_NAME).is_file())
+    entries = [read_session(folder) for folder in folders]
+    return tuple(sorted(entries, key=lambda e: (e.state.opened_utc if e.state else "", e.folder)))

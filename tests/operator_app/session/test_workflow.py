@@ -1,0 +1,192 @@
+"""The session on the real plant without a bus: guards, the whole way, interruption and resuming."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fixtures.rigid import Rigid
+from hardware.virtual.truth import paper_loop
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.parameters_file import load_parameters
+from operator_app.config.poses_file import load_poses
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.headless.runner import run
+from operator_app.session.errors import GuardError
+from operator_app.session.journal import read_journal
+from operator_app.session.workflow import Session
+from solver.closure import DhLoop
+from solver.errors import TooFewPosesError
+
+MakeSession = Callable[..., Session]
+
+
+class Silent:
+    """A listener that keeps what it hears."""
+
+    def __init__(self) -> None:
+        self.poses = 0
+
+    def connected(self, identity: object) -> None: ...
+
+    def fixture_checked(self, checks: object) -> None: ...
+
+    def modes_set(self, position_joints: object) -> None: ...
+
+    def pose_captured(self, state: object, wanted: int) -> None:
+        self.poses += 1
+
+    def solved(self, solution: object) -> None: ...
+
+
+def hinge(poses: int) -> Procedure:
+    from hardware.virtual.scenarios import scenario
+
+    procedure = load_procedure("hinge")
+    return replace(
+        procedure,
+        arm=scenario("exact").arm(procedure.arm),
+        capture=replace(procedure.capture, poses=poses, samples_per_pose=8),
+    )
+
+
+def truth(model: DhLoop) -> np.ndarray:
+    table = paper_loop().table.stacked()
+    return np.array([table[e.kind, e.row] for e in model.entries])
+
+
+def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
+    session = make_session(hinge(20))
+    listener = Silent()
+    result = run(session, listener)
+    session.close("done")
+
+    assert listener.poses == 20
+    estimate = result.solution.estimate
+    assert isinstance(result.solution.model, DhLoop)
+    error = np.abs(estimate.x - truth(result.solution.model))
+    # The parameters' own standard deviations, from count^2/12: five of them is the bound.
+    assert np.all(error < 5.0 * estimate.standard_deviation)
+    assert error.max() < 5e-5
+
+    assert result.exported is not None
+    document = load_parameters(result.exported.parameters)
+    assert document.arm_serial == "SDA-0001"
+    poses = load_poses(result.exported.poses, joint_count=7).poses
+    assert len(poses) == 20
+    assert document.pose_set_sha256 == session.state.pose_set().sha256() == poses.sha256()
+    assert session.arm.active_parameters() == result.exported.parameters.read_bytes()
+
+
+@pytest.mark.parametrize(("joints", "reason"), [((), "sag"), ((1,), "sag"), ((1, 2, 5), "trip")])
+def test_a_wrong_number_of_drive_joints_is_refused_with_the_reason(
+    make_session: MakeSession, joints: tuple[int, ...], reason: str
+) -> None:
+    session = make_session(hinge(3))
+    session.connect()
+    with pytest.raises(GuardError, match=reason) as refused:
+        session.set_modes(joints)
+    assert refused.value.remedy == "put exactly 2 in position mode"
+    assert session.state.modes == ()
+
+
+def test_a_joint_that_is_not_there_is_named(make_session: MakeSession) -> None:
+    session = make_session(hinge(3))
+    with pytest.raises(GuardError, match="no joint 8"):
+        session.check_modes((1, 8))
+
+
+def test_rigid_names_the_elbow_before_anything_moves(make_session: MakeSession) -> None:
+    procedure = hinge(3)
+    fixture = load_fixture("rigid")
+    assert isinstance(fixture.fixture, Rigid)
+    session = make_session(replace(procedure, fixture=fixture, position_joints=(1,)))
+    session.connect()
+    with pytest.raises(GuardError, match="joint 4 does not move"):
+        session.require_fixture()
+    assert session.state.modes == ()
+
+
+def test_capture_before_modes_is_refused(make_session: MakeSession) -> None:
+    session = make_session(hinge(3))
+    with pytest.raises(GuardError, match="modes are not set"):
+        session.plan()
+
+
+def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session: MakeSession) -> None:
+    session = make_session(hinge(2))
+    with pytest.raises(TooFewPosesError, match="at least 3 poses"):
+        run(session, Silent())
+
+
+@pytest.mark.parametrize("sync", [3, 40, 333, 500, 900])
+def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
+    make_session: MakeSession, sync: int
+) -> None:
+    session = make_session(hinge(6))
+    session.arm.interrupt_at_sync = sync  # type: ignore[attr-defined]
+    with pytest.raises(KeyboardInterrupt):
+        run(session, Silent())
+    session.arm.interrupt_at_sync = None  # type: ignore[attr-defined]
+    session.close("interrupted")
+    session.close("interrupted")
+    kept = session.state.poses
+
+    again = make_session(hinge(6), resume=True)
+    assert [p.number for p in again.state.poses] == [p.number for p in kept]
+    result = run(again, Silent())
+    again.close("done")
+    assert result.solution.accepted
+    assert [p.number for p in again.state.used_poses] == list(range(1, 7))
+    assert [p.waypoint for p in again.state.used_poses] == list(range(6))
+    for before, after in zip(kept, again.state.poses, strict=False):
+        np.testing.assert_array_equal(before.mean_rad, after.mean_rad)
+
+
+def test_a_session_insists_on_its_arm(make_session: MakeSession) -> None:
+    session = make_session(hinge(3))
+    session.connect()
+    session.close("done")
+    other = make_session(hinge(3), resume=True, serial="SDA-0002")
+    with pytest.raises(GuardError, match="belongs to arm SDA-0001"):
+        other.connect()
+
+
+def test_undo_exclude_include_and_note_survive_a_restart(make_session: MakeSession) -> None:
+    session = make_session(hinge(5))
+    run(session, Silent())
+    assert session.undo().number == 5
+    session.exclude(2, "bumped the table")
+    session.note(3, "after lunch")
+    session.exclude(4, "")
+    session.include(4)
+    with pytest.raises(GuardError, match="no pose 5"):
+        session.exclude(5, "")
+    expected = [(1, "", ""), (2, "bumped the table", ""), (3, "", "after lunch"), (4, "", "")]
+    assert [(p.number, p.excluded, p.note) for p in session.state.poses] == expected
+    assert session.state.solved == {}
+    session.close("done")
+    again = make_session(hinge(5), resume=True)
+    assert [(p.number, p.excluded, p.note) for p in again.state.poses] == expected
+    run(again, Silent())
+    assert [p.number for p in again.state.used_poses] == [1, 3, 4, 6, 7]
+
+
+def test_an_unreachable_waypoint_is_passed_over_and_recorded(make_session: MakeSession) -> None:
+    procedure = hinge(4)
+    joints = list(procedure.arm.joints)
+    # Joint 7's range now ends inside the region the plan wants to explore.
+    joints[6] = replace(joints[6], lower_rad=float(np.deg2rad(10.0)))
+    session = make_session(replace(procedure, arm=replace(procedure.arm, joints=tuple(joints))))
+    run(session, Silent())
+    events = read_journal(session.journal.path.parent).events
+    skipped = [e.data for e in events if e.name == "waypoint_skipped"]
+    assert skipped
+    assert "joint 7" in skipped[0]["reason"]
+    assert len(session.state.used_poses) == 4
+    limit = joints[6].lower_rad
+    assert all(p.mean_rad[6] > limit for p in session.state.poses)

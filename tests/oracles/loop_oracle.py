@@ -118,27 +118,26 @@ def closed_poses(
     home[0] = -np.arctan2(T[1, 0], T[0, 0]) if hinge else 0.0
     free = np.ones(links) if hinge else np.array([0.0] + [1.0] * (links - 1))
     offsets = np.zeros((count, 6)) if give is None else give
-    found = np.zeros((0, links))
-    while len(found) < count:
-        target = np.zeros((6 * count, 6)) + offsets[len(found)]
-        angles = home + free * np.deg2rad(rng.uniform(-spread_deg, spread_deg, (6 * count, links)))
-        for _ in range(60):
-            error = closure(truth, angles) - target
+    found = np.full((count, links), np.nan)
+    while np.isnan(found).any():
+        missing = np.repeat(np.flatnonzero(np.isnan(found[:, 0])), 3)
+        turn = rng.uniform(-spread_deg, spread_deg, (len(missing), links))
+        angles = home + free * np.deg2rad(turn)
+        for _ in range(25):
+            error = closure(truth, angles) - offsets[missing]
+            if np.abs(error).max() < 1e-15:
+                break
             J, _ = closure_rates(truth, angles, ())
             step = (np.linalg.pinv(J * free) @ error[..., None])[..., 0] * free
-            angles -= (
-                step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(-1), 1e-300))[:, None]
-            )
+            longest = np.maximum(np.abs(step).max(-1), 1e-300)
+            angles -= step * np.minimum(1.0, 0.3 / longest)[:, None]
         T = product(angles + truth.theta_off, truth.s, truth.a, truth.alpha)
         good = (
-            (np.abs(closure(truth, angles) - target).max(-1) < 1e-13)
+            (np.abs(closure(truth, angles) - offsets[missing]).max(-1) < 1e-14)
             & (np.trace(T[..., :3, :3], axis1=-2, axis2=-1) > 2.0)
             & (np.abs(angles - home)[:, 1:].max(-1) < np.deg2rad(box_deg))
         )
-        keep = angles[good]
-        found = np.concatenate(
-            (found, keep[:1] if give is not None else keep[: count - len(found)])
-        )
+        found[missing[good]] = angles[good]
     return found
 
 

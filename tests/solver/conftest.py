@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver.arm_model import ArmModel, Joint
 from solver.chain import DhTable
 from solver.closure import DhLoop, entries
+from solver.sensors import Encoder, Rvdt
 from tests.oracles.loop_oracle import Truth, paper_truth
 
 NAMES = (
@@ -29,6 +31,34 @@ def loop_of(
         entries=entries([n for n in names if n not in lost]),
         hinge=True,
         unsensed_joints=unsensed,
+    )
+
+
+def paper_arm(truth: Truth) -> ArmModel:
+    """The arm of the paper: 400,000-count encoders on joints 1 to 5, RVDTs on 6 and 7."""
+    encoder = Encoder(counts_per_rev=400_000)
+    rvdt = Rvdt(bits=12, full_scale_rad=np.deg2rad(120.0), linearity=0.02, noise_lsb=2.0)
+    return ArmModel(
+        name="sarcos_dextrous",
+        table=DhTable(
+            theta_off_rad=truth.theta_off[1:],
+            s_m=truth.s[1:],
+            a_m=truth.a[1:],
+            alpha_rad=truth.alpha[1:],
+        ),
+        joints=tuple(
+            Joint(
+                name=f"joint {j}",
+                lower_rad=truth.home[j - 1] - np.deg2rad(75.0),
+                upper_rad=truth.home[j - 1] + np.deg2rad(75.0),
+                sensor=encoder if j <= 5 else rvdt,
+                max_speed_rad_per_s=3.0,
+                max_torque_nm=100.0,
+            )
+            for j in range(1, 8)
+        ),
+        free=entries([f"theta_off_{j}" for j in range(1, 8)]),
+        home_rad=truth.home,
     )
 
 

@@ -1,0 +1,1 @@
+"""Electronic data sheets of the two devices, generated from `hardware.objects` and never edited."""

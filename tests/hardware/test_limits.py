@@ -1,0 +1,216 @@
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hardware.arm import DriveState, JointMode
+from hardware.limits import (
+    JointLimits,
+    Reason,
+    Situation,
+    joint_limits,
+    refuse_command,
+    refuse_move,
+    refuse_target,
+)
+from hardware.scale import JointScale
+
+LIMITS = JointLimits(
+    joint=4, lower_counts=-1000, upper_counts=500, max_speed_rad_per_s=2.0, max_step_counts=20
+)
+READY = Situation(
+    stopped=False,
+    in_control=True,
+    drive=DriveState.OPERATION_ENABLED,
+    mode=JointMode.POSITION,
+)
+NAN, INF = math.nan, math.inf
+
+
+def reason_of(refusal: object) -> Reason | None:
+    return None if refusal is None else refusal.reason  # type: ignore[attr-defined, no-any-return]
+
+
+@pytest.mark.parametrize(
+    ("previous", "target", "reason"),
+    [
+        (-1000, -1000, None),
+        (-999, -1000, None),
+        (-999, -1001, Reason.OUT_OF_RANGE),
+        (-1000, -1001, Reason.OUT_OF_RANGE),
+        (500, 500, None),
+        (499, 500, None),
+        (500, 501, Reason.OUT_OF_RANGE),
+        (480, 500, None),
+        (0, 20, None),
+        (0, 21, Reason.STEP_TOO_LARGE),
+        (0, -20, None),
+        (0, -21, Reason.STEP_TOO_LARGE),
+        (20, 0, None),
+        # Pushed out of its range, a joint may come nearer, never stay put by command or go on out.
+        (520, 519, None),
+        (520, 520, Reason.OUT_OF_RANGE),
+        (520, 521, Reason.OUT_OF_RANGE),
+        (520, 500, None),
+        (521, 500, Reason.STEP_TOO_LARGE),
+        (-1010, -1009, None),
+        (-1010, -1011, Reason.OUT_OF_RANGE),
+        (0, 20.5, Reason.STEP_TOO_LARGE),
+        (500, 500.001, Reason.OUT_OF_RANGE),
+        (0, NAN, Reason.NOT_FINITE),
+        (0, INF, Reason.NOT_FINITE),
+        (0, -INF, Reason.NOT_FINITE),
+        (NAN, 0, Reason.NOT_FINITE),
+    ],
+)
+def test_targets_on_the_boundaries(previous: float, target: float, reason: Reason | None) -> None:
+    assert reason_of(refuse_target(LIMITS, target, previous)) is reason
+
+
+@pytest.mark.parametrize(
+    ("target", "speed", "reason"),
+    [
+        (0, 2.0, None),
+        (0, math.nextafter(2.0, INF), Reason.TOO_FAST),
+        (0, math.ulp(0.0), None),
+        (0, 0.0, Reason.TOO_FAST),
+        (0, -1.0, Reason.TOO_FAST),
+        (0, NAN, Reason.NOT_FINITE),
+        (0, INF, Reason.NOT_FINITE),
+        (NAN, 1.0, Reason.NOT_FINITE),
+        (500, 1.0, None),
+        (501, 1.0, Reason.OUT_OF_RANGE),
+        (-1000, 1.0, None),
+        (-1001, 1.0, Reason.OUT_OF_RANGE),
+    ],
+)
+def test_moves_on_the_boundaries(target: float, speed: float, reason: Reason | None) -> None:
+    assert reason_of(refuse_move(LIMITS, target, speed)) is reason
+
+
+@pytest.mark.parametrize("drive", DriveState)
+@pytest.mark.parametrize("mode", [*JointMode, None])
+@pytest.mark.parametrize("stopped", [False, True])
+@pytest.mark.parametrize("in_control", [False, True])
+def test_only_one_situation_allows_commands(
+    stopped: bool, in_control: bool, drive: DriveState, mode: JointMode | None
+) -> None:
+    situation = Situation(stopped=stopped, in_control=in_control, drive=drive, mode=mode)
+    assert (refuse_command(LIMITS, situation) is None) == (situation == READY)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"stopped": True}, Reason.STOPPED),
+        ({"in_control": False}, Reason.NOT_IN_CONTROL),
+        ({"drive": DriveState.FAULT}, Reason.NOT_ENABLED),
+        ({"mode": JointMode.FREE}, Reason.NOT_IN_POSITION_MODE),
+        ({"mode": None}, Reason.NOT_IN_POSITION_MODE),
+    ],
+)
+def test_the_reason_is_named(change: dict[str, object], reason: Reason) -> None:
+    values = {"stopped": False, "in_control": True, "drive": READY.drive, "mode": READY.mode}
+    situation = Situation(**{**values, **change})  # type: ignore[arg-type]
+    refusal = refuse_command(LIMITS, situation)
+    assert refusal is not None
+    assert refusal.reason is reason
+    assert refusal.text.startswith("joint 4: ")
+
+
+@given(st.floats(-1e6, 1e6) | st.sampled_from([NAN, INF, -INF]), st.integers(-1500, 1500))
+def test_what_passes_is_inside_near_and_finite(target: float, previous: int) -> None:
+    if refuse_target(LIMITS, target, previous) is None:
+        assert math.isfinite(target)
+        assert abs(target - previous) <= 20
+        assert -1000 <= target <= 500 or abs(target + 250) < abs(previous + 250)
+
+
+def test_a_stream_of_allowed_targets_comes_back_into_range_and_stays() -> None:
+    position = 700
+    for _ in range(40):
+        for step in (-20, -1, 0, 1, 20):
+            if refuse_target(LIMITS, position + step, position) is None:
+                position += step
+                break
+    assert position <= 500
+
+
+def test_limits_from_radians_are_rounded_inwards() -> None:
+    limits = joint_limits(
+        1,
+        JointScale(counts_per_rad=100.0),
+        lower_rad=-1.009,
+        upper_rad=2.001,
+        max_speed_rad_per_s=3.0,
+        period_s=0.01,
+    )
+    assert (limits.lower_counts, limits.upper_counts) == (-100, 200)
+    assert limits.max_step_counts == 4  # 3 counts a period, and one for rounding
+
+
+def test_a_range_on_whole_counts_keeps_them() -> None:
+    scale = JointScale(counts_per_rad=4000 / (2 * math.pi))
+    for counts in range(-4000, 4000, 37):
+        limits = joint_limits(
+            1,
+            scale,
+            lower_rad=counts * (2 * math.pi / 4000),
+            upper_rad=(counts + 10) * (2 * math.pi / 4000),
+            max_speed_rad_per_s=1.0,
+            period_s=0.01,
+        )
+        assert (limits.lower_counts, limits.upper_counts) == (counts, counts + 10)
+
+
+@given(st.floats(0.001, 3.0), st.floats(-2.0, 2.0), st.floats(600.0, 70000.0))
+def test_a_move_at_the_largest_speed_passes_step_by_step(
+    speed: float, start: float, counts_per_rad: float
+) -> None:
+    scale = JointScale(counts_per_rad=counts_per_rad)
+    limits = joint_limits(
+        1, scale, lower_rad=-5, upper_rad=5, max_speed_rad_per_s=speed, period_s=0.01
+    )
+    targets = [scale.to_counts(start + k * speed * 0.01) for k in range(50)]
+    for previous, target in itertools.pairwise(targets):
+        assert refuse_target(limits, target, previous) is None
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"lower_counts": 501},
+        {"max_speed_rad_per_s": 0.0},
+        {"max_speed_rad_per_s": NAN},
+        {"max_step_counts": 0},
+    ],
+)
+def test_impossible_limits_are_wrong_calls(bad: dict[str, float]) -> None:
+    good = {
+        "joint": 1,
+        "lower_counts": 0,
+        "upper_counts": 500,
+        "max_speed_rad_per_s": 1.0,
+        "max_step_counts": 1,
+    }
+    with pytest.raises(ValueError, match="joint 1"):
+        JointLimits(**{**good, **bad})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, NAN, INF])
+def test_a_scale_is_positive(bad: float) -> None:
+    with pytest.raises(ValueError, match="positive"):
+        JointScale(counts_per_rad=bad)
+
+
+def test_scale_round_trip() -> None:
+    scale = JointScale(counts_per_rad=8000 / (2 * math.pi))
+    assert scale.to_counts(math.pi) == 4000
+    assert scale.to_counts(-math.pi / 2) == -2000
+    assert scale.to_rad(4000) == pytest.approx(math.pi, abs=1e-15)
+    with pytest.raises((ValueError, OverflowError)):
+        scale.to_counts(NAN)

@@ -1,0 +1,242 @@
+"""Which joints should drive a closed chain: ranking of drive sets, predicted or from trial wiggles.
+
+Predicted at one pose or over a region from the conditioning of the passive joints' Jacobian and from
+what the drives reach; by trial, as the paper did, from the measured motion of the other joints.
+Every verdict comes with its reasons in words. Knows no bus and no plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.closing import close_loops
+from solver.closure import ClosureModel
+from solver.design.manifold import Manifold
+from solver.design.motion import ChainMotion, chain_motion
+from solver.design.paths import MotionLimits, PathGraph
+
+FOLDED = 0.02
+"""Leverage below this is a fold: the free joints may go either way."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RankedDrives:
+    """One set of drive joints and how it does.
+
+    Attributes
+    ----------
+    drives
+        Joints (1-based) to be put into position mode.
+    score
+        What the ranking sorts by, in [0, 1].
+    usable
+        Whether the set may be used at all.
+    leverage
+        Smallest singular value of the drives' share in the self-motion: 1 when the drives see all
+        motion, 0 at a fold. Over a region: the median of what the set reaches.
+    passive_conditioning
+        Smallest singular value of the passive joints' closure Jacobian, likewise.
+    fastest_passive, fastest_joint
+        Largest speed of a passive joint over that of the drives, and which joint.
+    still
+        Passive joints that hardly move with these drives.
+    reach
+        Share of the region that can be reached from its first pose; None at a single pose.
+    reasons
+        Why, in words, most important first.
+    """
+
+    drives: tuple[int, ...]
+    score: float
+    usable: bool
+    leverage: float
+    passive_conditioning: float | None
+    fastest_passive: float
+    fastest_joint: int
+    still: tuple[int, ...]
+    reach: float | None
+    reasons: tuple[str, ...]
+
+
+def rank_at_pose(
+    model: ClosureModel,
+    x: FloatArray,
+    q: FloatArray,
+    *,
+    limits: MotionLimits | None = None,
+) -> tuple[RankedDrives, ...]:
+    """Rank all drive sets at the closed pose nearest to `q` (n,), rad, best first."""
+    pose = close_loops(model, x, np.asarray(q, dtype=np.float64)[None, :])
+    motion = chain_motion(model, x, pose.q, pose.u)
+    limits = MotionLimits() if limits is None else limits
+    ranked = [_judge(motion, drives, limits, reach=None) for drives in _sets(model, motion.degrees)]
+    return _sorted(ranked)
+
+
+def rank_over_region(
+    model: ClosureModel, manifold: Manifold, *, limits: MotionLimits | None = None
+) -> tuple[RankedDrives, ...]:
+    """Rank all drive sets by how much of a manifold each reaches from its first pose, best first."""
+    limits = MotionLimits() if limits is None else limits
+    ranked = []
+    for drives in _sets(model, manifold.motion.degrees):
+        reached = PathGraph(manifold, [drives], limits).reachable(0, drives=drives)
+        motion = ChainMotion(
+            tangent=manifold.motion.tangent[reached],
+            jacobian=manifold.motion.jacobian[reached],
+            joint_count=manifold.motion.joint_count,
+        )
+        ranked.append(_judge(motion, drives, limits, reach=float(reached.mean())))
+    return _sorted(ranked)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialWiggles:
+    """Small wiggles of one set of drive joints, as measured.
+
+    Attributes
+    ----------
+    drives
+        Joints (1-based) in position mode.
+    commanded_rad
+        (w, d): displacement asked of the drives in each wiggle.
+    moved_rad
+        (w, n): measured displacement of every joint.
+    stopped
+        Why the trial ended early, in words; empty when it did not.
+    """
+
+    drives: tuple[int, ...]
+    commanded_rad: FloatArray
+    moved_rad: FloatArray
+    stopped: str = ""
+
+    def rates(self) -> FloatArray:
+        """Measured motion of every joint per motion of each drive (n, d), by least squares."""
+        return np.asarray(np.linalg.lstsq(self.commanded_rad, self.moved_rad, rcond=None)[0].T)
+
+
+def rank_by_trial(
+    trials: Sequence[TrialWiggles], *, limits: MotionLimits | None = None
+) -> tuple[RankedDrives, ...]:
+    """Rank drive sets by the internal motion they were seen to cause (paper, section 3), best first.
+
+    Uses no model: what joins the drives to the rest is what was measured.
+
+    Raises
+    ------
+    ValueError
+        If a trial has too few wiggles to tell its drives apart.
+    """
+    limits = MotionLimits() if limits is None else limits
+    return _sorted([_judge_trial(trial, limits) for trial in trials])
+
+
+def _sets(model: ClosureModel, degrees: int) -> list[tuple[int, ...]]:
+    usable = [j for j in range(1, model.joint_count + 1) if j not in model.unsensed_joints]
+    return list(combinations(usable, degrees))
+
+
+def _judge(
+    motion: ChainMotion, drives: tuple[int, ...], limits: MotionLimits, *, reach: float | None
+) -> RankedDrives:
+    leverage = motion.leverage(drives)
+    middle = float(np.median(leverage))
+    conditioning = float(np.median(motion.passive_conditioning(drives)))
+    rates = np.linalg.norm(motion.rates(drives), axis=-1)
+    rates[:, [j - 1 for j in drives]] = 0.0
+    typical = np.median(rates, axis=0)
+    fastest = int(np.argmax(typical))
+    return _verdict(
+        drives,
+        leverage=middle,
+        conditioning=conditioning,
+        rates=typical,
+        fastest=(float(typical[fastest]), fastest + 1),
+        reach=reach,
+        limits=limits,
+    )
+
+
+def _judge_trial(trial: TrialWiggles, limits: MotionLimits) -> RankedDrives:
+    if np.linalg.matrix_rank(trial.commanded_rad) < len(trial.drives):
+        raise ValueError(f"the wiggles of joints {trial.drives} do not move each drive by itself")
+    measured = trial.rates()
+    size = np.linalg.norm(measured, axis=-1)
+    followed = float(np.diagonal(measured[[j - 1 for j in trial.drives]]).min())
+    size[[j - 1 for j in trial.drives]] = 0.0
+    fastest = int(np.argmax(size))
+    # Moving all joints by R d, the drives see at least 1 / sigma_max(R) of the whole motion.
+    leverage = float(1.0 / np.linalg.svd(measured, compute_uv=False)[0])
+    stopped = trial.stopped
+    if not stopped and followed < 0.8:
+        stopped = f"a drive moved only {followed:.0%} of what it was told"
+    return _verdict(
+        trial.drives,
+        leverage=min(leverage, 1.0),
+        conditioning=None,
+        rates=size,
+        fastest=(float(size[fastest]), fastest + 1),
+        reach=None,
+        limits=limits,
+        stopped=stopped,
+    )
+
+
+def _verdict(
+    drives: tuple[int, ...],
+    *,
+    leverage: float,
+    conditioning: float | None,
+    rates: FloatArray,
+    fastest: tuple[float, int],
+    reach: float | None,
+    limits: MotionLimits,
+    stopped: str = "",
+) -> RankedDrives:
+    passive = [j for j in range(1, len(rates) + 1) if j not in drives]
+    still = tuple(j for j in passive if rates[j - 1] < 0.05)
+    usable = leverage >= limits.least_leverage and fastest[0] <= limits.most_rate and not stopped
+    reasons = []
+    if stopped:
+        reasons.append(f"the trial stopped: {stopped}")
+    if leverage < FOLDED:
+        reasons.append("at a fold: the free joints are not determined by the drives")
+    elif leverage < limits.least_leverage:
+        reasons.append(
+            f"near a fold: a motion of the drives may move the chain {1.0 / leverage:.0f} times as far"
+        )
+    if reach is not None:
+        reasons.append(f"reaches {reach:.0%} of the poses inside the ranges")
+    if still:
+        names = " and ".join(str(j) for j in still)
+        reasons.append(f"joint{'s' if len(still) > 1 else ''} {names} hardly move")
+    reasons.append(
+        f"joint {fastest[1]} moves most, {fastest[0]:.1f} times as far as the drives"
+        if passive
+        else "no passive joint"
+    )
+    # The paper's criterion is the motion of the remaining joints; runaway is not motion worth having.
+    moved = float(np.mean(np.minimum([rates[j - 1] for j in passive], 1.0))) if passive else 0.0
+    score = (leverage * moved) ** 0.5 if reach is None else reach * (0.5 + 0.5 * leverage)
+    return RankedDrives(
+        drives=drives,
+        score=score if usable else 0.0,
+        usable=usable,
+        leverage=leverage,
+        passive_conditioning=conditioning,
+        fastest_passive=fastest[0],
+        fastest_joint=fastest[1],
+        still=still,
+        reach=reach,
+        reasons=tuple(reasons),
+    )
+
+
+def _sorted(ranked: list[RankedDrives]) -> tuple[RankedDrives, ...]:
+    return tuple(sorted(ranked, key=lambda r: (-r.score, -r.leverage, r.drives)))

@@ -1,0 +1,234 @@
+"""The self-motion manifold inside joint ranges: closed poses that cover it and which of them touch.
+
+The closed chain moves on a manifold of its mobility's dimension (two with a hinge). It is grown from
+a present pose in waves: each new pose puts out tangent steps, all of a wave are closed in one batch,
+and those that come too near an older pose are dropped. What is left covers the part of the manifold
+that can be reached inside the ranges at nearly even spacing. Knows no drive joints and no estimator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from solver.arrays import FloatArray, IntArray
+from solver.closing import close_loops
+from solver.closure import ClosureModel
+from solver.design.motion import ChainMotion, chain_motion
+
+SPACING = 0.75
+"""New poses keep this share of a step from all others, as a disc packing leaves few gaps there."""
+TOUCHING = 1.7
+"""Poses within this many steps are neighbours: beyond the six around a pose, no further ring."""
+BENT = 0.35
+"""A neighbour further off the tangent plane than this share of its distance is on another sheet."""
+CLOSING_ITERATIONS = 8
+COARSE_STEP_RAD = 0.15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ranges:
+    """Where the measured joint angles may be: (n,) rad each, sensor coordinates."""
+
+    lower_rad: FloatArray
+    upper_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        if np.any(self.lower_rad >= self.upper_rad):
+            raise ValueError("every lower end must lie below its upper end")
+
+    def within(self, margin_rad: float | FloatArray) -> Ranges:
+        """Return the ranges narrowed by `margin_rad` (scalar or (n,)) at both ends."""
+        return Ranges(lower_rad=self.lower_rad + margin_rad, upper_rad=self.upper_rad - margin_rad)
+
+    def clearance(self, q: FloatArray) -> FloatArray:
+        """Distance of each pose (..., n) from the nearest end of any range (...,); < 0 outside."""
+        return np.asarray(np.minimum(q - self.lower_rad, self.upper_rad - q).min(-1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manifold:
+    """Closed poses that cover what can be reached from the first of them inside the ranges.
+
+    Attributes
+    ----------
+    q, u
+        Joint angles (m, n) and unsensed angles (m, U), rad. Pose 0 is where the growth started.
+    motion
+        Tangents at all poses.
+    neighbours
+        (E, 2) pairs of poses that touch, lower index first, sorted.
+    step_rad
+        Length of a growing step in the space of all joints.
+    complete
+        False when growth ended at its limit of poses and not at the ends of the ranges.
+    """
+
+    q: FloatArray
+    u: FloatArray
+    motion: ChainMotion
+    neighbours: IntArray
+    step_rad: float
+    complete: bool
+
+    @property
+    def size(self) -> int:
+        """Number m of poses."""
+        return len(self.q)
+
+
+def grow_manifold(
+    model: ClosureModel,
+    x: FloatArray,
+    q_start: FloatArray,
+    ranges: Ranges,
+    *,
+    step_rad: float = 0.12,
+    most: int = 8000,
+    seed: int = 0,
+) -> Manifold:
+    """Cover the manifold of the loops `x` (P,) from the closed pose nearest to `q_start` (n,), rad.
+
+    Parameters
+    ----------
+    ranges
+        Poses outside are not taken; the start is, wherever it is.
+    most
+        Growth stops at this many poses.
+    seed
+        Of the directions; the result is the same for the same seed.
+
+    Raises
+    ------
+    ValueError
+        If no closed pose is found near the start.
+    """
+    start = close_loops(model, x, np.asarray(q_start, dtype=np.float64)[None, :])
+    if not bool(start.closed[0]):
+        raise ValueError("the loop does not close near the start pose with these parameters")
+    rng = np.random.default_rng(seed)
+    q, u = start.q, start.u
+    front = chain_motion(model, x, q, u).tangent
+    front_q, front_u = q, u
+    while len(front_q) and len(q) < most:
+        wave_q, wave_u = _wave(front_q, front_u, front, step_rad, rng)
+        inside = ranges.clearance(wave_q) > -step_rad
+        wave_q, wave_u = wave_q[inside], wave_u[inside]
+        new = _far_from(cKDTree(q), wave_q, 0.5 * step_rad)
+        wave_q, wave_u = wave_q[new], wave_u[new]
+        if len(wave_q) == 0:
+            break
+        closed = close_loops(
+            model, x, wave_q, u=wave_u, max_iterations=CLOSING_ITERATIONS, tolerance=1e-11
+        )
+        # A correction as long as the step itself has landed somewhere else.
+        moved = np.sqrt(((closed.q - wave_q) ** 2).sum(-1))
+        keep = closed.closed & (ranges.clearance(closed.q) >= 0.0) & (moved < 0.7 * step_rad)
+        wave_q, wave_u = closed.q[keep], closed.u[keep]
+        new = _far_from(cKDTree(q), wave_q, SPACING * step_rad)
+        wave_q, wave_u = wave_q[new], wave_u[new]
+        chosen = _spread(wave_q, SPACING * step_rad)[: most - len(q)]
+        front_q, front_u = wave_q[chosen], wave_u[chosen]
+        if len(front_q) == 0:
+            break
+        front = chain_motion(model, x, front_q, front_u).tangent
+        q, u = np.concatenate((q, front_q)), np.concatenate((u, front_u))
+    motion = chain_motion(model, x, q, u)
+    return Manifold(
+        q=q,
+        u=u,
+        motion=motion,
+        neighbours=_touching(q, u, motion, step_rad),
+        step_rad=step_rad,
+        complete=len(q) < most,
+    )
+
+
+def candidate_poses(
+    model: ClosureModel,
+    x: FloatArray,
+    q_start: FloatArray,
+    ranges: Ranges,
+    *,
+    count: int = 3000,
+    seed: int = 0,
+) -> Manifold:
+    """Cover the reachable manifold with about `count` poses, whatever its size.
+
+    A coarse growth measures it; the step of the fine one follows.
+    """
+    coarse = grow_manifold(
+        model, x, q_start, ranges, step_rad=COARSE_STEP_RAD, most=4 * count, seed=seed
+    )
+    step = COARSE_STEP_RAD * (coarse.size / count) ** (1.0 / coarse.motion.degrees)
+    return grow_manifold(
+        model,
+        x,
+        q_start,
+        ranges,
+        step_rad=float(np.clip(step, 0.01, 2.0 * COARSE_STEP_RAD)),
+        most=2 * count,
+        seed=seed,
+    )
+
+
+def _wave(
+    q: FloatArray, u: FloatArray, tangent: FloatArray, step_rad: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Tangent steps from every pose of the front, (f * directions, n) and (..., U)."""
+    poses, joints, degrees = tangent.shape
+    if degrees == 1:
+        directions = np.broadcast_to([[[1.0], [-1.0]]], (poses, 2, 1))
+    elif degrees == 2:
+        # Six around one is the densest packing; the phase is random so that rows do not line up.
+        angle = rng.uniform(0.0, np.pi / 3.0, (poses, 1)) + np.arange(6) * (np.pi / 3.0)
+        directions = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    else:
+        directions = rng.normal(size=(poses, 3 * degrees, degrees))
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    steps = step_rad * (directions @ np.swapaxes(tangent, -1, -2))
+    n = q.shape[-1]
+    many = steps.shape[0] * steps.shape[1]
+    wave_q = (q[:, None, :] + steps[..., :n]).reshape(many, n)
+    wave_u = (u[:, None, :] + steps[..., n:]).reshape(many, joints - n)
+    return wave_q, wave_u
+
+
+def _far_from(tree: cKDTree, points: FloatArray, distance: float) -> FloatArray:
+    """Boolean (m,): no point of the tree is nearer than `distance`."""
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.bool_)
+    nearest, _ = tree.query(points, distance_upper_bound=distance)
+    return np.asarray(nearest >= distance)
+
+
+def _spread(points: FloatArray, distance: float) -> IntArray:
+    """Indices of points of which no two are nearer than `distance`, earlier ones first."""
+    dropped = np.zeros(len(points), dtype=np.bool_)
+    if len(points):
+        pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
+        order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+        for first, second in pairs[order]:
+            if not dropped[first]:
+                dropped[second] = True
+    return np.flatnonzero(~dropped)
+
+
+def _touching(q: FloatArray, u: FloatArray, motion: ChainMotion, step_rad: float) -> IntArray:
+    """Pairs of poses that touch along the manifold (E, 2)."""
+    points = np.concatenate((q, u), axis=-1)
+    pairs = cKDTree(points).query_pairs(TOUCHING * step_rad, output_type="ndarray")
+    if len(pairs) == 0:
+        return np.zeros((0, 2), dtype=np.int64)
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    apart = points[pairs[:, 1]] - points[pairs[:, 0]]
+    length = np.linalg.norm(apart, axis=-1)
+    flat = np.ones(len(pairs), dtype=np.bool_)
+    for end in (0, 1):
+        T = motion.tangent[pairs[:, end]]
+        along = (np.swapaxes(T, -1, -2) @ apart[..., None])[..., 0]
+        off = np.sqrt(np.maximum(length**2 - (along**2).sum(-1), 0.0))
+        flat &= off <= BENT * length
+    return np.asarray(pairs[flat], dtype=np.int64)

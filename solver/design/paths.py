@@ -1,0 +1,316 @@
+"""Paths of the drive joints from pose to pose along the manifold, with changes of drive joints on the way.
+
+A graph over the manifold's poses, one layer per set of drive joints. Two touching poses are joined in
+a layer when its drives can carry the chain between them: leverage at both ends and no fold between.
+Routes found in it are followed exactly before they are believed, and an edge that fails is closed.
+Knows geometry; no arm in motion, no choice of poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.closure import ClosureModel
+from solver.design.drive_line import drive_straight
+from solver.design.manifold import Manifold, Ranges
+
+CHANGE_COST_RAD = 0.5
+"""What a change of drive joints costs, as motion: stopping, switching and settling again."""
+LINE_STEP_RAD = 0.03
+"""Spacing at which straight drive moves are followed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionLimits:
+    """What a path must keep to.
+
+    Attributes
+    ----------
+    least_leverage
+        Of the drive joints, everywhere on the path.
+    most_rate
+        Largest speed of a passive joint over that of the faster drive joint.
+    """
+
+    least_leverage: float = 0.2
+    most_rate: float = 6.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leg:
+    """Straight moves of one set of drive joints, one after the other.
+
+    Attributes
+    ----------
+    drives
+        Joints (1-based) in position mode; all others are free.
+    waypoints_rad
+        (k, n): where each straight move should end, all joints; only the drives are commanded.
+    trace_rad
+        (t, n): all joints along the leg, start included, closely spaced.
+    """
+
+    drives: tuple[int, ...]
+    waypoints_rad: FloatArray
+    trace_rad: FloatArray
+
+    def targets(self, waypoint: int) -> dict[int, float]:
+        """Drive angles of one waypoint: what `Arm.move` takes."""
+        return {j: float(self.waypoints_rad[waypoint, j - 1]) for j in self.drives}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Route:
+    """A followed path from one pose of the manifold to another; no legs when they are the same."""
+
+    legs: tuple[Leg, ...]
+    cost_rad: float
+
+
+class PathGraph:
+    """Which poses can be reached from which, with which drive joints.
+
+    Parameters
+    ----------
+    manifold
+        Poses and who touches whom.
+    drive_sets
+        Sets of drive joints that may be used, as many joints each as the mobility.
+    limits
+        What every path keeps to.
+    allowed
+        (m,): poses a path may pass; all by default.
+    """
+
+    def __init__(
+        self,
+        manifold: Manifold,
+        drive_sets: Sequence[tuple[int, ...]],
+        limits: MotionLimits,
+        *,
+        allowed: BoolArray | None = None,
+    ) -> None:
+        if any(len(set(drives)) != manifold.motion.degrees for drives in drive_sets):
+            raise ValueError(f"every drive set needs {manifold.motion.degrees} joints")
+        self.manifold = manifold
+        self.drive_sets = tuple(tuple(drives) for drives in drive_sets)
+        self.limits = limits
+        self._allowed = np.ones(manifold.size, dtype=np.bool_) if allowed is None else allowed
+        self._open = [self._passable(drives) for drives in self.drive_sets]
+        self._cost = [self._costs(drives) for drives in self.drive_sets]
+        self._graph = self._assemble()
+
+    def reachable(self, source: int = 0, *, drives: tuple[int, ...] | None = None) -> BoolArray:
+        """Poses (m,) that can be reached from `source`, with `drives` alone or with all sets in turn."""
+        size, layers = self.manifold.size, len(self.drive_sets)
+        if drives is not None:
+            k = self.drive_sets.index(drives)
+            block = self._graph[k * size : (k + 1) * size, k * size : (k + 1) * size]
+            _, label = connected_components(block, directed=False)
+            return np.asarray(label == label[source])
+        _, label = connected_components(self._graph, directed=False)
+        reached = np.zeros(size, dtype=np.bool_)
+        for k in range(layers):
+            reached |= label[k * size : (k + 1) * size] == label[source]
+        return reached
+
+    def distances(self, sources: Sequence[int]) -> FloatArray:
+        """Cheapest paths between poses, (len(sources), len(sources)), inf where there is none."""
+        size = self.manifold.size
+        all_layers = dijkstra(self._graph, directed=False, indices=list(sources))
+        over_layers = all_layers.reshape(len(sources), len(self.drive_sets), size)
+        return np.asarray(over_layers.min(axis=1)[:, list(sources)])
+
+    def route(
+        self,
+        model: ClosureModel,
+        x: FloatArray,
+        ranges: Ranges,
+        *,
+        source: int,
+        target: int,
+        drives: tuple[int, ...],
+        attempts: int = 20,
+    ) -> Route | None:
+        """Find and follow a path; None when no path survives.
+
+        Parameters
+        ----------
+        model, x, ranges
+            Loops, parameters (P,) and ranges the trace is checked against.
+        drives
+            The drive joints in position mode at the source.
+        attempts
+            How often a path with an edge that fails on the way may be replaced.
+        """
+        for _ in range(attempts):
+            found = self._search(source, target, drives)
+            if found is None:
+                return None
+            nodes, cost = found
+            legs = self._follow(model, x, ranges, nodes)
+            if legs is not None:
+                return Route(legs=legs, cost_rad=cost)
+            self._graph = self._assemble()
+        return None
+
+    def _passable(self, drives: tuple[int, ...]) -> BoolArray:
+        i, j = self.manifold.neighbours.T
+        motion = self.manifold.motion
+        leverage = motion.leverage(drives)
+        volume = motion.orientation(drives)
+        # The same side of every fold: the drives' rows keep their sign as the tangent is carried over.
+        carried = np.linalg.det(np.swapaxes(motion.tangent[i], -1, -2) @ motion.tangent[j])
+        usable = self._allowed & (leverage >= self.limits.least_leverage)
+        usable &= np.linalg.norm(motion.rates(drives), axis=-1).max(-1) <= self.limits.most_rate
+        return np.asarray(usable[i] & usable[j] & (volume[i] * volume[j] * carried > 0.0))
+
+    def _costs(self, drives: tuple[int, ...]) -> FloatArray:
+        """Length of each edge, dearer where the drives have little leverage."""
+        i, j = self.manifold.neighbours.T
+        leverage = self.manifold.motion.leverage(drives)
+        near = self.limits.least_leverage / np.maximum(np.minimum(leverage[i], leverage[j]), 1e-3)
+        return np.asarray(
+            np.linalg.norm(self.manifold.q[i] - self.manifold.q[j], axis=-1) * (1.0 + near**2)
+        )
+
+    def _assemble(self) -> csr_array:
+        size, layers = self.manifold.size, len(self.drive_sets)
+        i, j = self.manifold.neighbours.T
+        first, second, cost = [], [], []
+        for k in range(layers):
+            open_ = self._open[k]
+            first.append(i[open_] + k * size)
+            second.append(j[open_] + k * size)
+            cost.append(self._cost[k][open_])
+        leverage = [self.manifold.motion.leverage(drives) for drives in self.drive_sets]
+        for a in range(layers):
+            for b in range(a + 1, layers):
+                both = np.flatnonzero(
+                    self._allowed
+                    & (np.minimum(leverage[a], leverage[b]) >= self.limits.least_leverage)
+                )
+                first.append(both + a * size)
+                second.append(both + b * size)
+                cost.append(np.full(len(both), CHANGE_COST_RAD))
+        rows, columns, values = map(np.concatenate, (first, second, cost))
+        return csr_array((values, (rows, columns)), shape=(layers * size, layers * size))
+
+    def _search(
+        self, source: int, target: int, drives: tuple[int, ...]
+    ) -> tuple[list[tuple[int, int]], float] | None:
+        """Cheapest path as (layer, pose) pairs and its cost."""
+        size = self.manifold.size
+        start = self.drive_sets.index(drives) * size + source
+        costs, predecessors = dijkstra(
+            self._graph, directed=False, indices=[start], return_predecessors=True
+        )
+        cost, before = costs[0], predecessors[0]
+        ends = [k * size + target for k in range(len(self.drive_sets))]
+        end = min(ends, key=lambda node: float(cost[node]))
+        if not np.isfinite(cost[end]):
+            return None
+        nodes = [end]
+        while nodes[-1] != start:
+            nodes.append(int(before[nodes[-1]]))
+        return [divmod(node, size) for node in reversed(nodes)], float(cost[end])
+
+    def _follow(
+        self, model: ClosureModel, x: FloatArray, ranges: Ranges, nodes: list[tuple[int, int]]
+    ) -> tuple[Leg, ...] | None:
+        """Follow every straight move of a path; close the first edge that fails and return None."""
+        legs = []
+        for layer, group in groupby(nodes, key=lambda node: node[0]):
+            poses = [pose for _, pose in group]
+            if len(poses) > 1:
+                leg = self._leg(model, x, ranges, layer, poses)
+                if leg is None:
+                    return None
+                legs.append(leg)
+        return tuple(legs)
+
+    def _leg(
+        self, model: ClosureModel, x: FloatArray, ranges: Ranges, layer: int, poses: list[int]
+    ) -> Leg | None:
+        """Join poses by as few straight moves as are safe."""
+        drives = self.drive_sets[layer]
+        columns = [j - 1 for j in drives]
+        q, u = self.manifold.q[poses], self.manifold.u[poses]
+        waypoints, trace = [], [q[:1]]
+        here = 0
+        while here < len(poses) - 1:
+            ahead = np.arange(here + 1, len(poses))
+            targets = q[ahead][:, columns]
+            longest = float(np.abs(targets - q[here, columns]).max())
+            lines = drive_straight(
+                model,
+                x,
+                np.repeat(q[here : here + 1], len(ahead), axis=0),
+                np.repeat(u[here : here + 1], len(ahead), axis=0),
+                drives,
+                targets,
+                steps=max(2, int(np.ceil(longest / LINE_STEP_RAD))),
+            )
+            safe = lines.safe(
+                ranges,
+                least_leverage=0.8 * self.limits.least_leverage,
+                most_rate=1.25 * self.limits.most_rate,
+            )
+            # The same drive angles on another branch are another pose.
+            safe &= np.abs(lines.q[:, -1] - q[ahead]).max(-1) < 1e-6
+            if not safe.any():
+                self._close(layer, poses[here], poses[here + 1])
+                return None
+            best = int(np.flatnonzero(safe)[-1])
+            waypoints.append(q[ahead[best]])
+            trace.append(lines.q[best, 1:])
+            here = int(ahead[best])
+        return Leg(
+            drives=drives, waypoints_rad=np.stack(waypoints), trace_rad=np.concatenate(trace)
+        )
+
+    def _close(self, layer: int, first: int, second: int) -> None:
+        low, high = min(first, second), max(first, second)
+        pairs: IntArray = self.manifold.neighbours
+        self._open[layer] &= ~((pairs[:, 0] == low) & (pairs[:, 1] == high))
+
+
+def visiting_order(distances: FloatArray) -> tuple[int, ...]:
+    """Short open tour through all points from point 0, by nearest neighbour and 2-opt.
+
+    Parameters
+    ----------
+    distances
+        (k, k), symmetric; inf where there is no way.
+
+    Returns
+    -------
+    Points 1..k-1 in visiting order.
+    """
+    size = len(distances)
+    finite = np.where(np.isfinite(distances), distances, 1e9)
+    tour, left = [0], set(range(1, size))
+    while left:
+        tour.append(min(left, key=lambda p: (float(finite[tour[-1], p]), p)))
+        left.remove(tour[-1])
+    improved = True
+    while improved:
+        improved = False
+        for a in range(1, size - 1):
+            for b in range(a + 1, size):
+                old = finite[tour[a - 1], tour[a]]
+                new = finite[tour[a - 1], tour[b]]
+                if b + 1 < size:
+                    old = old + finite[tour[b], tour[b + 1]]
+                    new = new + finite[tour[a], tour[b + 1]]
+                if new < old - 1e-9:
+                    tour[a : b + 1] = reversed(tour[a : b + 1])
+                    improved = True
+    return tuple(tour[1:])

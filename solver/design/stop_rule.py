@@ -1,0 +1,178 @@
+"""When to stop taking poses: precision reached, or nothing left that helps. Knows matrices and names.
+
+A pose always averages some noise, so "no pose helps" is judged by a forecast: even after the poses
+that may still be afforded, each the best for the weakest parameter, the request would not be met.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from solver.arrays import BoolArray, FloatArray
+from solver.design.pose_information import PoseInformation
+from solver.least_squares import column_scale
+
+BLIND = 1e-13
+"""Directions whose scaled information is below this share of the largest are not determined."""
+
+
+class Progress(Enum):
+    """Where a pose set stands against the precision asked for."""
+
+    REACHED = "reached"
+    GOING_ON = "going on"
+    HOPELESS = "no pose left that helps"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeakParameter:
+    """A parameter that is not known well enough.
+
+    Attributes
+    ----------
+    name
+        Paper notation.
+    sigma, requested
+        Standard deviation now and wanted, rad or m; inf when not determined at all.
+    forecast
+        Standard deviation after the remaining poses, were they all spent on it.
+    """
+
+    name: str
+    sigma: float
+    requested: float
+    forecast: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopDecision:
+    """Whether to stop, why, and what stays weak.
+
+    Attributes
+    ----------
+    progress
+        The verdict.
+    weak
+        Parameters short of the request, the worst (largest sigma over request) first.
+    poses_needed
+        How many more poses the forecast needs; None when they do not suffice.
+    text
+        One sentence.
+    """
+
+    progress: Progress
+    weak: tuple[WeakParameter, ...]
+    poses_needed: int | None
+    text: str
+
+    @property
+    def stop(self) -> bool:
+        """Whether there is a reason to stop."""
+        return self.progress is not Progress.GOING_ON
+
+
+def standard_deviations(information: FloatArray) -> FloatArray:
+    """Standard deviation of every parameter (P,) from an information matrix; inf where undetermined."""
+    d = np.sqrt(np.diagonal(information))
+    d = np.where(d > 0.0, d, 1.0)
+    values, vectors = np.linalg.eigh(information / np.outer(d, d))
+    blind = values <= BLIND * max(float(values[-1]), 1e-300)
+    variance = (vectors[:, ~blind] ** 2 / values[~blind]).sum(-1)
+    touched = (vectors[:, blind] ** 2).sum(-1) > 1e-6
+    return np.asarray(np.where(touched, np.inf, np.sqrt(variance) / d))
+
+
+def judge_progress(
+    information: FloatArray,
+    candidates: PoseInformation,
+    requested: Mapping[str, float],
+    *,
+    poses_left: int,
+    allowed: BoolArray | None = None,
+) -> StopDecision:
+    """Compare the information so far (P, P) with standard deviations asked for, rad and m by name.
+
+    Parameters
+    ----------
+    candidates
+        What poses could still tell; same parameters as `information`.
+    requested
+        Parameters not named are not judged.
+    poses_left
+        How many more poses may be taken.
+    allowed
+        (m,): candidates that can be reached.
+    """
+    unknown = sorted(set(requested) - set(candidates.parameters))
+    if unknown:
+        raise ValueError(f"no parameter {', '.join(unknown)} in this calibration")
+    names = [name for name in candidates.parameters if name in requested]
+    columns = [candidates.parameters.index(name) for name in names]
+    goal = np.array([requested[name] for name in names])
+    now = standard_deviations(information)[columns]
+    if np.all(now <= goal):
+        return StopDecision(
+            progress=Progress.REACHED,
+            weak=(),
+            poses_needed=0,
+            text="every parameter is known as well as requested",
+        )
+    root = candidates.root if allowed is None else candidates.root[allowed]
+    later, needed = _forecast(information, root, np.array(columns), goal, poses_left)
+    order = np.argsort(-_ratio(now, goal), kind="stable")
+    weak = tuple(
+        WeakParameter(
+            name=names[k],
+            sigma=float(now[k]),
+            requested=float(goal[k]),
+            forecast=float(later[k]),
+        )
+        for k in order
+        if now[k] > goal[k]
+    )
+    if needed is not None:
+        text = f"about {needed} more poses to reach the request; {weak[0].name} is weakest"
+        return StopDecision(progress=Progress.GOING_ON, weak=weak, poses_needed=needed, text=text)
+    short = [w.name for w in weak if w.forecast > w.requested] or [weak[0].name]
+    worst = max(weak, key=lambda w: w.forecast / w.requested)
+    named = ", ".join(short[:3]) + (f" and {len(short) - 3} others" if len(short) > 3 else "")
+    text = (
+        f"{poses_left} more poses would not bring {named} to the request: "
+        f"{worst.name} would stay {worst.forecast / worst.requested:.1f} times too uncertain"
+    )
+    return StopDecision(progress=Progress.HOPELESS, weak=weak, poses_needed=None, text=text)
+
+
+def _forecast(
+    information: FloatArray, root: FloatArray, columns: FloatArray, goal: FloatArray, left: int
+) -> tuple[FloatArray, int | None]:
+    """Best standard deviations after up to `left` poses spent on the worst parameter each time."""
+    M = information.copy()
+    if len(root) == 0:
+        return standard_deviations(M)[columns], None
+    scale = column_scale(root.reshape(-1, root.shape[-1]))
+    prior = np.diag(scale**2) * (1e-8 / len(root))
+    for taken in range(left + 1):
+        sigma = standard_deviations(M)[columns]
+        if np.all(sigma <= goal):
+            return sigma, taken
+        if taken == left:
+            break
+        worst = int(columns[int(np.argmax(_ratio(sigma, goal)))])
+        # Variance of parameter k falls by |C_k F'|^2 in the metric (I + F C F')^-1.
+        C = np.linalg.inv(M + prior)
+        FC = root @ C
+        S = FC @ np.swapaxes(root, -1, -2) + np.eye(root.shape[-2])
+        column = FC[..., worst]
+        fall = (column * np.linalg.solve(S, column[..., None])[..., 0]).sum(-1)
+        best = root[int(np.argmax(fall))]
+        M = M + best.T @ best
+    return sigma, None
+
+
+def _ratio(sigma: FloatArray, goal: FloatArray) -> FloatArray:
+    return np.asarray(np.where(np.isfinite(sigma), sigma / goal, 1e300))

@@ -1,0 +1,48 @@
+"""Table 2's arm with its joint ranges, and the planned region around home."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.closure import DhLoop
+from solver.design.manifold import Manifold, Ranges, grow_manifold
+from solver.design.pose_information import PoseInformation, planning_noise, pose_information
+from solver.parameters import nominal_vector
+from tests.oracles.loop_oracle import paper_truth
+from tests.oracles.simulated_loops import ENCODER_SD
+from tests.solver.conftest import loop_of
+
+HOME = paper_truth().home
+SIGMA = np.array([ENCODER_SD] * 5 + [6e-3] * 2)
+
+
+def paper_ranges() -> Ranges:
+    lower, upper = HOME - np.deg2rad(75.0), HOME + np.deg2rad(75.0)
+    lower[5:], upper[5:] = np.deg2rad([-275.625, -15.0]), np.deg2rad([-155.625, 105.0])
+    return Ranges(lower_rad=lower, upper_rad=upper)
+
+
+@pytest.fixture(scope="session")
+def loop() -> DhLoop:
+    return loop_of(paper_truth())
+
+
+@pytest.fixture(scope="session")
+def x(loop: DhLoop) -> np.ndarray:
+    return nominal_vector(loop.parameters)
+
+
+@pytest.fixture(scope="session")
+def ranges() -> Ranges:
+    return paper_ranges().within(np.deg2rad(3.0))
+
+
+@pytest.fixture(scope="session")
+def region(loop: DhLoop, x: np.ndarray, ranges: Ranges) -> Manifold:
+    return grow_manifold(loop, x, HOME, ranges, step_rad=0.12)
+
+
+@pytest.fixture(scope="session")
+def told(loop: DhLoop, x: np.ndarray, region: Manifold) -> PoseInformation:
+    return pose_information(loop, x, region.q, region.u, planning_noise(SIGMA))

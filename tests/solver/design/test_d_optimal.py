@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from itertools import combinations
+from time import perf_counter
+
+import numpy as np
+import pytest
+
+from solver.design.d_optimal import choose_poses, efficiency, gains, log_det, next_best
+
+
+def exhaustive(root: np.ndarray, count: int, fixed: np.ndarray | None = None) -> float:
+    """Largest log det over all subsets, by plain determinants."""
+    best = -np.inf
+    for chosen in combinations(range(len(root)), count):
+        rows = root[list(chosen)].reshape(-1, root.shape[-1])
+        best = max(best, np.linalg.slogdet(rows.T @ rows + (0 if fixed is None else fixed))[1])
+    return float(best)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_exchange_is_as_good_as_exhaustive_search(seed: int) -> None:
+    root = np.random.default_rng(seed).normal(size=(16, 2, 6))
+    design = choose_poses(root, 5)
+    best = exhaustive(root, 5)
+    assert design.log_det <= best + 1e-9
+    # Within 1 % in determinant terms too, which is far stricter than 1 % of the logarithm.
+    assert design.log_det >= best - 0.01 * abs(best)
+    assert efficiency(design.log_det, best, 6) > 0.99
+
+
+def test_exchange_on_real_poses_is_as_good_as_exhaustive_search(told) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        few = told.root[rng.choice(len(told.root), 14, replace=False)]
+        best = exhaustive(few, 5)
+        design = choose_poses(few, 5)
+        assert abs(design.log_det - best) <= 0.01 * abs(best)
+        assert efficiency(design.log_det, best, 14) > 0.99
+
+
+def test_captured_poses_are_taken_into_account() -> None:
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(15, 2, 6))
+    # What is known already: everything but the last two parameters.
+    fixed = np.diag([1e4] * 4 + [0.0] * 2)
+    design = choose_poses(root, 3, fixed=fixed)
+    assert design.log_det == pytest.approx(exhaustive(root, 3, fixed), abs=0.03)
+    assert set(design.chosen) != set(choose_poses(root, 3).chosen)
+
+
+def test_gain_is_the_change_of_the_determinant() -> None:
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(40, 3, 5))
+    M = np.cov(rng.normal(size=(5, 30)))
+    direct = [log_det(M + F.T @ F) - log_det(M) for F in root]
+    assert gains(root, M) == pytest.approx(np.array(direct), abs=1e-11)
+
+
+def test_next_best_works_before_anything_is_determined(told) -> None:
+    P = len(told.parameters)
+    first, _ = next_best(told.root, np.zeros((P, P)))
+    second, gain = next_best(told.root, told.of([first]))
+    assert second != first
+    assert gain > 0.0
+
+
+def test_scaling_a_parameter_changes_nothing(told) -> None:
+    units = np.geomspace(1e-3, 1e3, len(told.parameters))
+    plain, scaled = choose_poses(told.root, 8), choose_poses(told.root * units, 8)
+    assert scaled.chosen == plain.chosen
+    assert scaled.log_det - plain.log_det == pytest.approx(2.0 * np.log(units).sum(), abs=1e-6)
+
+
+def test_poses_keep_apart_when_asked(region, told) -> None:
+    design = choose_poses(told.root, 12, q=region.q, apart_rad=0.3)
+    q = region.q[list(design.chosen)]
+    gaps = np.linalg.norm(q[:, None] - q[None], axis=-1)[~np.eye(12, dtype=bool)]
+    assert gaps.min() >= 0.3
+    close = choose_poses(told.root, 12)
+    q = region.q[list(close.chosen)]
+    assert np.linalg.norm(q[:, None] - q[None], axis=-1)[~np.eye(12, dtype=bool)].min() < 0.3
+
+
+def test_only_allowed_poses_are_chosen(told) -> None:
+    allowed = np.zeros(len(told.root), dtype=bool)
+    allowed[::7] = True
+    assert set(choose_poses(told.root, 9, allowed=allowed).chosen) <= set(np.flatnonzero(allowed))
+    with pytest.raises(ValueError, match="9 poses asked of 0"):
+        choose_poses(told.root, 9, allowed=np.zeros(len(told.root), dtype=bool))
+
+
+def test_update_is_fast_enough_for_the_screen(told) -> None:
+    root = np.concatenate([told.root] * 3)[:3000]
+    M = told.of(range(10))
+    next_best(root, M)
+    times = []
+    for _ in range(5):
+        start = perf_counter()
+        next_best(root, M)
+        times.append(perf_counter() - start)
+    assert min(times) < 0.05

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from solver.design.manifold import candidate_poses, grow_manifold
+from solver.parameters import nominal_vector
+from tests.oracles.loop_oracle import closed_poses, closure, paper_truth, product
+
+TRUTH = paper_truth()
+
+
+def test_every_pose_closes_for_the_oracle_and_is_in_range(region, ranges) -> None:
+    error = closure(TRUTH, np.concatenate((region.u[:, :1], region.q), axis=1))
+    assert np.abs(error).max() < 1e-8
+    T = product(
+        np.concatenate((region.u[:, :1], region.q), axis=1) + TRUTH.theta_off,
+        TRUTH.s,
+        TRUTH.a,
+        TRUTH.alpha,
+    )
+    assert np.trace(T[:, :3, :3], axis1=1, axis2=2).min() > 2.99
+    assert ranges.clearance(region.q).min() >= 0.0
+    assert region.complete
+
+
+def test_region_covers_what_random_search_finds(region, ranges) -> None:
+    # Poses of the oracle, projected from random joint angles: a way that knows no growth.
+    found = closed_poses(TRUTH, np.random.default_rng(0), 150, spread_deg=40.0)[:, 1:]
+    inside = found[ranges.clearance(found) > 0.15]
+    gap, _ = cKDTree(region.q).query(inside)
+    # The manifold has other parts that cannot be reached from home; most random poses are on this.
+    assert len(inside) > 60
+    assert np.mean(gap < region.step_rad) > 0.9
+
+
+def test_spacing_is_even(region) -> None:
+    nearest = cKDTree(region.q).query(region.q, k=2)[0][:, 1]
+    assert nearest.min() > 0.7 * region.step_rad
+    assert np.percentile(nearest, 95) < 1.1 * region.step_rad
+
+
+def test_same_seed_same_poses(loop, x, ranges) -> None:
+    first, again, other = (
+        grow_manifold(loop, x, TRUTH.home, ranges, step_rad=0.3, seed=s) for s in (4, 4, 5)
+    )
+    assert np.array_equal(first.q, again.q)
+    assert first.q.shape != other.q.shape or not np.array_equal(first.q, other.q)
+
+
+def test_candidates_come_in_the_number_asked_for(loop, x, ranges) -> None:
+    assert 600 < candidate_poses(loop, x, TRUTH.home, ranges, count=800).size < 1000
+
+
+def test_growth_stops_at_its_limit_and_says_so(loop, x, ranges) -> None:
+    cut = grow_manifold(loop, x, TRUTH.home, ranges, most=50)
+    assert cut.size == 50
+    assert not cut.complete
+
+
+def test_start_that_cannot_close_is_refused(loop, x, ranges) -> None:
+    apart = replace(loop, table=replace(loop.table, s_m=loop.table.s_m + 2.0 * (np.arange(8) == 1)))
+    with pytest.raises(ValueError, match="does not close"):
+        grow_manifold(apart, nominal_vector(apart.parameters), TRUTH.home, ranges)
+
+
+def test_rigid_fixture_leaves_a_curve(loop, x, region, ranges) -> None:
+    """With the hinge locked where it stands one freedom is left; growth follows it both ways."""
+    offsets = np.array(loop.table.theta_off_rad)
+    offsets[0] = region.u[0, 0]
+    rigid = replace(loop, table=replace(loop.table, theta_off_rad=offsets), hinge=False)
+    curve = grow_manifold(rigid, x, TRUTH.home, ranges, step_rad=0.1)
+    assert curve.motion.degrees == 1
+    assert curve.size > 15
+    moved = curve.q - curve.q[0]
+    assert moved[:, 6].min() < -0.1
+    assert moved[:, 6].max() > 0.1
+    # The self-motion of a bolted arm: the elbow does not take part (method, section 2).
+    assert np.abs(moved[:, 3]).max() < 1e-9
+    # A curve: nobody has many neighbours.
+    assert np.bincount(curve.neighbours.ravel(), minlength=curve.size).max() <= 4

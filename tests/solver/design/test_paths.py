@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from solver.design.drive_line import drive_straight
+from solver.design.paths import MotionLimits, PathGraph, visiting_order
+from tests.oracles.loop_oracle import closure, paper_truth
+
+TRUTH = paper_truth()
+LIMITS = MotionLimits()
+
+
+@pytest.fixture(scope="module")
+def graph(region) -> PathGraph:
+    return PathGraph(region, [(1, 5), (3, 5)], LIMITS)
+
+
+def far_poses(graph: PathGraph, count: int) -> list[int]:
+    reached = np.flatnonzero(graph.reachable(0, drives=(1, 5)))
+    return [int(k) for k in np.random.default_rng(0).choice(reached, count, replace=False)]
+
+
+def test_routes_arrive_inside_ranges_with_closed_loops(graph, loop, x, ranges) -> None:
+    here, drives = 0, (1, 5)
+    for target in far_poses(graph, 12):
+        route = graph.route(loop, x, ranges, source=here, target=target, drives=drives)
+        assert route is not None
+        assert route.legs[-1].waypoints_rad[-1] == pytest.approx(graph.manifold.q[target], abs=1e-6)
+        for leg in route.legs:
+            assert ranges.clearance(leg.trace_rad).min() >= 0.0
+            u = loop.initial_unsensed(x, leg.trace_rad)
+            angles = np.concatenate((u[:, :1], leg.trace_rad), axis=1)
+            assert np.abs(closure(TRUTH, angles)).max() < 1e-7
+            assert np.abs(np.diff(leg.trace_rad, axis=0)).max() < 0.3
+        here, drives = target, route.legs[-1].drives
+
+
+def test_drives_go_straight_on_every_move(graph, loop, x, ranges) -> None:
+    (target,) = far_poses(graph, 1)
+    route = graph.route(loop, x, ranges, source=0, target=target, drives=(1, 5))
+    leg = route.legs[0]
+    drives = leg.trace_rad[:, [j - 1 for j in leg.drives]]
+    corners = np.concatenate((drives[:1], leg.waypoints_rad[:, [j - 1 for j in leg.drives]]))
+    for point in drives:
+        away = min(
+            np.linalg.norm(
+                point - (a + np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1) * (b - a))
+            )
+            for a, b in itertools.pairwise(corners)
+        )
+        assert away < 1e-9
+
+
+def test_another_pair_reaches_more(region, graph) -> None:
+    alone = graph.reachable(0, drives=(1, 5))
+    together = graph.reachable(0)
+    assert together.sum() > alone.sum()
+    assert np.all(together[alone])
+
+
+def test_route_changes_drives_when_it_must(graph, loop, x, ranges) -> None:
+    only_both = np.flatnonzero(graph.reachable(0) & ~graph.reachable(0, drives=(1, 5)))
+    route = graph.route(loop, x, ranges, source=0, target=int(only_both[0]), drives=(1, 5))
+    assert route is not None
+    assert {leg.drives for leg in route.legs} >= {(3, 5)}
+
+
+def test_no_route_out_of_an_island(region, loop, x, ranges) -> None:
+    allowed = np.zeros(region.size, dtype=bool)
+    allowed[[0, region.size - 1]] = True
+    graph = PathGraph(region, [(1, 5)], LIMITS, allowed=allowed)
+    assert graph.reachable(0).sum() == 1
+    assert graph.route(loop, x, ranges, source=0, target=region.size - 1, drives=(1, 5)) is None
+
+
+def test_line_into_a_fold_is_not_safe(loop, x, region, ranges) -> None:
+    # Driving joints 6 and 7 from the best posture for them outwards ends in a fold.
+    start = int(np.argmax(region.motion.leverage((6, 7))))
+    q, u = region.q[start : start + 1], region.u[start : start + 1]
+    safe = []
+    for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
+        target = q[:, 5:7] + 1.2 * np.array([[np.cos(angle), np.sin(angle)]])
+        lines = drive_straight(loop, x, q, u, (6, 7), target, steps=60)
+        safe.append(bool(lines.safe(ranges, least_leverage=0.2, most_rate=6.0)[0]))
+    assert not all(safe)
+    still = drive_straight(loop, x, q, u, (6, 7), q[:, 5:7] + 0.02, steps=3)
+    assert still.safe(ranges, least_leverage=0.05, most_rate=20.0)[0]
+
+
+def test_tour_is_short() -> None:
+    rng = np.random.default_rng(5)
+    points = rng.uniform(size=(9, 2))
+    distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
+
+    def length(order) -> float:
+        path = [0, *order]
+        return sum(distances[a, b] for a, b in itertools.pairwise(path))
+
+    from itertools import permutations
+
+    best = min(length(p) for p in permutations(range(1, 9)))
+    order = visiting_order(distances)
+    assert sorted(order) == list(range(1, 9))
+    assert length(order) <= 1.15 * best

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.design.d_optimal import choose_poses
+from solver.design.stop_rule import Progress, judge_progress, standard_deviations
+
+
+@pytest.fixture(scope="module")
+def chosen(told):
+    return choose_poses(told.root, 12).chosen
+
+
+def requests(told, chosen, factor: float) -> dict[str, float]:
+    sigma = standard_deviations(told.of(chosen))
+    return dict(zip(told.parameters, factor * sigma, strict=True))
+
+
+def test_reached(told, chosen) -> None:
+    decision = judge_progress(told.of(chosen), told, requests(told, chosen, 1.01), poses_left=5)
+    assert decision.progress is Progress.REACHED
+    assert decision.stop
+
+
+def test_going_on_names_the_weakest_and_the_forecast_is_enough(told, chosen) -> None:
+    goal = requests(told, chosen, 0.8)
+    goal["s_1"] *= 0.7
+    decision = judge_progress(told.of(chosen), told, goal, poses_left=60)
+    assert decision.progress is Progress.GOING_ON
+    assert decision.weak[0].name == "s_1"
+    assert 3 < decision.poses_needed < 60
+    assert not decision.stop
+
+
+def test_hopeless_says_which_parameter_stays_weak(told, chosen) -> None:
+    goal = {"alpha_0": 1e-9, "theta_off_1": 1.0}
+    decision = judge_progress(told.of(chosen), told, goal, poses_left=10)
+    assert decision.progress is Progress.HOPELESS
+    assert [w.name for w in decision.weak] == ["alpha_0"]
+    assert "alpha_0" in decision.text
+    assert decision.weak[0].forecast < decision.weak[0].sigma
+
+
+def test_forecast_is_never_better_than_all_poses_could_be(told, chosen) -> None:
+    goal = requests(told, chosen, 0.5)
+    decision = judge_progress(told.of(chosen), told, goal, poses_left=4)
+    root = told.root
+    # Four more poses cannot beat four times the whole region's information.
+    everything = told.of(chosen) + 4.0 * np.einsum("mrp,mrq->pq", root, root)
+    bound = dict(zip(told.parameters, standard_deviations(everything), strict=True))
+    assert all(w.forecast >= bound[w.name] for w in decision.weak)
+
+
+def test_too_few_poses_leave_parameters_open(told) -> None:
+    sigma = standard_deviations(told.of([0, 1]))
+    assert np.isinf(sigma).any()
+    decision = judge_progress(
+        told.of([0, 1]), told, dict.fromkeys(told.parameters, 1.0), poses_left=20
+    )
+    assert decision.progress is Progress.GOING_ON
+
+
+def test_unknown_name_is_a_wrong_call(told, chosen) -> None:
+    with pytest.raises(ValueError, match="a_9"):
+        judge_progress(told.of(chosen), told, {"a_9": 1.0}, poses_left=1)

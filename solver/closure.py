@@ -6,13 +6,13 @@ that is itself a D-H link (rigid, hinge); it knows no estimator, no fixture and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray
+from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain import DhTable, Frames, forward, jacobian
 from solver.parameters import DhEntry, DhKind, Parameter, wrap_angles
 from solver.rotations import rotation_vector, rotation_vector_differential, skew
@@ -108,6 +108,24 @@ class ClosureModel(Protocol):
 
     def with_all_joints_sensed(self) -> ClosureModel:
         """Return the same loop with every joint's reading used and its offset an unknown."""
+        ...
+
+    @property
+    def ground_side(self) -> tuple[str, ...]:
+        """Names of the unknowns that say where the fixture stands: new wherever it is put."""
+        ...
+
+    @property
+    def hand_side(self) -> tuple[str, ...]:
+        """Names of the unknowns that say how the hand holds the fixture: new at every mounting."""
+        ...
+
+    def without(self, names: Collection[str]) -> ClosureModel:
+        """Return the same loop with the named unknowns held at their nominal values."""
+        ...
+
+    def at_poses(self, poses: IntArray) -> ClosureModel:
+        """Return the model of a selection (or order) of poses: itself unless bound to its poses."""
         ...
 
 
@@ -295,6 +313,28 @@ class DhLoop:
         offsets = tuple(DhEntry(DhKind.THETA_OFF, j) for j in self.unsensed_joints)
         return replace(self, entries=self.entries + offsets, unsensed_joints=())
 
+    @property
+    def ground_side(self) -> tuple[str, ...]:
+        """Link 0, and what of joint 1 is measured from its common normal: s_1 and theta_off_1."""
+        return tuple(
+            e.name
+            for e in self.entries
+            if e.row == 0 or (e.row == 1 and e.kind in (DhKind.THETA_OFF, DhKind.S))
+        )
+
+    @property
+    def hand_side(self) -> tuple[str, ...]:
+        """Link n whole: its offset too is measured to the common normal of the fixture's axis."""
+        return tuple(e.name for e in self.entries if e.row == self.joint_count)
+
+    def without(self, names: Collection[str]) -> DhLoop:
+        """Return the same loop with the named entries held at their nominal values."""
+        return replace(self, entries=tuple(e for e in self.entries if e.name not in names))
+
+    def at_poses(self, poses: IntArray) -> DhLoop:
+        """Return the loop itself: it is bound to no poses."""
+        return self
+
     def _indices(self) -> tuple[list[int], list[int]]:
         return [int(e.kind) for e in self.entries], [e.row for e in self.entries]
 
@@ -333,10 +373,17 @@ def nearest_equivalent(
     model: ClosureModel, x: FloatArray, reference: FloatArray, length_scale_m: float = 1.0
 ) -> FloatArray:
     """Of all equal descriptions of the loop `x`, the one nearest to `reference` (P,)."""
-    candidates = wrap_angles(model.parameters, model.equivalents(x))
-    difference = wrap_angles(model.parameters, candidates - reference)
     scale = np.array([1.0 if p.is_angle else 1.0 / length_scale_m for p in model.parameters])
-    return np.asarray(candidates[int(np.argmin(((difference * scale) ** 2).sum(-1)))])
+    nearest, distance = np.asarray(x), np.inf
+    while True:
+        candidates = wrap_angles(model.parameters, model.equivalents(nearest))
+        difference = wrap_angles(model.parameters, candidates - reference)
+        squares = ((difference * scale) ** 2).sum(-1)
+        best = int(np.argmin(squares))
+        # Several placements list only some of their many combinations: go on from the best of them.
+        if not squares[best] < distance * (1.0 - 1e-12):
+            return nearest
+        nearest, distance = np.asarray(candidates[best]), float(squares[best])
 
 
 def poses_needed(parameters: int, equations_per_pose: int) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.closure import ClosureModel, ReducedError
+from solver.placements import Placements
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +58,17 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
     """
     if not model.unsensed_joints:
         return model.reduced(x, q)
+    if isinstance(model, Placements):
+        # Offsets of unsensed joints may belong to a placement: each fills in its own.
+        whole = model.with_all_joints_sensed()
+        return whole.merged(
+            [
+                (closure_at_readings(part, x[here], q[poses]), columns, poses)
+                for (part, here, poses), (_, columns, _) in zip(
+                    model.parts(), whole.parts(), strict=True
+                )
+            ]
+        )
     u = model.initial_unsensed(x, q)
     error = model.loop(x, q, u)
     for _ in range(50):

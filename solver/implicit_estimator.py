@@ -43,7 +43,8 @@ class NoiseModel:
     joint_variance
         Variance of each joint reading, (n,) or (m, n), rad^2.
     fixture_variance
-        Variance of the fixture's give along the closure components, (6,), rad^2 then m^2.
+        Variance of the fixture's give along the closure components, (6,), rad^2 then m^2; a model
+        without rotations (ball) uses the last three.
     """
 
     joint_variance: FloatArray
@@ -129,7 +130,7 @@ def fit_implicit(
         )
         step, multipliers, chi2 = _solve(system)
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers[..., None])[..., 0]
-        slack = -give[: error.residual.shape[-1]] * (system.E @ multipliers[..., None])[..., 0]
+        slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers[..., None])[..., 0]
         rest = (
             error.residual
             + (error.jac_x @ step)
@@ -240,7 +241,7 @@ def _linearise(
     Et = np.swapaxes(E, -1, -2)
     B = Et @ jac_q
     Bt = np.swapaxes(B, -1, -2)
-    F = Et @ (give[: c.shape[-1], None] * E)
+    F = Et @ (give[-c.shape[-1] :, None] * E)
     w = (Et @ (c - (jac_q @ e[..., None])[..., 0])[..., None])[..., 0]
     return LinearisedPoses(w=w, A=Et @ jac_x, B=B, V=B @ (variance[..., :, None] * Bt) + F, E=E)
 

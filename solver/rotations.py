@@ -72,3 +72,13 @@ def rotation_vector_differential(r: FloatArray) -> FloatArray:
     )
     K = skew(r)
     return np.asarray(np.eye(3) - 0.5 * K + factor[..., None, None] * (K @ K))
+
+
+def rotation_matrix(r: FloatArray) -> FloatArray:
+    """Rotation about the vector `r` (..., 3), rad, by its length: ``exp([r]x)``, (..., 3, 3)."""
+    angle = np.linalg.norm(r, axis=-1)[..., None, None]
+    K = skew(r)
+    # sinc keeps both quotients exact down to zero: sin(t)/t and (1 - cos t)/t^2 = sinc(t/2)^2 / 2.
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    return np.asarray(np.eye(3) + first * K + second * (K @ K))

@@ -16,11 +16,10 @@ import numpy as np
 
 from operator_app.config.atomic import write_atomically
 from operator_app.config.degrees import degrees_for_file
-from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.poses_header import EXAMPLE, Header, header_names, read_header
 from operator_app.config.poses_rows import Row, read_rows
 from operator_app.config.resources import read_limited
-from operator_app.config.strict_yaml import decode_text
+from operator_app.config.text import decode_text, only
 from solver.poses import PoseSet
 
 LIMIT_BYTES = 16 * 1024 * 1024
@@ -76,19 +75,16 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
 
 def format_poses(poses: PoseSet) -> bytes:
     """Write poses as CSV: every number with the digits that read back as the same double."""
-    out = io.StringIO(newline="")
-    writer = csv.writer(out, lineterminator="\n")
     endpoint_columns = 0 if poses.endpoint is None else int(poses.endpoint.shape[1])
-    writer.writerow(
-        header_names(
-            poses.joint_count,
-            sd=poses.sd_rad is not None,
-            samples=poses.samples is not None,
-            utc=poses.utc is not None,
-            note=poses.notes is not None,
-            endpoint=endpoint_columns,
-        )
+    names = header_names(
+        poses.joint_count,
+        sd=poses.sd_rad is not None,
+        samples=poses.samples is not None,
+        utc=poses.utc is not None,
+        note=poses.notes is not None,
+        endpoint=endpoint_columns,
     )
+    lines = [",".join(names)]
     q = degrees_for_file(poses.q_rad)
     sd = None if poses.sd_rad is None else degrees_for_file(poses.sd_rad)
     end = None if poses.endpoint is None else np.array(poses.endpoint)
@@ -106,8 +102,8 @@ def format_poses(poses: PoseSet) -> bytes:
             cells.append(poses.notes[k])
         if end is not None:
             cells += [repr(float(v)) for v in end[k]]
-        writer.writerow(cells)
-    return out.getvalue().encode("utf-8")
+        lines.append(",".join(_quoted(cell) for cell in cells))
+    return ("\n".join(lines) + "\n").encode("utf-8")
 
 
 def save_poses(path: Path, poses: PoseSet) -> None:
@@ -115,16 +111,24 @@ def save_poses(path: Path, poses: PoseSet) -> None:
     write_atomically(path, format_poses(poses))
 
 
+def _quoted(cell: str) -> str:
+    # Python's csv.writer leaves a lone carriage return unquoted, which ends the line for readers.
+    if any(c in cell for c in ',"\r\n'):
+        return '"' + cell.replace('"', '""') + '"'
+    return cell
+
+
 def _lines(text: str, file: str) -> list[tuple[int, list[str]]]:
     """Records with the line each starts in; blank lines are left out."""
     if not text.strip():
-        raise _one(file, None, "is empty", EXAMPLE)
+        raise only(file, None, None, "is empty", EXAMPLE)
     first = next(line for line in text.splitlines() if line.strip())
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in first and "," not in first:
-            raise _one(
+            raise only(
                 file,
                 1,
+                None,
                 f"the columns are separated by {name}",
                 "save the file with commas between columns and points as decimal marks",
             )
@@ -137,9 +141,11 @@ def _lines(text: str, file: str) -> list[tuple[int, list[str]]]:
                 records.append((start, cells))
             start = reader.line_num + 1
     except csv.Error as error:
-        raise _one(file, start, f"is not CSV: {error}", "check the quotes in this line") from error
+        raise only(
+            file, start, None, f"is not CSV: {error}", "check the quotes in this line"
+        ) from error
     if not records:
-        raise _one(file, None, "is empty", EXAMPLE)
+        raise only(file, None, None, "is empty", EXAMPLE)
     return records
 
 
@@ -175,7 +181,3 @@ def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
             "radians where degrees belong?",
         ),
     )
-
-
-def _one(file: str, line: int | None, text: str, remedy: str) -> ConfigError:
-    return ConfigError((Problem(file=file, line=line, text=text, remedy=remedy),))

@@ -24,7 +24,7 @@ class BusSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration:
-    """How far one drive joint is taken from home: `lower_rad` <= 0 <= `upper_rad`, both relative."""
+    """How far one drive joint is taken from where it starts: `lower_rad` <= 0 <= `upper_rad`."""
 
     joint: int
     lower_rad: float

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -33,8 +33,9 @@ from operator_app.config.quantities import (
 )
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.config.schema import StrictModel, check_model, report
-from operator_app.config.strict_yaml import Path as KeyPath
-from operator_app.config.strict_yaml import YamlDocument, load_strict
+from operator_app.config.strict_yaml import load_strict
+from operator_app.config.yaml_document import Path as KeyPath
+from operator_app.config.yaml_document import YamlDocument
 from solver.arm_model import ArmModel
 
 T = TypeVar("T")
@@ -55,7 +56,7 @@ class ModesModel(StrictModel):
 
 
 class ExplorationModel(StrictModel):
-    """Travel of one drive joint, relative to home."""
+    """Travel of one drive joint, relative to where it starts (checked from the arm's home)."""
 
     joint: Count
     from_deg: Annotated[AngleDeg, Field(le=0.0)]
@@ -161,10 +162,13 @@ class ProcedureFile(StrictModel):
         return value
 
 
-def parse_procedure(source: Resource) -> Procedure:
+def parse_procedure(
+    source: Resource, *, snapshot: Mapping[Kind, Resource] | None = None
+) -> Procedure:
     """Read a procedure and the arm and fixture it names.
 
-    Names are built-in names or paths; relative paths start from the procedure's own folder.
+    Names are built-in names or paths; relative paths start from the procedure's own folder. With a
+    `snapshot` the arm and fixture in it are taken instead, whatever the procedure names.
 
     Raises
     ------
@@ -174,8 +178,9 @@ def parse_procedure(source: Resource) -> Procedure:
     document = load_strict(source.data, source.file)
     found = check_model(ProcedureFile, document, kind="procedure")
     problems: list[Problem] = []
-    arm = _referred("arm", document, source, parse=parse_arm, problems=problems)
-    fixture = _referred("fixture", document, source, parse=parse_fixture, problems=problems)
+    known = snapshot or {}
+    arm = _referred("arm", document, source, known, parse=parse_arm, problems=problems)
+    fixture = _referred("fixture", document, source, known, parse=parse_fixture, problems=problems)
     if arm is not None:
         problems += _check_joints(found, arm[1], document)
     if problems or arm is None or fixture is None:
@@ -231,13 +236,14 @@ def _referred(
     kind: Kind,
     document: YamlDocument,
     source: Resource,
+    known: Mapping[Kind, Resource],
     *,
     parse: Callable[[bytes, str], T],
     problems: list[Problem],
 ) -> tuple[Resource, T] | None:
     """File that the procedure names under the key `kind`; what is wrong with it goes to `problems`."""
     try:
-        found = resolve(kind, str(document.data[kind]), folder=source.folder)
+        found = known.get(kind) or resolve(kind, str(document.data[kind]), folder=source.folder)
     except ConfigError as error:
         # The reference is what is wrong: say where it stands.
         problems += (

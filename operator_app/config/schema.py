@@ -16,7 +16,9 @@ from pydantic_core import ErrorDetails
 
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.quantities import length_doubt
-from operator_app.config.strict_yaml import Path, YamlDocument, load_strict
+from operator_app.config.schema_words import is_near_option, value_in_words, words_for
+from operator_app.config.strict_yaml import load_strict
+from operator_app.config.yaml_document import Path, YamlDocument
 
 M = TypeVar("M", bound="StrictModel")
 
@@ -76,7 +78,7 @@ def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file:
         options = ", ".join(models)
         near = difflib.get_close_matches(str(which), list(models), n=1)
         hint = f"did you mean {near[0]}? " if near else ""
-        known = f"{_value(which)} is no kind of {kind} known here"
+        known = f"{value_in_words(which)} is no kind of {kind} known here"
         text = known if "kind" in document.data else "is missing"
         problems.append(document.problem(("kind",), text, f"{hint}one of: {options}"))
         raise ConfigError(problems)
@@ -128,7 +130,9 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
 def _problems(
     document: YamlDocument, model: type[BaseModel], errors: Iterable[ErrorDetails]
 ) -> Iterator[Problem]:
-    placed = [(_path(document, error["loc"]), error) for error in errors]
+    placed = _without_alternatives(
+        document, [(_path(document, error["loc"]), error) for error in errors]
+    )
     missing = {path for path, error in placed if error["type"] == "missing"}
     meant: set[Path] = set()
     for path, error in placed:
@@ -143,7 +147,28 @@ def _problems(
             continue
         if any(path[: len(bad)] == bad for bad in document.unreadable):
             continue
-        yield document.problem(path, *_words(error))
+        yield document.problem(path, *words_for(error))
+
+
+def _without_alternatives(
+    document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
+) -> list[tuple[Path, ErrorDetails]]:
+    """Keep one complaint where a value may be a word or something else and is neither.
+
+    Pydantic lists what is wrong with every alternative. The word is what was meant if it is nearly
+    right, or if words are all that text could be.
+    """
+    kept = list(placed)
+    for path, error in placed:
+        if error["type"] != "literal_error":
+            continue
+        rest = [e for p, e in placed if p[: len(path)] == path and e is not error]
+        value = document.at(path)
+        numeric = any(e["type"].startswith(("float", "int")) for e in rest)
+        word = isinstance(value, str) and (not numeric or is_near_option(error))
+        dropped = rest if word else [error] if rest else []
+        kept = [item for item in kept if not any(item[1] is e for e in dropped)]
+    return kept
 
 
 def _path(document: YamlDocument, loc: tuple[int | str, ...]) -> Path:
@@ -154,7 +179,10 @@ def _path(document: YamlDocument, loc: tuple[int | str, ...]) -> Path:
         inside = (isinstance(value, dict) and part in value) or (
             isinstance(value, list) and isinstance(part, int) and part < len(value)
         )
-        if inside or (depth == len(loc) - 1 and isinstance(value, dict)):
+        absent = depth == len(loc) - 1 and (
+            isinstance(value, dict) or (isinstance(value, list) and isinstance(part, int))
+        )
+        if inside or absent:
             path = (*path, part)
     return path
 
@@ -220,92 +248,3 @@ def _by_kind(choices: list[type[BaseModel]], value: Any) -> type[BaseModel] | No
         if tag is not None and kind in get_args(tag.annotation):
             return choice
     return None
-
-
-def _words(error: ErrorDetails) -> tuple[str, str]:
-    """Pydantic's error in words for the operator: what is wrong, what to do."""
-    kind, context = error["type"], error.get("ctx", {})
-    value = error["input"]
-    if kind == "missing":
-        return "is missing", "add it"
-    if kind == "refused":
-        return str(context["what"]), str(context["remedy"])
-    if kind == "union_tag_not_found":
-        return "has no kind", f"add kind: {_either(context)}"
-    if kind in ("union_tag_invalid", "literal_error", "enum"):
-        wanted = str(context.get("expected_tags") or context.get("expected") or "")
-        options = re.findall(r"'([^']*)'", wanted)
-        near = difflib.get_close_matches(str(context.get("tag", value)), options, n=1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        shown = context.get("tag", _value(value))
-        return f"{shown} is not known here", f"{hint}one of: {', '.join(options)}"
-    wants = {
-        "float_type": "a number",
-        "int_type": "a whole number",
-        "int_from_float": "a whole number",
-        "bool_type": "true or false",
-        "string_type": "text",
-        "tuple_type": "a list",
-        "list_type": "a list",
-        "dict_type": "a mapping (`key: value` lines)",
-        "model_type": "a mapping (`key: value` lines)",
-        "model_attributes_type": "a mapping (`key: value` lines)",
-    }
-    if kind in wants:
-        return f"must be {wants[kind]}, not {_value(value)}", _number_hint(value, kind)
-    bounds = {
-        "greater_than": ("gt", "greater than"),
-        "greater_than_equal": ("ge", "at least"),
-        "less_than": ("lt", "less than"),
-        "less_than_equal": ("le", "at most"),
-    }
-    if kind in bounds:
-        name, words = bounds[kind]
-        return f"must be {words} {context[name]:g}, not {value:g}", "correct the number"
-    if kind in ("too_short", "too_long"):
-        word = "at least" if kind == "too_short" else "at most"
-        bound = context.get("min_length", context.get("max_length"))
-        return (
-            f"has {context['actual_length']} items, {word} {bound} are wanted",
-            "correct the list",
-        )
-    if kind == "string_pattern_mismatch":
-        return f"{_value(value)} does not have the right form", f"pattern: {context['pattern']}"
-    if kind in ("string_too_short", "string_too_long"):
-        return "is empty" if kind == "string_too_short" else "is too long", "correct the text"
-    return str(error["msg"]), "correct the value"
-
-
-def _value(value: Any) -> str:
-    if value is None:
-        return "empty"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return f"the text {value[:40]!r}"
-    if isinstance(value, list | tuple):
-        return "a list"
-    if isinstance(value, dict):
-        return "a mapping"
-    return f"{value}"
-
-
-def _number_hint(value: Any, kind: str) -> str:
-    if not isinstance(value, str):
-        return "correct the value"
-    if kind == "bool_type":
-        return "write true or false"
-    if kind.startswith(("float", "int")):
-        if re.fullmatch(r"[-+]?\d+,\d+", value):
-            return "write a decimal point, not a comma"
-        if re.fullmatch(r"[-+]?\d+(:\d+)+(\.\d*)?", value):
-            return "write a decimal number, not hours or degrees and minutes"
-        if re.fullmatch(r"[-+]?0\d+(\.\d*)?", value):
-            return "write the number without the leading zero"
-        if re.fullmatch(r"[-+]?[\d.]+\s*[A-Za-z]+", value):
-            return "write the number only; the unit is in the key"
-    return "correct the value"
-
-
-def _either(context: dict[str, Any]) -> str:
-    return str(context.get("discriminator", "")).strip("'")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,11 +17,10 @@ import yaml
 from yaml.events import AliasEvent
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.errors import Problem
 from operator_app.config.resources import YAML_LIMIT_BYTES
-
-Path = tuple[str | int, ...]
-"""Where a value is: keys and list indices from 0."""
+from operator_app.config.text import decode_text, only
+from operator_app.config.yaml_document import Path, YamlDocument
 
 MAX_DEPTH = 20
 
@@ -38,72 +36,6 @@ FALSE = ("false", "False", "FALSE")
 Scalar = str | int | float | bool | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class YamlDocument:
-    """A mapping as read.
-
-    Attributes
-    ----------
-    file
-        Name for messages.
-    data
-        The top mapping: plain dicts, lists, str, int, float, bool, None.
-    marks
-        Line and column (from 1) of every key and list item, by path; ``()`` is the document.
-    problems
-        What was refused on the way but did not keep the rest from being read.
-    unreadable
-        Paths whose values are placeholders, because of one of the problems.
-    """
-
-    file: str
-    data: dict[str, Any]
-    marks: Mapping[Path, tuple[int, int]]
-    problems: tuple[Problem, ...]
-    unreadable: frozenset[Path]
-
-    def problem(self, path: Path, text: str, remedy: str = "") -> Problem:
-        """Build a problem at `path`, or at the nearest parent that is in the file."""
-        place = path
-        while place and place not in self.marks:
-            place = place[:-1]
-        line, column = self.marks.get(place, (1, 1))
-        return Problem(
-            file=self.file,
-            line=line,
-            column=column,
-            key=self.name(path),
-            text=text,
-            remedy=remedy,
-        )
-
-    def at(self, path: Path) -> Any:
-        """Value at `path`; None where there is none."""
-        value: Any = self.data
-        for part in path:
-            try:
-                value = value[part]
-            except (KeyError, IndexError, TypeError):
-                return None
-        return value
-
-    def name(self, path: Path) -> str:
-        """Write a path for people: list items by their own number where they have one."""
-        text = ""
-        for depth, part in enumerate(path):
-            if isinstance(part, str):
-                text += f".{_shown(part)}" if text else _shown(part)
-                continue
-            item = self.at(path[: depth + 1])
-            label = str(part + 1)
-            if isinstance(item, dict):
-                own = next((k for k in ("row", "joint", "entry") if k in item), None)
-                if own is not None and isinstance(item[own], str | int):
-                    label = f"{own} {item[own]}" if own != "entry" else str(item[own])
-            text += f"[{_shown(label)}]"
-        return text
-
-
 def load_strict(data: bytes, file: str) -> YamlDocument:
     """Read one YAML mapping.
 
@@ -113,26 +45,25 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         It is no YAML mapping at all. Problems that leave the rest readable are in the result.
     """
     text = _decode(data, file)
-    loader = StrictLoader(text, file)
     try:
-        node = loader.get_single_node()
+        node = StrictLoader(text, file).get_single_node()
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        raise _one(
+        raise only(
             file, line, None, "holds a character that is not text", "is this the right file?"
         ) from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark is not None else (1, 1)
         what, remedy = _syntax(error, text, line)
-        raise _one(file, line, column, what, remedy) from error
+        raise only(file, line, column, what, remedy) from error
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         # PyYAML lets chr() and int() speak for themselves on absurd escapes and directives.
-        raise _one(file, None, None, "is not YAML that can be read", "check the file") from error
+        raise only(file, None, None, "is not YAML that can be read", "check the file") from error
     if node is None:
-        raise _one(file, None, None, "is empty", "start from a packaged file")
+        raise only(file, None, None, "is empty", "start from a packaged file")
     if not isinstance(node, MappingNode):
-        raise _one(
+        raise only(
             file,
             node.start_mark.line + 1,
             node.start_mark.column + 1,
@@ -286,7 +217,7 @@ def _placed(document: YamlDocument, found: _Found) -> Problem:
 
 def _decode(data: bytes, file: str) -> str:
     if len(data) > YAML_LIMIT_BYTES:
-        raise _one(
+        raise only(
             file,
             None,
             None,
@@ -294,19 +225,6 @@ def _decode(data: bytes, file: str) -> str:
             "this is not the file you mean",
         )
     return decode_text(data, file)
-
-
-def decode_text(data: bytes, file: str) -> str:
-    """Decode UTF-8, with or without a byte order mark; ConfigError for anything else."""
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise _one(file, None, None, "is UTF-16 text", "save it as UTF-8")
-    if b"\0" in data:
-        raise _one(file, None, None, "is a binary file", "is this the right file?")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise _one(file, line, None, "is not UTF-8 text", "save it as UTF-8") from error
 
 
 def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str]:
@@ -327,13 +245,3 @@ def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str
 
 def _mark(node: Node) -> tuple[int, int]:
     return node.start_mark.line + 1, node.start_mark.column + 1
-
-
-def _shown(text: str) -> str:
-    """A key as part of one line of text, whatever it holds."""
-    plain = text if text.isprintable() and text else repr(text)
-    return plain if len(plain) <= 60 else plain[:57] + "..."
-
-
-def _one(file: str, line: int | None, column: int | None, text: str, remedy: str) -> ConfigError:
-    return ConfigError((Problem(file=file, line=line, column=column, text=text, remedy=remedy),))

@@ -39,10 +39,12 @@ def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
 
 
 def float_text(value: float) -> str:
-    """Shortest decimal that reads back as the same double; always with a point or an exponent."""
+    """Shortest decimal that reads back as the same double; always with a point."""
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be written: only finite numbers")
-    return repr(float(value))
+    text = repr(float(value))
+    # YAML 1.1 readers, which this file may meet as well, take 1e-08 for text.
+    return text if "." in text else text.replace("e", ".0e")
 
 
 class _StrictDumper(yaml.SafeDumper):

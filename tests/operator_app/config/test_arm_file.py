@@ -1,0 +1,240 @@
+"""Arm files: the packaged ones say what Table 1 and the maker say; bad ones get one clear complaint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from operator_app.config.arm_file import load_arm, parse_arm
+from operator_app.config.errors import ConfigError
+from solver.chain import forward
+from solver.sensors import Encoder, NoSensor, Rvdt
+
+GOOD = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
+
+
+def complaint(text: str) -> ConfigError:
+    with pytest.raises(ConfigError) as caught:
+        parse_arm(text.encode(), "arm.yaml")
+    return caught.value
+
+
+def line_of(text: str, part: str) -> int:
+    return next(k for k, line in enumerate(text.splitlines(), 1) if part in line)
+
+
+class TestPackaged:
+    def test_sarcos_is_table_1(self) -> None:
+        arm = load_arm("sarcos_dextrous")
+        np.testing.assert_array_equal(arm.table.s_m[1:6], [0.0, 0.355, 0.0, 0.320, 0.0])
+        np.testing.assert_array_equal(arm.table.a_m[:6], np.zeros(6))
+        np.testing.assert_allclose(
+            np.rad2deg(arm.table.alpha_rad[:6]), [90, -90, 90, -90, 90, -90], rtol=1e-15
+        )
+        np.testing.assert_allclose(
+            np.rad2deg(arm.table.theta_off_rad), [10, -120, -20, -10, 30, 120, 90], rtol=1e-15
+        )
+        assert [e.name for e in arm.free] == [f"theta_off_{j}" for j in range(1, 8)]
+
+    def test_sarcos_sensors_are_those_of_section_3(self) -> None:
+        arm = load_arm("sarcos_dextrous")
+        assert [j.sensor for j in arm.joints[:5]] == [Encoder(counts_per_rev=400000)] * 5
+        for joint in arm.joints[5:]:
+            assert isinstance(joint.sensor, Rvdt)
+            assert joint.sensor.bits == 12
+            assert joint.sensor.linearity == 0.02
+            assert joint.sensor.noise_lsb == 2.0
+            assert joint.sensor.full_scale_rad == pytest.approx(
+                joint.upper_rad - joint.lower_rad, rel=1e-14
+            )
+
+    def test_panda_is_the_makers_modified_table(self) -> None:
+        """Forward kinematics of the maker's modified convention, written out on its own."""
+        a = [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088]
+        d = [0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.107]
+        alpha = np.deg2rad([0.0, -90.0, 90.0, 90.0, -90.0, 90.0, 90.0])
+
+        def modified(theta: np.ndarray) -> np.ndarray:
+            T = np.eye(4)
+            for j in range(7):
+                ct, st = np.cos(theta[j]), np.sin(theta[j])
+                ca, sa = np.cos(alpha[j]), np.sin(alpha[j])
+                T = T @ np.array(
+                    [
+                        [ct, -st, 0.0, a[j]],
+                        [st * ca, ct * ca, -sa, -sa * d[j]],
+                        [st * sa, ct * sa, ca, ca * d[j]],
+                        [0.0, 0.0, 0.0, 1.0],
+                    ]
+                )
+            return T
+
+        table = load_arm("franka_panda").table
+        for theta in np.random.default_rng(3).uniform(-3.0, 3.0, (20, 7)):
+            ours = forward(theta + table.theta_off_rad, table.s_m, table.a_m, table.alpha_rad)
+            theirs = modified(theta)
+            np.testing.assert_allclose(ours.R_end, theirs[:3, :3], atol=1e-14)
+            np.testing.assert_allclose(ours.p_end, theirs[:3, 3], atol=1e-14)
+
+    @pytest.mark.parametrize("name", ["sarcos_dextrous", "franka_panda"])
+    def test_home_is_inside_the_ranges(self, name: str) -> None:
+        arm = load_arm(name)
+        assert arm.name == name
+        assert np.all(arm.home_rad > arm.lower_rad)
+        assert np.all(arm.home_rad < arm.upper_rad)
+        assert not arm.home_rad.flags.writeable
+
+
+def replace(old: str, new: str) -> Callable[[str], str]:
+    def edit(text: str) -> str:
+        assert text.count(old) >= 1
+        return text.replace(old, new, 1)
+
+    return edit
+
+
+# What is done to a good file; where the one complaint must be; what it must say.
+BAD: list[tuple[str, Callable[[str], str], str, str, str]] = [
+    ("unknown key", replace("home_deg:", "home_degrees:"), "home_degrees:", "home_degrees", "home_deg?"),
+    (
+        "millimetres key",
+        replace("a_m: 0,       alpha_deg: -90}", "a_mm: 0, alpha_deg: -90}"),
+        "a_mm",
+        "dh[row 2].a_mm",
+        "this file wants metres, not millimetres: write a_m",
+    ),
+    (
+        "degrees where metres belong",
+        replace("s_m: 0.355", "s_m: -38.5"),
+        "s_m: -38.5",
+        "dh[row 3].s_m",
+        "degrees where metres belong?",
+    ),
+    (
+        "millimetres in a metre key",
+        replace("s_m: 0.320", "s_m: 320"),
+        "s_m: 320",
+        "dh[row 5].s_m",
+        "millimetres?",
+    ),
+    (
+        "radians in a degree key",
+        replace("a_m: 0,       alpha_deg: -90}", "a_m: 0, alpha_deg: -1.5708}"),
+        "-1.5708",
+        "dh[row 2].alpha_deg",
+        "radians where degrees belong?",
+    ),
+    ("nan", replace("s_m: 0.355", "s_m: .nan"), ".nan", "dh[row 3].s_m", "not a finite number"),
+    ("infinity", replace("s_m: 0.355", "s_m: -.inf"), "-.inf", "dh[row 3].s_m", "not a finite"),
+    ("overflow", replace("s_m: 0.355", "s_m: 1e999"), "1e999", "dh[row 3].s_m", "not a finite"),
+    ("text", replace("s_m: 0.355", "s_m: long"), "long", "dh[row 3].s_m", "must be a number"),
+    ("null", replace("s_m: 0.355", "s_m: "), "row: 3", "dh[row 3].s_m", "not empty"),
+    ("list", replace("s_m: 0.355", "s_m: [1]"), "row: 3", "dh[row 3].s_m", "not a list"),
+    ("bool", replace("s_m: 0.355", "s_m: true"), "row: 3", "dh[row 3].s_m", "not true"),
+    ("sexagesimal", replace("s_m: 0.355", "s_m: 12:30"), "row: 3", "dh[row 3].s_m", "minutes"),
+    ("octal", replace("s_m: 0.355", "s_m: 010"), "row: 3", "dh[row 3].s_m", "leading zero"),
+    ("comma", replace("range_deg: [-35, 115]", "range_deg: ['-35,5', 115]"), "-35,5",
+     "joints[joint 1].range_deg[1]", "decimal point"),
+    ("unit in value", replace("s_m: 0.355", "s_m: 355 mm"), "row: 3", "dh[row 3].s_m", "unit is in"),
+    ("missing key", replace("{row: 3, theta_off_deg: -20,  ", "{row: 3, "), "row: 3",
+     "dh[row 3].theta_off_deg", "is missing"),
+    ("row order", replace("row: 3", "row: 4"), "row: 4", "dh[row 4].row", "row 3 belongs"),
+    ("duplicate key", replace("name: sarcos_dextrous\n", "name: sarcos_dextrous\nname: b\n"), "name: b",
+     "name", "given twice (first in line 2)"),
+    ("sensor kind", replace("kind: rvdt", "kind: rdvt"), "rdvt", "joints[joint 6].sensor",
+     "did you mean rvdt?"),
+    ("sensor without kind", replace("{kind: rvdt, bits: 12,", "{bits: 12,"), "{bits: 12",
+     "joints[joint 6].sensor", "has no kind"),
+    ("sensor key", replace("bits: 12", "bit: 12"), "bit: 12", "joints[joint 6].sensor.bit",
+     "did you mean bits?"),
+    ("full scale in rad", replace("full_scale_deg: 120", "full_scale_deg: 2.0944"), "2.0944",
+     "joints[joint 6].sensor.full_scale_deg", "radians where degrees belong?"),
+    ("sensor unit", replace("full_scale_deg: 120", "full_scale_rad: 2.0944"), "full_scale_rad",
+     "joints[joint 6].sensor.full_scale_rad", "write full_scale_deg"),
+    ("missing unit", replace("max_torque_nm: 100", "max_torque: 100"), "max_torque: 100",
+     "joints[joint 1].max_torque", "did you mean max_torque_nm?"),
+    ("range backwards", replace("[-35, 115]", "[115, -35]"), "[115, -35]",
+     "joints[joint 1].range_deg", "lower end first"),
+    ("range in rad", replace("[-35, 115]", "[-0.61, 2.0]"), "-0.61", "joints[joint 1].range_deg",
+     "radians where degrees belong?"),
+    ("range of one", replace("[-35, 115]", "[115]"), "[115]", "joints[joint 1].range_deg[2]",
+     "is missing"),
+    ("negative speed", replace("max_speed_deg_per_s: 180", "max_speed_deg_per_s: -180"), "-180",
+     "joints[joint 1].max_speed_deg_per_s", "greater than 0"),
+    ("fraction", replace("counts_per_rev: 400000", "counts_per_rev: 4000.5"), "4000.5",
+     "joints[joint 1].sensor.counts_per_rev", "whole number"),
+    ("free entry", replace("[theta_off_1,", "[theta_of_1,"), "theta_of_1", "free[1]", "not a D-H entry"),
+    ("free twice", replace("theta_off_2,", "theta_off_1,"), "theta_off_1, theta_off_1", "free[2]",
+     "listed twice"),
+    ("free row", replace("theta_off_2,", "theta_off_9,"), "theta_off_9", "free[2]", "rows 1 to 7"),
+    ("free of the fixture", replace("theta_off_2,", "a_0,"), "a_0,", "free[2]", "belong to the fixture"),
+    ("home outside", replace("[40.5311, ", "[140.5311, "), "140.5311", "home_deg[1]", "outside joint 1"),
+    ("home of six", replace("[40.5311, ", "["), "home_deg", "home_deg", "6 angles for 7 joints"),
+    ("counts as degrees", replace("[40.5311, ", "[45034, "), "45034", "home_deg[1]", "counts where"),
+    ("schema of a fixture", replace("sarcal/arm/1", "sarcal/fixture/1"), "schema:", "schema",
+     "this is a fixture file"),
+    ("newer schema", replace("sarcal/arm/1", "sarcal/arm/2"), "schema:", "schema", "reads version 1"),
+    ("no schema", replace("schema: sarcal/arm/1\n", ""), "name:", "", "has no schema"),
+    ("schema not first", replace("schema: sarcal/arm/1\nname: sarcos_dextrous\n",
+                                 "name: sarcos_dextrous\nschema: sarcal/arm/1\n"), "schema:", "schema",
+     "not the first key"),
+    ("tab", replace("    name: shoulder 1", "\tname: shoulder 1"), "\tname", "", "tab"),
+    ("open bracket", replace("[-35, 115]", "[-35, 115"), "sensor: {kind: encoder", "", "not YAML"),
+    ("alias", replace("[-35, 115]", "*range"), "*range", "", "anchors and aliases"),
+    ("anchor", replace("[-35, 115]", "&range [-35, 115]"), "&range", "", "anchors and aliases"),
+    ("tag", replace("name: sarcos", "name: !!python/object:os.system sarcos"), "!!python", "", "tags"),
+    ("two documents", lambda text: text + "---\na: 1\n", "---", "", "second document"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("edit", "where", "key", "says"), [b[1:] for b in BAD], ids=[b[0] for b in BAD]
+)
+def test_one_mistake_gives_one_complaint_with_line_and_key(
+    edit: Callable[[str], str], where: str, key: str, says: str
+) -> None:
+    text = edit(GOOD)
+    error = complaint(text)
+    assert len(error.problems) == 1, str(error)
+    problem = error.problems[0]
+    assert problem.line == line_of(text, where), str(error)
+    assert problem.key == key
+    assert says in str(problem)
+    assert str(problem).startswith(f"arm.yaml:{problem.line}: ")
+
+
+def test_everything_wrong_is_listed_at_once_in_file_order() -> None:
+    text = GOOD
+    for old, new in (
+        ("s_m: 0.355", "s_m: .nan"),
+        ("a_m: 0,       alpha_deg: -90}", "a_mm: 0, alpha_deg: -90}"),
+        ("range_deg: [-35, 115]", "range_deg: [115, -35]"),
+        ("bits: 12", "bits: yes"),
+        ("free: [theta_off_1,", "free: [theta_of_1,"),
+    ):
+        text = text.replace(old, new, 1)
+    text += "colour: red\nname: again\n"
+    error = complaint(text)
+    assert [p.key for p in error.problems] == [
+        "dh[row 2].a_mm",
+        "dh[row 3].s_m",
+        "joints[joint 1].range_deg",
+        "joints[joint 6].sensor.bits",
+        "free[1]",
+        "colour",
+        "name",
+    ]
+    assert str(error).count("\n") == 6
+
+
+def test_unsensed_joint_has_no_offset_to_free() -> None:
+    sensor = "{kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2}"
+    text = GOOD.replace(sensor, "{kind: none}", 1)
+    (problem,) = complaint(text).problems
+    assert problem.key == "free[6]"
+    assert "no sensor" in problem.text
+    arm = parse_arm(text.replace(" theta_off_6,", "", 1).encode(), "arm.yaml")
+    assert isinstance(arm.joints[5].sensor, NoSensor)

@@ -1,0 +1,272 @@
+"""Poses files: lossless both ways, and every way to get one wrong is said with line and column."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from operator_app.config.errors import ConfigError
+from operator_app.config.poses_file import format_poses, load_poses, parse_poses, save_poses
+from operator_app.config.poses_rows import MOST_PROBLEMS
+from solver.poses import PoseSet
+
+HEADER = "placement,pose,theta1_deg,theta2_deg,theta3_deg"
+ROWS = ("1,1,10.5,-20,30", "1,2,11,-21,31.25", "2,1,12,-22,1e1")
+
+
+def text(header: str = HEADER, rows: tuple[str, ...] = ROWS) -> bytes:
+    return ("\n".join((header, *rows)) + "\n").encode()
+
+
+def problems(data: bytes, joint_count: int | None = 3) -> list[tuple[int | None, int | None, str, str]]:
+    with pytest.raises(ConfigError) as caught:
+        parse_poses(data, "p.csv", joint_count=joint_count)
+    return [(p.line, p.column, p.key, f"{p.text}; {p.remedy}") for p in caught.value.problems]
+
+
+def only(data: bytes, joint_count: int | None = 3) -> tuple[int | None, int | None, str, str]:
+    found = problems(data, joint_count)
+    assert len(found) == 1, found
+    return found[0]
+
+
+def test_a_good_file() -> None:
+    loaded = parse_poses(text(), "p.csv", joint_count=3)
+    assert loaded.warnings == ()
+    poses = loaded.poses
+    np.testing.assert_array_equal(
+        poses.q_rad, np.deg2rad([[10.5, -20, 30], [11, -21, 31.25], [12, -22, 10]])
+    )
+    assert poses.keys == ((1, "1"), (1, "2"), (2, "1"))
+    assert poses.placements == (1, 2)
+    assert (poses.sd_rad, poses.samples, poses.endpoint, poses.utc, poses.notes) == (None,) * 5
+
+
+def test_all_optional_columns_in_any_order() -> None:
+    data = text(
+        "note,pose,placement,theta2_deg,theta1_deg,sd1_deg,sd2_deg,samples,utc,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg",
+        ('"a, ""b""",p1,3,20,10,0.1,0.2,32,2026-01-31T12:00:00Z,0.1,0.2,0.3,90,0,-90',),
+    )
+    poses = parse_poses(data, "p.csv", joint_count=2).poses
+    np.testing.assert_array_equal(poses.q_rad, np.deg2rad([[10.0, 20.0]]))
+    assert poses.sd_rad is not None
+    np.testing.assert_array_equal(poses.sd_rad, np.deg2rad([[0.1, 0.2]]))
+    assert poses.endpoint is not None
+    np.testing.assert_array_equal(poses.endpoint[0, :3], [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(poses.endpoint[0, 3:], np.deg2rad([90.0, 0.0, -90.0]))
+    assert poses.keys == ((3, "p1"),)
+    assert poses.samples is not None
+    assert poses.samples.tolist() == [32]
+    assert poses.notes == ('a, "b"',)
+    assert poses.utc == ("2026-01-31T12:00:00Z",)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\xef\xbb\xbf" + text(),
+        text().replace(b"\n", b"\r\n"),
+        text().replace(b"\n", b"\r"),
+        text() + b"\n\n",
+        text().replace(b",", b" , "),
+        text().replace(b"10.5", b"1.05e1").replace(b"31.25", b"+31.250"),
+    ],
+    ids=["bom", "crlf", "cr", "blank lines", "spaces", "other decimals"],
+)
+def test_formatting_does_not_matter(data: bytes) -> None:
+    reference = parse_poses(text(), "p.csv").poses
+    poses = parse_poses(data, "p.csv").poses
+    np.testing.assert_array_equal(poses.q_rad, reference.q_rad)
+    assert poses.sha256() == reference.sha256()
+
+
+# Header, rows, joints of the arm; line, column, key of the one complaint; what it says.
+BAD = [
+    ("empty", b"", 3, None, None, "", "is empty"),
+    ("blank", b"\n  \n", 3, None, None, "", "is empty"),
+    ("quotes only", b'""\n', 3, None, None, "", "is empty"),
+    ("header only", text(rows=()), 3, None, None, "", "no poses"),
+    ("no header", text(ROWS[0], ROWS[1:]), 3, 1, None, "", "no header"),
+    ("not a csv", b"schema: sarcal/arm/1\nname: a\n", 3, 1, None, "", "no header"),
+    ("binary", b"PK\x03\x04\0\0\0\0", 3, None, None, "", "binary"),
+    ("latin-1", text(rows=("1,\xe9,1,2,3".encode("latin-1").decode("latin-1"),)).decode().encode("latin-1"),
+     3, 2, None, "", "not UTF-8"),
+    ("utf-16", text().decode().encode("utf-16"), 3, None, None, "", "UTF-16"),
+    ("semicolons", text().replace(b".", b",").replace(b",", b";"), 3, 1, None, "", "semicolons"),
+    ("tabs", text().replace(b",", b"\t"), 3, 1, None, "", "tabs"),
+    ("six of seven", text("placement,pose," + ",".join(f"theta{j}_deg" for j in range(1, 7)),
+                          ("1,1,1,2,3,4,5,6",)), 7, 1, None, "theta7_deg",
+     "missing (6 joint columns, the arm has 7 joints)"),
+    ("a gap", text("placement,pose,theta1_deg,theta3_deg", ("1,1,2,3",)), None, 1, None, "theta2_deg",
+     "missing (2 joint columns)"),
+    ("four of three", text(HEADER + ",theta4_deg", ("1,1,1,2,3,4",)), 3, 1, 6, "theta4_deg",
+     "the arm has 3 joints"),
+    ("no pose column", text("placement,theta1_deg,theta2_deg,theta3_deg", ("1,1,2,3",)), 3, 1, None,
+     "pose", "missing"),
+    ("duplicate column", text(HEADER + ",theta2_deg", ("1,1,1,2,3,2",)), 3, 1, 6, "theta2_deg",
+     "given twice (columns 4 and 6)"),
+    ("radians column", text(HEADER.replace("theta2_deg", "theta2_rad")), 3, 1, 4, "theta2_rad",
+     "call it theta2_deg"),
+    ("misspelt column", text(HEADER.replace("placement", "placment")), 3, 1, 1, "placment",
+     "did you mean placement?"),
+    ("foreign column", text(HEADER + ",colour", ("1,1,1,2,3,red",)), 3, 1, 6, "colour", "unknown column"),
+    ("nameless column", text(HEADER + ",", ("1,1,1,2,3,",)), 3, 1, 6, "column 6", "no name"),
+    ("one spread missing", text(HEADER + ",sd1_deg,sd2_deg", ("1,1,1,2,3,0,0",)), 3, 1, None, "sd3_deg",
+     "missing"),
+    ("spread of no joint", text(HEADER + ",sd1_deg,sd2_deg,sd3_deg,sd4_deg", ("1,1,1,2,3,0,0,0,0",)), 3, 1,
+     9, "sd4_deg", "no such joint"),
+    ("half an endpoint", text(HEADER + ",x_m,y_m", ("1,1,1,2,3,0,0",)), 3, 1, None, "z_m", "missing"),
+    ("millimetres column", text(HEADER + ",x_mm,y_m,z_m", ("1,1,1,2,3,0,0,0",)), 3, 1, 6, "x_mm",
+     "call it x_m"),
+    ("nan", text(rows=(ROWS[0], "1,2,nan,2,3")), 3, 3, 3, "theta1_deg", "not a finite number"),
+    ("inf", text(rows=(ROWS[0], "1,2,1,-inf,3")), 3, 3, 4, "theta2_deg", "not a finite number"),
+    ("overflow", text(rows=(ROWS[0], "1,2,1,1e999,3")), 3, 3, 4, "theta2_deg", "not a finite number"),
+    ("empty cell", text(rows=(ROWS[0], "1,2,1,,3")), 3, 3, 4, "theta2_deg", "is empty"),
+    ("word", text(rows=("1,1,1,two,3",)), 3, 2, 4, "theta2_deg", "is not a number"),
+    ("underscore", text(rows=("1,1,1,1_0,3",)), 3, 2, 4, "theta2_deg", "is not a number"),
+    ("foreign digits", text(rows=("1,1,1,\u0661,3",)), 3, 2, 4, "theta2_deg", "is not a number"),
+    ("decimal comma", text(rows=('1,1,1,"2,5",3',)), 3, 2, 4, "theta2_deg", "decimal comma"),
+    ("counts", text(rows=("1,1,1,45034,3",)), 3, 2, 4, "theta2_deg", "counts where degrees belong?"),
+    ("millimetres", text(HEADER + ",x_m,y_m,z_m", ("1,1,1,2,3,350,0,0",)), 3, 2, 6, "x_m",
+     "or millimetres?"),
+    ("placement zero", text(rows=("0,1,1,2,3",)), 3, 2, 1, "placement", "whole number from 1"),
+    ("placement 1.5", text(rows=("1.5,1,1,2,3",)), 3, 2, 1, "placement", "whole number from 1"),
+    ("no label", text(rows=("1, ,1,2,3",)), 3, 2, 2, "pose", "is empty"),
+    ("negative spread", text(HEADER + ",sd1_deg,sd2_deg,sd3_deg", ("1,1,1,2,3,0,-1,0",)), 3, 2, 7, "sd2_deg",
+     "negative"),
+    ("no sample", text(HEADER + ",samples", ("1,1,1,2,3,0",)), 3, 2, 6, "samples", "whole number from 1"),
+    ("duplicate pose", text(rows=(*ROWS, "1,2,5,5,5")), 3, 5, 2, "pose", "already in line 3"),
+    ("short row", text(rows=(ROWS[0], "1,2,1,2")), 3, 3, None, "", "4 cells for the 5 columns"),
+    ("long row", text(rows=(ROWS[0], "1,2,1,2,3,4")), 3, 3, None, "", "decimal commas?"),
+    ("open quote", text(rows=(ROWS[0], '1,2,"1,2,3')), 3, 3, None, "", "not CSV"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("data", "joints", "line", "column", "key", "says"), [b[1:] for b in BAD], ids=[b[0] for b in BAD]
+)
+def test_one_mistake_gives_one_complaint(
+    data: bytes, joints: int | None, line: int | None, column: int | None, key: str, says: str
+) -> None:
+    found = only(data, joints)
+    assert found[:3] == (line, column, key)
+    assert says in found[3]
+
+
+def test_everything_wrong_is_listed_at_once() -> None:
+    data = text(rows=("1,1,nan,2,", "x,2,1,2,3", "1,1", "1,4,1,2,3", "1,4,1,2,3"))
+    assert [(p[0], p[2]) for p in problems(data)] == [
+        (2, "theta1_deg"),
+        (2, "theta3_deg"),
+        (3, "placement"),
+        (4, ""),
+        (6, "pose"),
+    ]
+
+
+def test_lines_are_counted_through_notes_of_several_lines() -> None:
+    data = text(HEADER + ",note", ('1,1,1,2,3,"first\nsecond"', "1,2,1,2,oops,x"))
+    assert only(data)[0] == 4
+
+
+def test_a_file_that_is_wrong_all_over_is_not_a_thousand_complaints() -> None:
+    found = problems(text(rows=("1,1,a,b,c",) * 1000))
+    assert MOST_PROBLEMS <= len(found) <= MOST_PROBLEMS + 3
+    assert "the rest of the file was not looked at" in found[-1][3]
+
+
+def test_radians_are_suspected_but_not_refused() -> None:
+    rows = tuple(f"1,{k},0.1,{0.5 * k},-1.5" for k in range(8))
+    (warning,) = parse_poses(text(rows=rows), "p.csv").warnings
+    assert warning.code == "RADIANS_SUSPECTED"
+    assert "3.5 deg" in warning.text
+    assert parse_poses(text(rows=rows[:4]), "p.csv").warnings == ()
+    assert parse_poses(text(rows=(*rows, "1,last,0.1,0.2,7")), "p.csv").warnings == ()
+
+
+def test_missing_file_names_its_neighbour(tmp_path: Path) -> None:
+    (tmp_path / "poses.csv").write_bytes(text())
+    with pytest.raises(ConfigError, match=r"no such file; did you mean .*poses\.csv\?"):
+        load_poses(tmp_path / "pose.csv")
+    with pytest.raises(ConfigError, match="is a folder"):
+        load_poses(tmp_path)
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_poses("a\0b")
+    assert len(load_poses(tmp_path / "poses.csv").poses) == 3
+
+
+NOTE = st.text(alphabet=st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=8)
+
+
+@st.composite
+def pose_sets(draw: st.DrawFn) -> PoseSet:
+    """Any pose set a file can hold: angles are doubles in degrees."""
+    m, n = draw(st.integers(1, 5)), draw(st.integers(1, 8))
+
+    def table(columns: int, low: float, high: float) -> np.ndarray:
+        return draw(arrays(np.float64, (m, columns), elements=st.floats(low, high)))
+
+    end = draw(st.sampled_from([0, 3, 6]))
+    endpoint = table(end, -10.0, 10.0) if end else None
+    if endpoint is not None and end == 6:
+        endpoint = np.concatenate((endpoint[:, :3], np.deg2rad(endpoint[:, 3:] * 18.0)), axis=1)
+    maybe = st.booleans()
+    return PoseSet(
+        placement=np.array(draw(st.lists(st.integers(1, 9), min_size=m, max_size=m))),
+        label=tuple(str(k) for k in draw(st.permutations(range(m)))),
+        q_rad=np.deg2rad(table(n, -3600.0, 3600.0)),
+        sd_rad=np.deg2rad(table(n, 0.0, 10.0)) if draw(maybe) else None,
+        samples=np.arange(1, m + 1) if draw(maybe) else None,
+        endpoint=endpoint,
+        utc=("2026-01-31T12:00:00Z",) * m if draw(maybe) else None,
+        notes=tuple(draw(st.lists(NOTE, min_size=m, max_size=m))) if draw(maybe) else None,
+    )
+
+
+@settings(max_examples=150, deadline=None)
+@given(pose_sets())
+def test_writing_and_reading_changes_no_bit(poses: PoseSet) -> None:
+    again = parse_poses(format_poses(poses), "p.csv", joint_count=poses.joint_count).poses
+    for name in ("placement", "q_rad", "sd_rad", "samples", "endpoint"):
+        before, after = getattr(poses, name), getattr(again, name)
+        assert (before is None) == (after is None)
+        if before is not None:
+            assert before.tobytes() == after.tobytes(), name
+    assert again.keys == poses.keys
+    assert again.utc == poses.utc
+    assert again.notes == poses.notes
+    assert again.sha256() == poses.sha256()
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.one_of(
+        st.binary(max_size=60),
+        st.text(alphabet="1.,-e\"\n\r;\t a\u2028", max_size=60).map(lambda t: text(rows=(t,))),
+        st.text(alphabet="theta12_deg,sposlacmn\n\"", max_size=60).map(str.encode),
+    )
+)
+@example(b'"')
+@example(b"placement\n\xc2\x85")
+@example(("placement,pose,theta1_deg\n1,1," + "9" * 200_000).encode())
+@example(("placement,pose,theta1_deg\n" + "9" * 5000 + ",1,1").encode())
+def test_any_bytes_are_read_or_refused_in_words(data: bytes) -> None:
+    try:
+        loaded = parse_poses(data, "p.csv")
+    except ConfigError as error:
+        assert all(problem.text for problem in error.problems)
+    else:
+        assert len(loaded.poses) >= 1
+
+
+def test_saved_file_is_the_contract_s_header(tmp_path: Path) -> None:
+    poses = parse_poses(text(), "p.csv").poses
+    save_poses(tmp_path / "p.csv", poses)
+    lines = (tmp_path / "p.csv").read_text().splitlines()
+    assert lines[0] == HEADER
+    assert lines[1] == "1,1,10.5,-20.0,30.0"

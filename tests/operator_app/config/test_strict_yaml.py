@@ -1,0 +1,202 @@
+"""Strict YAML: what is read, what is refused, and that nothing a file can hold gets past as a traceback."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from operator_app.config.errors import ConfigError
+from operator_app.config.strict_yaml import load_strict
+from operator_app.config.yaml_writer import dump_strict
+
+
+def value_of(text: str) -> Any:
+    document = load_strict(f"key: {text}\n".encode(), "a.yaml")
+    assert document.problems == ()
+    return document.data["key"]
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("12", 12),
+        ("-0.5", -0.5),
+        ("1e-3", 0.001),
+        ("1.e3", 1000.0),
+        (".5", 0.5),
+        ("+7", 7),
+        ("true", True),
+        ("FALSE", False),
+        ("null", None),
+        ("", None),
+        ("~", None),
+        ("'12'", "12"),
+        ('"true"', "true"),
+        ("[1, 2.0, a]", [1, 2.0, "a"]),
+        ("{a: 1}", {"a": 1}),
+    ],
+)
+def test_plain_values(text: str, value: Any) -> None:
+    found = value_of(text)
+    assert found == value
+    assert type(found) is type(value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["yes", "no", "on", "off", "Y", "12:30", "1:30:00", "010", "0o17", "0x1F", "1_000", "2026-01-31",
+     "0b11", "1.2.3", "5 mm", "="],
+)  # fmt: skip
+def test_what_yaml_1_1_would_convert_stays_text(text: str) -> None:
+    assert value_of(text) == text
+
+
+@pytest.mark.parametrize("text", [".nan", ".inf", "-.inf", "+.INF", "nan", "Infinity", "1e400"])
+def test_numbers_that_are_not_finite_are_refused_with_line_and_key(text: str) -> None:
+    (problem,) = load_strict(f"a: 1\nb: {{c: {text}}}\n".encode(), "a.yaml").problems
+    assert (problem.line, problem.key) == (2, "b.c")
+    assert "not a finite number" in problem.text
+
+
+def test_lines_of_keys_and_items() -> None:
+    text = b"a: 1\nb:\n  c: 2\n  d:\n    - x\n    - {row: 5, e: 3}\n"
+    document = load_strict(text, "a.yaml")
+    assert document.marks[("b", "d", 1, "e")] == (6, 16)
+    assert document.marks[("b", "d", 0)] == (5, 7)
+    problem = document.problem(("b", "d", 1, "missing"), "is missing")
+    assert (problem.line, problem.key) == (6, "b.d[row 5].missing")
+
+
+@pytest.mark.parametrize(
+    ("data", "line", "says"),
+    [
+        (b"", None, "is empty"),
+        (b"\n# only a comment\n", None, "is empty"),
+        (b"- a\n- b\n", 1, "not a list of `key: value` lines"),
+        (b"just text\n", 1, "not a list of `key: value` lines"),
+        (b"a: 1\n\tb: 2\n", 2, "a tab where YAML needs spaces"),
+        (b"a:\n\t- 1\n", 2, "a tab where YAML needs spaces"),
+        (b"\x89PNG\r\n\x1a\n\0\0", None, "binary file"),
+        (b"a: 1\nb: \xff\xfe\n", 2, "not UTF-8"),
+        ("a: 1\n".encode("utf-16"), None, "UTF-16"),
+        (b"a: 1\nb: \x07\n", 2, "character that is not text"),
+        (b"a: &x [1]\nb: *x\n", 1, "anchors and aliases"),
+        (b"a: 1\nb: !!float 3\n", 2, "tags"),
+        (b"a: 1\n---\nb: 2\n", 2, "second document"),
+        (b"a: [1\nb: 2\n", 2, "not YAML"),
+        (b"a: b: c\n", 1, "not YAML"),
+        (b'a: "\\U99999999"\n', None, "not YAML"),
+        (b"a: " + b"[" * 100 + b"]" * 100, 1, "nesting this deep"),
+        (b"a: 1\n" * 100_000, None, "larger than"),
+    ],
+)
+def test_what_is_no_document_gives_one_complaint(data: bytes, line: int | None, says: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_strict(data, "a.yaml")
+    (problem,) = caught.value.problems
+    assert problem.line == line
+    assert says in problem.text
+    assert problem.remedy
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "says"),
+    [
+        ("b: 1\nb: 2\n", "b", "given twice (first in line 2)"),
+        ("? [1, 2]\n: 3\n", "", "not a word"),
+        ("<<: {c: 1}\n", "<<", "merge keys"),
+        ("b: " + "9" * 50 + "\n", "b", "more than 40 digits"),
+        ('b: "\\ud800"\n', "b", "half a character"),
+    ],
+)
+def test_what_leaves_the_rest_readable_is_noted(text: str, key: str, says: str) -> None:
+    document = load_strict(f"a: 1\n{text}z: 2\n".encode(), "a.yaml")
+    (problem,) = document.problems
+    assert problem.key == key
+    assert says in problem.text
+    assert document.data["z"] == 2
+
+
+def test_byte_order_mark_and_windows_lines_are_read() -> None:
+    document = load_strict(b"\xef\xbb\xbfa: 1\r\nb: x\r\n", "a.yaml")
+    assert document.data == {"a": 1, "b": "x"}
+    assert document.marks[("b",)] == (2, 1)
+
+
+def test_quoted_keys_that_look_alike_are_the_same_key() -> None:
+    (problem,) = load_strict(b"a: 1\n'a': 2\n", "a.yaml").problems
+    assert problem.line == 2
+
+
+# Characters that YAML gives a meaning, so that examples get past the first of them.
+YAML_LIKE = st.text(
+    alphabet="ab01.:-+[]{}#&*!|>'\"%@`,? \n\t\r\\~<=_\x85\u2028\ufeffé", max_size=60
+)
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.one_of(st.binary(max_size=80), YAML_LIKE.map(lambda t: t.encode("utf-8"))))
+@example(b"%YAML 1." + b"9" * 5000 + b"\n---\na: 1\n")
+@example(b'"\\xZZ"')
+@example(b"a: |9999999999\n x\n")
+@example("a: \ud7ff".encode())
+@example(b"%TAG ! \n---\n")
+def test_any_bytes_are_read_or_refused_in_words(data: bytes) -> None:
+    try:
+        document = load_strict(data, "a.yaml")
+    except ConfigError as error:
+        assert len(error.problems) == 1
+        assert error.problems[0].text
+    else:
+        assert all(isinstance(key, str) for key in document.data)
+        assert set(document.unreadable) <= set(document.marks)
+
+
+TEXT = st.text(alphabet=st.characters(exclude_categories=("Cs",)), max_size=30)
+LEAF = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(10**30), 10**30),
+    st.floats(allow_nan=False, allow_infinity=False),
+    TEXT,
+    st.sampled_from(
+        ["yes", "null", "1e5", "0x1F", "12", "nan", "~", "", "-", "a: b", "010", "=", "<<"]
+    ),
+)
+TREE = st.recursive(
+    LEAF,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXT, inner, max_size=3),
+    max_leaves=12,
+)
+
+
+def same(left: Any, right: Any) -> bool:
+    """Equal, of equal type, and floats bit for bit."""
+    if type(left) is not type(right):
+        return False
+    if isinstance(left, float):
+        return struct.pack("d", left) == struct.pack("d", right)
+    if isinstance(left, list):
+        return len(left) == len(right) and all(map(same, left, right))
+    if isinstance(left, dict):
+        return list(left) == list(right) and all(same(left[k], right[k]) for k in left)
+    return bool(left == right)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.dictionaries(TEXT, TREE, max_size=4).filter(bool))
+def test_writing_and_reading_gives_the_same_values(data: dict[str, Any]) -> None:
+    document = load_strict(dump_strict(data), "a.yaml")
+    assert document.problems == ()
+    assert same(document.data, data)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "\ud800"])
+def test_writing_refuses_what_could_not_be_read(value: Any) -> None:
+    with pytest.raises(ValueError, match="cannot be written"):
+        dump_strict({"a": value})

@@ -82,7 +82,7 @@ def check_distance(
     gradient[first] = -apart / found
     return DistanceCheck(
         found_m=found,
-        sigma_m=float(np.sqrt(max(gradient @ covariance @ gradient, 0.0))),
+        sigma_m=float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0))),
         known_m=distance_m,
         known_sigma_m=sigma_m,
     )

@@ -132,6 +132,9 @@ def calibrate(
     require_enough_poses(model, len(q))
     paper = None if unsensed_joints else estimate_paper(model, q)
     sigma = arm.sigma_rad()
+    if paper is not None:
+        # Before anything is weighted: an estimate along a blind direction is worth nothing.
+        _require_identifiable(model, paper.x, q, sigma)
     if estimator == "paper":
         if paper is None:
             raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
@@ -140,9 +143,7 @@ def calibrate(
         noise = NoiseModel(joint_variance=sigma**2)
         x0 = None if paper is None else paper.x
         estimate = estimate_implicit(model, q, noise, x0=x0, progress=progress)
-    seen = identifiability(model, estimate.x, q, sigma_rad=sigma)
-    if seen.directions:
-        raise UnidentifiableError(seen.directions)
+    seen = _require_identifiable(model, estimate.x, q, sigma)
     checks = fixture.placement_checks(arm, estimate.x, unsensed_joints=unsensed_joints)
     _refuse(checks)
     at_nominal = closure_at_readings(model, nominal, q)
@@ -162,6 +163,15 @@ def calibrate(
         warnings=warnings,
         reasons=_reasons(estimate, seen, limits),
     )
+
+
+def _require_identifiable(
+    model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray
+) -> Identifiability:
+    seen = identifiability(model, x, q, sigma_rad=sigma_rad)
+    if seen.directions:
+        raise UnidentifiableError(seen.directions)
+    return seen
 
 
 def _refuse(checks: tuple[SetupCheck, ...]) -> None:

@@ -65,10 +65,13 @@ def identifiability(
     Poses that cannot be closed with these parameters are judged where they are.
     """
     poses = close_loops(model, x, q, sigma_rad=sigma_rad)
-    spans = np.ptp(poses.q, axis=0)
-    A, _ = reduced_jacobian(model, x, poses.q, poses.u)
+    judged = np.where(poses.closed[:, None], poses.q, q)
+    u = np.where(poses.closed[:, None], poses.u, model.initial_unsensed(x, q))
+    A, _ = reduced_jacobian(model, x, judged, u)
     names = tuple(p.name for p in model.parameters)
-    return judge_jacobian(A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=spans)
+    return judge_jacobian(
+        A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
+    )
 
 
 def judge_jacobian(

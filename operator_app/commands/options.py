@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from operator_app.exit_codes import UsageError
+
+if TYPE_CHECKING:
+    from operator_app.session.opening import Choices
 
 SCENARIOS = ("exact", "datasheet", "as_reported", "wild")
 DEFAULT_SCENARIO = "datasheet"
@@ -40,18 +47,17 @@ def bus_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("-b", "--bitrate", type=int, help="bit/s, e.g. 1000000")
 
 
-def scenario_options(parser: argparse.ArgumentParser, default: str | None) -> None:
+def scenario_options(parser: argparse.ArgumentParser) -> None:
     """``--scenario`` and ``--seed`` of the virtual arm."""
     group = parser.add_argument_group("virtual arm")
     group.add_argument(
         "--scenario",
         choices=SCENARIOS,
-        default=default,
         help="what is wrong with the virtual arm: exact (nothing), datasheet (sensors at their "
         "specification), as_reported (the paper's three error sources), wild (another arm and "
         f"hinge for every seed); default {DEFAULT_SCENARIO}",
     )
-    group.add_argument("--seed", type=int, default=0, help="of the virtual arm (default 0)")
+    group.add_argument("--seed", type=int, help="of the virtual arm (default 0)")
 
 
 def sessions_option(parser: argparse.ArgumentParser) -> None:
@@ -63,3 +69,38 @@ def sessions_option(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder that holds the session folders (default ./sessions)",
     )
+
+
+def choices_from(args: argparse.Namespace) -> Choices:
+    """Return what these options chose; None where they chose nothing."""
+    from operator_app.session.opening import Choices
+
+    if args.seed is not None and args.seed < 0:
+        raise UsageError("--seed: a seed is a whole number from zero")
+    return Choices(
+        poses=getattr(args, "poses", None),
+        estimator=getattr(args, "estimator", None),
+        unsensed_joints=parse_joints(args.unsensed) if getattr(args, "unsensed", "") else None,
+        upload=False if getattr(args, "no_upload", False) else None,
+        interface=args.interface,
+        channel=args.channel,
+        bitrate=args.bitrate,
+        scenario=args.scenario,
+        seed=args.seed,
+    )
+
+
+def parse_joints(text: str) -> tuple[int, ...]:
+    """Read ``6,7`` into joint numbers; UsageError when it is anything else."""
+    if not text:
+        return ()
+    if not re.fullmatch(r"[1-9]\d*(,[1-9]\d*)*", text.replace(" ", "")):
+        raise UsageError(f"--unsensed {text!r}: write joint numbers with commas, e.g. 6,7")
+    return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
+
+
+def require_joints(joints: tuple[int, ...], joint_count: int) -> None:
+    """UsageError when one of `joints` is not a joint of the arm."""
+    wrong = [j for j in joints if j > joint_count]
+    if wrong:
+        raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")

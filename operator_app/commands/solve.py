@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 
-from operator_app.commands.options import estimator_options, json_option
+from operator_app.commands.options import (
+    estimator_options,
+    json_option,
+    parse_joints,
+    require_joints,
+)
 from operator_app.exit_codes import ExitCode, UsageError
 
 SUMMARY = "calibrate from a file of poses, without an arm"
@@ -33,7 +37,8 @@ def execute(args: argparse.Namespace) -> int:
 
     arm = load_arm(args.arm)
     fixture = load_fixture(args.fixture).fixture
-    unsensed = parse_joints(args.unsensed, arm.joint_count)
+    unsensed = parse_joints(args.unsensed)
+    require_joints(unsensed, arm.joint_count)
     loaded = load_poses(args.poses, joint_count=arm.joint_count)
     estimator = args.estimator or "implicit"
     if estimator == "paper" and unsensed:
@@ -59,16 +64,3 @@ def execute(args: argparse.Namespace) -> int:
     else:
         print(solution_text(solution))
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
-
-
-def parse_joints(text: str, joint_count: int) -> tuple[int, ...]:
-    """Read ``6,7`` into joint numbers; UsageError when it is anything else."""
-    if not text:
-        return ()
-    if not re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")):
-        raise UsageError(f"--unsensed {text!r}: write joint numbers with commas, e.g. 6,7")
-    joints = tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
-    wrong = [j for j in joints if not 1 <= j <= joint_count]
-    if wrong:
-        raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")
-    return joints

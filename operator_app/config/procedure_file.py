@@ -32,7 +32,7 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.resources import Kind, Resource, resolve
-from operator_app.config.schema import StrictModel, check_model, report
+from operator_app.config.schema import StrictModel, check_model
 from operator_app.config.strict_yaml import load_strict
 from operator_app.config.yaml_document import Path as KeyPath
 from operator_app.config.yaml_document import YamlDocument
@@ -128,39 +128,6 @@ class ProcedureFile(StrictModel):
     acceptance: AcceptanceModel
     export: ExportModel
 
-    @field_validator("capture")
-    @classmethod
-    def _drive_joints(cls, value: CaptureModel, info: ValidationInfo) -> CaptureModel:
-        modes = info.data.get("modes")
-        if modes is None:
-            return value
-        named = [item.joint for item in value.exploration]
-        wanted = list(modes.position) if isinstance(modes, ModesModel) else []
-        for k, joint in enumerate(named):
-            if joint in named[:k]:
-                report(
-                    info,
-                    ("capture", "exploration", k, "joint"),
-                    f"joint {joint} is listed twice",
-                    "keep one of them",
-                )
-            elif joint not in wanted:
-                report(
-                    info,
-                    ("capture", "exploration", k, "joint"),
-                    f"joint {joint} is not in position mode",
-                    "explore with the drive joints only",
-                )
-        for joint in wanted:
-            if joint not in named:
-                report(
-                    info,
-                    ("capture", "exploration"),
-                    f"joint {joint} has no travel",
-                    f"add {{joint: {joint}, from_deg: ..., to_deg: ...}}",
-                )
-        return value
-
 
 def parse_procedure(
     source: Resource, *, snapshot: Mapping[Kind, Resource] | None = None
@@ -181,8 +148,7 @@ def parse_procedure(
     known = snapshot or {}
     arm = _referred("arm", document, source, known, parse=parse_arm, problems=problems)
     fixture = _referred("fixture", document, source, known, parse=parse_fixture, problems=problems)
-    if arm is not None:
-        problems += _check_joints(found, arm[1], document)
+    problems += _check_joints(found, None if arm is None else arm[1], document)
     if problems or arm is None or fixture is None:
         raise ConfigError(problems)
     capture, accept = found.capture, found.acceptance
@@ -257,9 +223,10 @@ def _referred(
         return None
 
 
-def _check_joints(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
-    """Joint numbers and travels that do not fit the arm."""
-    n = arm.joint_count
+def _check_joints(
+    found: ProcedureFile, arm: ArmModel | None, document: YamlDocument
+) -> Iterator[Problem]:
+    """Joint numbers that contradict each other or, where it is known, the arm."""
     drives = found.modes.position if isinstance(found.modes, ModesModel) else ()
     lists: tuple[tuple[KeyPath, tuple[int, ...]], ...] = (
         (("modes", "position"), drives),
@@ -267,14 +234,12 @@ def _check_joints(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
     )
     for path, joints in lists:
         for k, joint in enumerate(joints):
-            if joint > n:
-                yield document.problem(
-                    (*path, k), f"there is no joint {joint}", f"{arm.name} has joints 1 to {n}"
-                )
+            if arm is not None and joint > arm.joint_count:
+                text, remedy = f"there is no joint {joint}", f"joints are 1 to {arm.joint_count}"
+                yield document.problem((*path, k), text, remedy)
             elif joint in joints[:k]:
-                yield document.problem(
-                    (*path, k), f"joint {joint} is listed twice", "list each joint once"
-                )
+                text = f"joint {joint} is listed twice"
+                yield document.problem((*path, k), text, "list each joint once")
     for k, joint in enumerate(drives):
         if joint in found.unsensed_joints:
             yield document.problem(
@@ -282,11 +247,40 @@ def _check_joints(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
                 f"joint {joint} is in position mode and unsensed",
                 "a joint whose reading is not used cannot be driven to a position",
             )
-    for k, item in enumerate(found.capture.exploration):
-        if item.joint > n:
-            continue
-        joint_model, home = arm.joints[item.joint - 1], math.degrees(arm.home_rad[item.joint - 1])
-        low, high = math.degrees(joint_model.lower_rad), math.degrees(joint_model.upper_rad)
+    yield from _check_exploration(found, drives, arm, document)
+    if arm is not None:
+        yield from _check_limits(found, arm, document)
+
+
+def _check_exploration(
+    found: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None, document: YamlDocument
+) -> Iterator[Problem]:
+    """Each drive joint that exists has one travel, and no other joint has any."""
+    here: KeyPath = ("capture", "exploration")
+    named = [item.joint for item in found.capture.exploration]
+    for k, joint in enumerate(named):
+        if joint in named[:k]:
+            text = f"joint {joint} is listed twice"
+            yield document.problem((*here, k, "joint"), text, "keep one of them")
+        elif joint not in drives:
+            text = f"joint {joint} is not in position mode"
+            yield document.problem((*here, k, "joint"), text, "explore with the drive joints only")
+    for joint in sorted(set(drives) - set(named)):
+        if arm is None or joint <= arm.joint_count:
+            remedy = f"add {{joint: {joint}, from_deg: ..., to_deg: ...}}"
+            yield document.problem(here, f"joint {joint} has no travel", remedy)
+
+
+def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
+    """Travels from home stay inside the ranges; no drive joint is faster than it may be."""
+    boxes = [
+        (k, item)
+        for k, item in enumerate(found.capture.exploration)
+        if item.joint <= arm.joint_count
+    ]
+    for k, item in boxes:
+        joint, home = arm.joints[item.joint - 1], math.degrees(arm.home_rad[item.joint - 1])
+        low, high = math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)
         for key, travel in (("from_deg", item.from_deg), ("to_deg", item.to_deg)):
             if not low - 1e-9 <= home + travel <= high + 1e-9:
                 yield document.problem(
@@ -295,10 +289,12 @@ def _check_joints(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
                     f"outside its range {low:.6g} to {high:.6g} deg",
                     "shorten the travel",
                 )
-        limit = math.degrees(joint_model.max_speed_rad_per_s)
+    slowest = min(
+        boxes, key=lambda box: arm.joints[box[1].joint - 1].max_speed_rad_per_s, default=None
+    )
+    if slowest is not None:
+        number = slowest[1].joint
+        limit = math.degrees(arm.joints[number - 1].max_speed_rad_per_s)
         if found.capture.speed_deg_per_s > limit * (1.0 + 1e-9):
-            yield document.problem(
-                ("capture", "speed_deg_per_s"),
-                f"is more than joint {item.joint} may do ({limit:.6g} deg/s)",
-                "slow down",
-            )
+            text = f"is more than joint {number} may do ({limit:.6g} deg/s)"
+            yield document.problem(("capture", "speed_deg_per_s"), text, "slow down")

@@ -1,0 +1,95 @@
+"""`sarcal export`: the parameters of a session, solved again from its journal; shown, written, uploaded."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from operator_app.commands.options import (
+    bus_options,
+    choices_from,
+    estimator_options,
+    scenario_options,
+    sessions_option,
+)
+from operator_app.exit_codes import ExitCode
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("session", metavar="SESSION", help="session folder, its name or latest")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="write the parameters there (default: parameters.yaml in the session folder; - is stdout)",
+    )
+    parser.add_argument(
+        "--upload", action="store_true", help="upload them to the controller and read them back"
+    )
+    estimator_options(parser)
+    sessions_option(parser)
+    bus_options(parser)
+    scenario_options(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Solve the session's poses, write the document, and upload it if asked."""
+    from operator_app.calibration import calibrate
+    from operator_app.composition import carried_procedure, open_arm
+    from operator_app.config.atomic import write_atomically
+    from operator_app.config.parameters_file import format_parameters
+    from operator_app.headless.signals import ending_signals_interrupt
+    from operator_app.session.export import PARAMETERS_NAME, parameters_document, upload
+    from operator_app.session.folder import read_session
+    from operator_app.session.journal import utc_now
+    from operator_app.session.opening import resume
+
+    opening = resume(args.session, choices_from(args), root=args.sessions)
+    state = read_session(opening.folder).state
+    if state is None or not state.used_poses:
+        print(f"sarcal: {opening.folder} has no pose yet: nothing to export.", file=sys.stderr)
+        return ExitCode.BAD_INPUT
+    procedure = carried_procedure(opening)
+    poses = state.pose_set()
+    solution = calibrate(
+        procedure.arm,
+        procedure.fixture.fixture,
+        poses,
+        estimator=procedure.estimator,
+        unsensed_joints=procedure.unsensed_joints,
+        limits=procedure.acceptance,
+    )
+    if not solution.accepted:
+        for reason in solution.reasons:
+            print(f"sarcal: not accepted: {reason}.", file=sys.stderr)
+        return ExitCode.NOT_ACCEPTED
+    document = parameters_document(
+        solution,
+        arm=procedure.arm,
+        serial_number=state.serial_number,
+        fixture=procedure.fixture,
+        poses=poses,
+        utc=utc_now(),
+    )
+    data = format_parameters(document)
+    if str(args.output) == "-":
+        sys.stdout.write(data.decode())
+    else:
+        target = args.output or opening.folder / PARAMETERS_NAME
+        write_atomically(target, data)
+        print(f"Parameters  {target}")
+    if args.upload:
+        counts = tuple(joint.home_offset_counts for joint in document.joints)
+        with ending_signals_interrupt(), open_arm(opening) as rig:
+            found = rig.arm.connect()
+            rig.arm.take_control()
+            receipt = upload(rig.arm, data, counts)
+        print(
+            f"Controller  {found.serial_number}: slot {receipt.slot} active, {receipt.length} bytes "
+            f"read back, SHA-256 {receipt.sha256}",
+            file=sys.stderr if str(args.output) == "-" else sys.stdout,
+        )
+    return ExitCode.ACCEPTED

@@ -1,0 +1,171 @@
+"""`sarcal run`: a procedure from Connect to Export without questions, and its resumption."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING
+
+from operator_app.commands.options import (
+    bus_options,
+    choices_from,
+    estimator_options,
+    json_option,
+    scenario_options,
+    sessions_option,
+)
+from operator_app.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from operator_app.headless.runner import RunResult
+    from operator_app.session.workflow import Session
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "procedure", nargs="?", default="hinge", help="procedure file or built-in name (hinge)"
+    )
+    parser.add_argument("--poses", type=int, metavar="N", help="how many poses to capture")
+    parser.add_argument(
+        "--resume", metavar="SESSION", help="go on with a session: its folder, its name or latest"
+    )
+    parser.add_argument(
+        "--no-upload", action="store_true", help="write the parameters but do not upload them"
+    )
+    parser.add_argument(
+        "--record", action="store_true", help="record the bus to bus.blf in the session folder"
+    )
+    estimator_options(parser)
+    sessions_option(parser)
+    bus_options(parser)
+    scenario_options(parser)
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Run, report, and leave the arm held whatever happens."""
+    from operator_app.composition import open_arm
+    from operator_app.headless.console import ConsoleListener
+    from operator_app.headless.runner import run
+    from operator_app.headless.signals import ending_signals_interrupt, ending_signals_wait
+    from operator_app.session.journal import Journal
+    from operator_app.session.opening import begin, resume
+    from operator_app.session.workflow import Session
+    from solver.errors import UnidentifiableError
+
+    choices = choices_from(args)
+    opening = (
+        resume(args.resume, choices, root=args.sessions)
+        if args.resume
+        else begin(args.procedure, choices, root=args.sessions)
+    )
+    listener = ConsoleListener()
+    record_to = opening.folder / "bus.blf" if args.record else None
+    with ending_signals_interrupt(), open_arm(opening, record_to=record_to) as rig:
+        journal = (
+            Journal.resume(opening.folder) if opening.resumed else Journal.create(opening.folder)
+        )
+        session = Session(journal=journal, arm=rig.arm, procedure=rig.procedure)
+        reason = "failed"
+        try:
+            if opening.resumed:
+                _say_resumed(listener, session)
+                session.record("resumed", {"settings": dict(opening.settings)})
+            else:
+                session.open(opening.sources, opening.settings)
+            result = run(session, listener)
+            reason = "done"
+        except KeyboardInterrupt:
+            reason = "interrupted"
+            raise
+        except UnidentifiableError as error:
+            _report_unidentifiable(args, session, error)
+            return ExitCode.NOT_IDENTIFIABLE
+        finally:
+            listener.close()
+            with ending_signals_wait():
+                session.close(reason)
+            if reason != "done":
+                _say_kept(listener, session, reason)
+    _report(args, session, result)
+    return ExitCode.ACCEPTED if result.solution.accepted else ExitCode.NOT_ACCEPTED
+
+
+def _say_resumed(listener: object, session: Session) -> None:
+    from operator_app.headless.console import ConsoleListener
+
+    if isinstance(listener, ConsoleListener):
+        if session.journal.contents.torn:
+            listener.say(f"{session.journal.contents.torn}.")
+        listener.say(f"Going on after {len(session.state.used_poses)} poses.")
+
+
+def _say_kept(listener: object, session: Session, reason: str) -> None:
+    from operator_app.headless.console import ConsoleListener
+
+    folder = session.journal.path.parent
+    if isinstance(listener, ConsoleListener):
+        listener.say(
+            f"The run was {reason}; the arm is held. {len(session.state.poses)} poses are kept in "
+            f"{folder}. Go on with: sarcal run --resume {folder}"
+        )
+
+
+def _report(args: argparse.Namespace, session: Session, result: RunResult) -> None:
+    from operator_app.report.json_result import estimate_json, solution_json
+    from operator_app.report.text import solution_text
+
+    folder, solution, exported = session.journal.path.parent, result.solution, result.exported
+    if args.json:
+        found = solution_json(solution)
+        found["paper"] = None if solution.paper is None else estimate_json(solution.paper)
+        found["session"] = {
+            "folder": str(folder),
+            "journal": str(session.journal.path),
+            "serial_number": session.state.serial_number,
+            "parameters": None if exported is None else str(exported.parameters),
+            "poses": None if exported is None else str(exported.poses),
+            "uploaded": exported is not None and exported.receipt is not None,
+            "sha256": None if exported is None or exported.receipt is None
+            else exported.receipt.sha256,
+        }  # fmt: skip
+        print(json.dumps(found, indent=2, allow_nan=False))
+        return
+    print(solution_text(solution))
+    print()
+    print(f"Session     {folder}")
+    if exported is None:
+        print("Parameters  not written: the calibration was not accepted")
+        return
+    print(f"Poses       {exported.poses}")
+    print(f"Parameters  {exported.parameters}")
+    if exported.receipt is None:
+        print("Controller  nothing uploaded")
+    else:
+        print(
+            f"Controller  slot {exported.receipt.slot} active, {exported.receipt.length} bytes read "
+            f"back\n            SHA-256 {exported.receipt.sha256}"
+        )
+
+
+def _report_unidentifiable(args: argparse.Namespace, session: Session, error: Exception) -> None:
+    from operator_app.report.json_result import unidentifiable_json
+    from operator_app.report.text import unidentifiable_text
+    from solver.errors import UnidentifiableError
+
+    if not isinstance(error, UnidentifiableError):
+        raise TypeError("only an UnidentifiableError has directions")
+    if not args.json:
+        print(unidentifiable_text(error.directions), file=sys.stdout)
+        return
+    model = session.fixture.model(session.model, unsensed_joints=session.procedure.unsensed_joints)
+    found = unidentifiable_json(
+        error.directions,
+        parameters=len(model.parameters),
+        poses=len(session.state.used_poses),
+    )
+    found["paper"] = None
+    found["session"] = {"folder": str(session.journal.path.parent)}
+    print(json.dumps(found, indent=2, allow_nan=False))

@@ -1,0 +1,171 @@
+"""The one place where real and virtual parts are joined: which arm is at the end of which bus.
+
+Without a bus of its own a session gets the virtual arm: its controller in this process, on a
+python-can ``virtual`` channel, behind the same frames a real one would send.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from itertools import count
+from pathlib import Path
+
+from hardware.buses import BusSettings, bus_settings, open_bus
+from hardware.canopen_arm import CanopenArm
+from hardware.control_loop import Pace
+from hardware.description import (
+    ArmDescription,
+    EncoderDescription,
+    JointDescription,
+    RvdtDescription,
+)
+from hardware.virtual.controller import VirtualController
+from hardware.virtual.scenarios import Scenario, scenario
+from hardware.virtual.slots import FolderSlots, MemorySlots
+from hardware.virtual.supervisor_node import ValidatedParameters
+from operator_app.commands.options import DEFAULT_SCENARIO
+from operator_app.config.errors import ConfigError
+from operator_app.config.parameters_file import parse_parameters
+from operator_app.config.procedure import Procedure
+from operator_app.session.errors import SessionError
+from operator_app.session.opening import Choices, Opening
+from solver.arm_model import ArmModel
+from solver.sensors import Encoder, NoSensor, Rvdt
+
+SWITCH_INTERVAL_S = 0.0005
+"""How long one thread may keep the interpreter: a SYNC must not wait for a solver or a repaint."""
+
+_channels = count(1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rig:
+    """An arm ready to be connected, and the procedure for the arm that is really there."""
+
+    arm: CanopenArm
+    procedure: Procedure
+    simulated: bool
+
+
+@contextmanager
+def open_arm(
+    opening: Opening, *, pace: Pace | None = None, record_to: Path | None = None
+) -> Iterator[Rig]:
+    """Open the bus a session asks for, with a virtual controller on it if it is this process's own.
+
+    Parameters
+    ----------
+    pace
+        Default: fast-forward on the embedded virtual arm, real time on any bus that others share.
+
+    Raises
+    ------
+    BusError
+        The bus cannot be opened.
+    """
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    procedure = carried_procedure(opening)
+    settings = _bus(opening.choices, procedure)
+    embedded = settings.interface == "virtual"
+    with ExitStack() as stack:
+        if embedded:
+            channel = f"sarcal-{os.getpid()}-{next(_channels)}"
+            settings = BusSettings(interface="virtual", channel=channel)
+            stack.enter_context(run_controller(opening.procedure.arm, opening.choices, settings))
+        arm = CanopenArm(
+            describe(procedure.arm),
+            settings,
+            pace=pace or (Pace.FAST_FORWARD if embedded else Pace.REAL_TIME),
+            record_to=record_to,
+        )
+        stack.callback(arm.close)
+        yield Rig(arm=arm, procedure=procedure, simulated=embedded)
+
+
+def carried_procedure(opening: Opening) -> Procedure:
+    """Return the procedure with the arm that is really there: a virtual one may carry other sensors."""
+    procedure, choices = opening.procedure, opening.choices
+    if _bus(choices, procedure).interface != "virtual" and choices.scenario is None:
+        return procedure
+    return replace(procedure, arm=scenario_of(choices).arm(procedure.arm))
+
+
+def scenario_of(choices: Choices) -> Scenario:
+    """Return the virtual arm these choices mean."""
+    return scenario(choices.scenario or DEFAULT_SCENARIO, choices.seed or 0)
+
+
+@contextmanager
+def run_controller(
+    arm: ArmModel, choices: Choices, settings: BusSettings, *, slots: Path | None = None
+) -> Iterator[VirtualController]:
+    """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory."""
+    chosen = scenario_of(choices)
+    carried = chosen.arm(arm)
+    try:
+        plant = chosen.build(arm)
+    except ValueError as error:
+        raise SessionError(
+            f"the virtual arm cannot stand in for {arm.name}: {error}",
+            "use an arm file of the Sarcos Dextrous Arm, or connect a real bus with -i",
+        ) from error
+    bus = open_bus(settings)
+    controller = VirtualController(
+        bus,
+        plant,
+        describe(carried),
+        validate=validate_parameters(carried),
+        slots=MemorySlots() if slots is None else FolderSlots(slots),
+    )
+    controller.start()
+    try:
+        yield controller
+    finally:
+        controller.close()
+        bus.shutdown()
+
+
+def describe(arm: ArmModel) -> ArmDescription:
+    """Return what the drives of `arm` should say of themselves."""
+    return ArmDescription(
+        model=arm.name,
+        joints=tuple(
+            JointDescription(
+                name=joint.name,
+                lower_rad=joint.lower_rad,
+                upper_rad=joint.upper_rad,
+                max_speed_rad_per_s=joint.max_speed_rad_per_s,
+                max_torque_nm=joint.max_torque_nm,
+                sensor=_sensor(joint.name, joint.sensor),
+            )
+            for joint in arm.joints
+        ),
+    )
+
+
+def _sensor(name: str, sensor: Encoder | Rvdt | NoSensor) -> EncoderDescription | RvdtDescription:
+    match sensor:
+        case Encoder():
+            return EncoderDescription(counts_per_rev=sensor.counts_per_rev)
+        case Rvdt():
+            return RvdtDescription(bits=sensor.bits, full_scale_rad=sensor.full_scale_rad)
+        case NoSensor():
+            raise SessionError(
+                f"joint {name} has no sensor",
+                "a joint that is moved needs one; leave its reading out with --unsensed instead",
+            )
+
+
+def _bus(choices: Choices, procedure: Procedure) -> BusSettings:
+    """Command line over procedure file over environment and can.conf."""
+    from_file = procedure.bus
+    interface = choices.interface
+    if interface is None and from_file.interface != "virtual":
+        interface = from_file.interface
+    return bus_settings(
+        interface, choices.channel or from_file.channel, choices.bitrate or from_file.bitrate
+    )

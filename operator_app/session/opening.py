@@ -1,0 +1,130 @@
+"""Where sessions come from: a procedure file with overrides, or the journal of an earlier run.
+
+A journal carries the arm, fixture and procedure documents it was opened with, so that resuming does
+not depend on files that may have changed since.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import parse_procedure
+from operator_app.config.resources import Kind, Resource, resolve
+from operator_app.session.errors import SessionError
+from operator_app.session.folder import find_session, new_folder
+from operator_app.session.journal import Clock, read_journal, utc_now
+from operator_app.session.state import replay
+
+KINDS: tuple[Kind, Kind, Kind] = ("procedure", "arm", "fixture")
+"""Order of `Procedure.sources`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choices:
+    """What the operator chose beside the procedure file; None leaves it as the file says.
+
+    `interface`, `channel` and `bitrate` name the bus; `scenario` and `seed` the virtual arm.
+    """
+
+    poses: int | None = None
+    estimator: str | None = None
+    unsensed_joints: tuple[int, ...] | None = None
+    upload: bool | None = None
+    interface: str | None = None
+    channel: str | None = None
+    bitrate: int | None = None
+    scenario: str | None = None
+    seed: int | None = None
+
+    def over(self, earlier: Choices) -> Choices:
+        """Return these choices where they are made, else the earlier ones."""
+        values = {
+            f.name: getattr(earlier, f.name)
+            if getattr(self, f.name) is None
+            else getattr(self, f.name)
+            for f in fields(self)
+        }
+        return Choices(**values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opening:
+    """A session that is about to begin or go on, before anything was written."""
+
+    folder: Path
+    resumed: bool
+    procedure: Procedure
+    choices: Choices
+    sources: Mapping[str, str]
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The choices as the journal keeps them."""
+        return asdict(self.choices)
+
+
+def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:
+    """Open a new session of a procedure, by built-in name or path; raises ConfigError."""
+    procedure = parse_procedure(resolve("procedure", reference))
+    sources = {
+        kind: source.data.decode() for kind, source in zip(KINDS, procedure.sources, strict=True)
+    }
+    return Opening(
+        folder=new_folder(root, procedure.name, clock()),
+        resumed=False,
+        procedure=_with_choices(procedure, choices),
+        choices=choices,
+        sources=sources,
+    )
+
+
+def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
+    """Go on with a session; choices made now take precedence over those it was begun with."""
+    folder = find_session(root, reference)
+    state = replay((e.name, e.data, e.utc) for e in read_journal(folder).events)
+    if set(KINDS) - set(state.sources):
+        raise SessionError(
+            f"the journal of {folder} does not say which procedure it follows",
+            "start a new session; its poses can be solved with `sarcal solve`",
+        )
+    found = {
+        kind: Resource(file=f"{folder}: {kind}", folder=None, data=state.sources[kind].encode())
+        for kind in KINDS
+    }
+    procedure = parse_procedure(found["procedure"], snapshot=found)
+    earlier: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in state.settings.items()
+    }
+    known = {f.name for f in fields(Choices)}
+    merged = choices.over(Choices(**{k: v for k, v in earlier.items() if k in known}))
+    return Opening(
+        folder=folder,
+        resumed=True,
+        procedure=_with_choices(procedure, merged),
+        choices=merged,
+        sources=state.sources,
+    )
+
+
+def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
+    """Put the operator's choices into the procedure."""
+    if choices.poses is not None:
+        if choices.poses < 1:
+            raise SessionError(f"{choices.poses} poses were asked for", "ask for at least 1")
+        procedure = replace(procedure, capture=replace(procedure.capture, poses=choices.poses))
+    match choices.estimator:
+        case None:
+            pass
+        case "paper" | "implicit" as estimator:
+            procedure = replace(procedure, estimator=estimator)
+        case other:
+            raise SessionError(f"there is no estimator {other!r}", "use implicit or paper")
+    if choices.unsensed_joints is not None:
+        procedure = replace(procedure, unsensed_joints=choices.unsensed_joints)
+    if choices.upload is not None:
+        procedure = replace(procedure, upload=choices.upload)
+    return procedure

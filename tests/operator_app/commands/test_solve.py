@@ -1,0 +1,131 @@
+"""`sarcal solve` as a script sees it: JSON, exit codes, one clear message, nothing written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from operator_app.cli import main
+
+TRUTH = {
+    "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,
+    "theta_off_5": 27.1, "theta_off_6": 116.3, "theta_off_7": 89.3, "a_0": 0.202, "s_0": 0.014,
+    "alpha_0": -38.5, "s_1": 0.273, "a_7": -0.101, "s_7": 0.038, "alpha_7": 99.8,
+}  # fmt: skip
+CONTRACT = {
+    "parameters", "sigma", "rank", "unidentifiable", "scaled_condition_number", "sigma_pos_mm",
+    "sigma_ori_mrad", "chi2_per_dof", "variance_components", "poses", "iterations", "verdict",
+    "warnings",
+}  # fmt: skip
+HEADER = "placement,pose," + ",".join(f"theta{j}_deg" for j in range(1, 8))
+
+
+@pytest.fixture
+def exact_csv(shared_data: Path) -> Path:
+    return shared_data / "hinge" / "hinge_exact.csv"
+
+
+@pytest.mark.parametrize("estimator", ["implicit", "paper"])
+def test_exact_poses_give_table_2_to_1e_8(
+    exact_csv: Path, estimator: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["solve", str(exact_csv), "--estimator", estimator, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found) >= CONTRACT
+    assert set(found["parameters"]) == set(found["sigma"]) == set(TRUTH)
+    for name, value in TRUTH.items():
+        # 1e-8 rad and 1e-8 m.
+        bound = 1e-8 if name[0] in "as" and not name.startswith("alpha") else 5.7e-7
+        assert found["parameters"][name] == pytest.approx(value, abs=bound), name
+    assert found["rank"] == 14
+    assert found["unidentifiable"] == []
+    assert found["verdict"] == "accepted"
+    assert found["poses"] == 60
+
+
+def test_unsensed_wrist_on_the_rvdt_set(
+    shared_data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    csv = shared_data / "hinge" / "hinge_rvdt1pct.csv"
+    assert main(["solve", str(csv), "--unsensed", "6,7", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["parameters"]
+    assert "theta_off_6" not in found
+    for j in range(1, 6):
+        # 0.02 mrad
+        assert found[f"theta_off_{j}"] == pytest.approx(TRUTH[f"theta_off_{j}"], abs=0.0011)
+    for name in ("a_0", "s_0", "s_1", "a_7", "s_7"):
+        assert found[name] == pytest.approx(TRUTH[name], abs=2e-5)
+
+
+def test_rigid_refuses_by_naming_joint_4(
+    exact_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = exact_csv.read_text().splitlines()
+    still = tmp_path / "rigid.csv"
+    rows = [row.split(",") for row in lines[1:]]
+    for row in rows:
+        row[5] = rows[0][5]
+    still.write_text("\n".join([lines[0], *(",".join(row) for row in rows)]) + "\n")
+    assert main(["solve", str(still), "--fixture", "rigid", "--json"]) == 5
+    found = json.loads(capsys.readouterr().out)
+    assert "theta_off_4" in found["unidentifiable"]
+    assert "joint 4 does not move" in found["verdict_reasons"][0]
+    assert main(["solve", str(still), "--fixture", "rigid"]) == 5
+    said = capsys.readouterr().out
+    assert "joint 4 does not move" in said
+    assert "condition number" not in said
+
+
+def rows(count: int) -> list[str]:
+    return [f"1,{k}," + ",".join(str(10 * k + j) for j in range(7)) for k in range(1, count + 1)]
+
+
+@pytest.mark.parametrize(
+    ("name", "lines", "where"),
+    [
+        ("nan", [HEADER, *rows(3), "1,4,0,0,nan,0,0,0,0"], ["nan.csv:5", "theta3_deg"]),
+        ("six", [",".join(HEADER.split(",")[:-1]), "1,1,0,0,0,0,0,0"], ["six.csv:1", "theta7_deg"]),
+        ("zero", [HEADER], ["zero.csv", "no pose"]),
+        ("two", [HEADER, *rows(2)], ["2 poses", "at least 3 poses are needed"]),
+        ("twice", [HEADER, *rows(3), rows(1)[0]], ["twice.csv:5", "twice"]),
+    ],
+)
+def test_bad_poses_get_one_clear_message_and_exit_code_2(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    lines: list[str],
+    where: list[str],
+) -> None:
+    path = tmp_path / f"{name}.csv"
+    path.write_text("\n".join(lines) + "\n")
+    before = sorted(tmp_path.iterdir())
+    assert main(["solve", str(path)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    for part in where:
+        assert part in said.err
+    assert "Traceback" not in said.err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["missing.csv"], "missing.csv"),
+        (["missing.csv", "--arm", "sarcos"], "sarcos_dextrous"),
+        (["missing.csv", "--fixture", "hing"], "hinge"),
+        (["missing.csv", "--unsensed", "six"], "6,7"),
+        (["missing.csv", "--unsensed", "9"], "no joint 9"),
+        (["missing.csv", "--unsensed", "6", "--estimator", "paper"], "missing.csv"),
+    ],
+)
+def test_bad_options_say_what_there_is(
+    options: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["solve", *options]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert words in said.err

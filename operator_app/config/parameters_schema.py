@@ -198,6 +198,19 @@ class ParametersFile(StrictModel):
                 )
         return value
 
+    @field_validator("quality")
+    @classmethod
+    def _rank_fits(cls, value: QualityPart, info: ValidationInfo) -> QualityPart:
+        calibrated = info.data.get("calibrated")
+        if calibrated is not None and value.rank > len(calibrated):
+            report(
+                info,
+                ("quality", "rank"),
+                f"rank {value.rank} for {len(calibrated)} calibrated entries",
+                "the document was changed in one place only",
+            )
+        return value
+
 
 def _entry_complaints(
     part: CalibratedPart, before: list[str], joints: tuple[JointPart, ...] | None

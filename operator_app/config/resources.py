@@ -68,7 +68,8 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         return Resource(file=f"packaged:{text}.yaml", folder=None, data=packaged.read_bytes())
     path = Path(text).expanduser() if folder is None else folder / Path(text).expanduser()
     if _looks_like_name(text) and not _exists(path):
-        near = difflib.get_close_matches(text, names, n=1)
+        near = [name for name in names if text and name.startswith(text)]
+        near = near or difflib.get_close_matches(text, names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         problem = Problem(
             file=text,

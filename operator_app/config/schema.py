@@ -113,7 +113,7 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
         )
         if match is not None and match[1] != kind:
             problem = document.problem(
-                ("schema",), f"this is a {match[1]} file", f"a {kind} file is wanted: {line}"
+                ("schema",), f"this is a file of kind {match[1]}", f"kind {kind} is wanted: {line}"
             )
         elif match is not None:
             problem = document.problem(
@@ -130,9 +130,7 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
 def _problems(
     document: YamlDocument, model: type[BaseModel], errors: Iterable[ErrorDetails]
 ) -> Iterator[Problem]:
-    placed = _without_alternatives(
-        document, [(_path(document, error["loc"]), error) for error in errors]
-    )
+    placed = _without_alternatives(document, [(_path(document, error), error) for error in errors])
     missing = {path for path, error in placed if error["type"] == "missing"}
     meant: set[Path] = set()
     for path, error in placed:
@@ -171,17 +169,16 @@ def _without_alternatives(
     return kept
 
 
-def _path(document: YamlDocument, loc: tuple[int | str, ...]) -> Path:
+def _path(document: YamlDocument, error: ErrorDetails) -> Path:
     """Pydantic's location without the tags of unions, which are not in the file."""
     path: Path = ()
+    loc = error["loc"]
     for depth, part in enumerate(loc):
         value = document.at(path)
         inside = (isinstance(value, dict) and part in value) or (
             isinstance(value, list) and isinstance(part, int) and part < len(value)
         )
-        absent = depth == len(loc) - 1 and (
-            isinstance(value, dict) or (isinstance(value, list) and isinstance(part, int))
-        )
+        absent = error["type"] == "missing" and depth == len(loc) - 1
         if inside or absent:
             path = (*path, part)
     return path

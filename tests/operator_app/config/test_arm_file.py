@@ -175,7 +175,7 @@ BAD: list[tuple[str, Callable[[str], str], str, str, str]] = [
     ("home of six", replace("[40.5311, ", "["), "home_deg", "home_deg", "6 angles for 7 joints"),
     ("counts as degrees", replace("[40.5311, ", "[45034, "), "45034", "home_deg[1]", "counts where"),
     ("schema of a fixture", replace("sarcal/arm/1", "sarcal/fixture/1"), "schema:", "schema",
-     "this is a fixture file"),
+     "this is a file of kind fixture"),
     ("newer schema", replace("sarcal/arm/1", "sarcal/arm/2"), "schema:", "schema", "reads version 1"),
     ("no schema", replace("schema: sarcal/arm/1\n", ""), "name:", "", "has no schema"),
     ("schema not first", replace("schema: sarcal/arm/1\nname: sarcos_dextrous\n",

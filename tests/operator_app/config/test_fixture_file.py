@@ -1,0 +1,101 @@
+"""Fixture files: packaged placements, and one clear complaint for each way to get a file wrong."""
+
+from __future__ import annotations
+
+import math
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from fixtures.base import Severity
+from fixtures.hinge import Hinge
+from fixtures.rigid import Rigid
+from operator_app.config.arm_file import load_arm
+from operator_app.config.errors import ConfigError
+from operator_app.config.fixture_file import load_fixture, parse_fixture
+
+GOOD = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
+
+
+def test_hinge_is_nominal_near_table_2() -> None:
+    spec = load_fixture("hinge")
+    hinge = spec.fixture
+    assert isinstance(hinge, Hinge)
+    assert spec.kind == "hinge"
+    nominal = (hinge.a_0_m, hinge.s_0_m, hinge.s_1_m, hinge.a_n_m, hinge.s_n_m)
+    assert nominal == (0.2, 0.01, 0.27, -0.1, 0.04)
+    assert math.degrees(hinge.alpha_0_rad) == pytest.approx(-40.0, rel=1e-15)
+    assert math.degrees(hinge.alpha_n_rad) == pytest.approx(100.0, rel=1e-15)
+    # Table 2 lies within the stated tolerance of the nominal placement.
+    found = np.array([0.202, 0.014, 0.273, -0.101, 0.038])
+    assert np.all(np.abs(found - nominal) < spec.tolerance_m)
+    assert abs(math.radians(-38.5) - hinge.alpha_0_rad) < spec.tolerance_rad
+    assert abs(math.radians(99.8) - hinge.alpha_n_rad) < spec.tolerance_rad
+    assert len(spec.checklist) >= 3
+
+
+def test_rigid_closes_near_home_and_names_the_elbow() -> None:
+    spec = load_fixture("rigid")
+    assert isinstance(spec.fixture, Rigid)
+    arm = load_arm("sarcos_dextrous")
+    checks = {check.code: check for check in spec.fixture.setup_checks(arm, arm.home_rad)}
+    assert checks["MOBILITY"].severity is Severity.OK
+    assert checks["IMMOBILE_4"].severity is Severity.REFUSED
+    assert len(checks) == 2
+
+
+def test_stiffness_is_read_where_it_is_known() -> None:
+    text = GOOD + "stiffness: {n_per_m: 2e6, nm_per_rad: 3e4}\n"
+    spec = parse_fixture(text.encode(), "f.yaml")
+    assert (spec.stiffness_n_per_m, spec.stiffness_nm_per_rad) == (2e6, 3e4)
+    assert load_fixture("hinge").stiffness_n_per_m is None
+
+
+# Old text, new text; the key of the one complaint; what it says.
+BAD = [
+    ("a_0_mm: 200", "a_0_m: -38.5", "placement.a_0_m", "degrees where metres belong?"),
+    ("a_0_mm: 200", "a_0_m: 0.2", "placement.a_0_m", "wants millimetres, not metres: write a_0_mm"),
+    ("a_0_mm: 200", "a_0: 200", "placement.a_0", "did you mean a_0_mm?"),
+    ("a_n_mm: -100", "a_7_mm: -100", "placement.a_7_mm", "did you mean a_"),
+    ("alpha_0_deg: -40", "alpha_0_rad: -0.7", "placement.alpha_0_rad", "write alpha_0_deg"),
+    ("alpha_0_deg: -40", "alpha_0_deg: 1.5708", "placement.alpha_0_deg", "radians where degrees"),
+    ("alpha_0_deg: -40", "alpha_0_deg: 400", "placement.alpha_0_deg", "more than a turn"),
+    ("a_0_mm: 200", "a_0_mm: 20200", "placement.a_0_mm", "longer than any fixture"),
+    ("a_0_mm: 200", "a_0_mm: .nan", "placement.a_0_mm", "not a finite number"),
+    ("a_0_mm: 200\n", "a_0_mm: 200\n  a_0_mm: 210\n", "placement.a_0_mm", "given twice"),
+    ("  s_1_mm: 270\n", "", "placement.s_1_mm", "is missing"),
+    ("kind: hinge", "kind: henge", "kind", "did you mean hinge? one of: hinge, rigid"),
+    ("kind: hinge\n", "", "kind", "one of: hinge, rigid"),
+    ("kind: hinge", "kind: 7", "kind", "one of: hinge, rigid"),
+    ("tolerance_mm: 30", "tolerance_mm: 0", "tolerance_mm", "greater than 0"),
+    ("name: hinge", "name: 12", "name", "must be text"),
+    ("name: hinge", "name: a b", "name", "right form"),
+    ("checklist:\n", "checklist: []\nnotes:\n", "checklist", "0 items"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "key", "says"), BAD, ids=[f"{b[2]}: {b[3]}" for b in BAD])
+def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, says: str) -> None:
+    assert old in GOOD
+    text = GOOD.replace(old, new, 1)
+    with pytest.raises(ConfigError) as caught:
+        parse_fixture(text.encode(), "f.yaml")
+    found = [p for p in caught.value.problems if p.key != "notes"]
+    assert [p.key for p in found] == [key], str(caught.value)
+    assert says in str(found[0])
+    assert found[0].line is not None
+    if new.strip() and "\n" not in new.strip():
+        assert new.strip() in text.splitlines()[found[0].line - 1]
+
+
+def test_a_placement_in_metres_is_seen_as_a_whole() -> None:
+    text = GOOD
+    for length in ("a_0_mm: 200", "s_0_mm: 10", "s_1_mm: 270", "a_n_mm: -100", "s_n_mm: 40"):
+        name, value = length.split(": ")
+        text = text.replace(length, f"{name}: {float(value) / 1e3}")
+    with pytest.raises(ConfigError) as caught:
+        parse_fixture(text.encode(), "f.yaml")
+    (problem,) = caught.value.problems
+    assert problem.key == "placement"
+    assert "metres where millimetres belong?" in problem.text

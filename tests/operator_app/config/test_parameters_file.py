@@ -1,0 +1,300 @@
+"""The parameters document: what is written is read back bit for bit, and a tampered one is refused."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from operator_app.config.arm_file import load_arm
+from operator_app.config.errors import ConfigError
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.parameters import (
+    CalibratedEntry,
+    DhRow,
+    DocumentWarning,
+    JointParameters,
+    ParametersDocument,
+    Quality,
+    TwoFigures,
+    joints_from_table,
+    rows_from_table,
+)
+from operator_app.config.parameters_file import (
+    format_parameters,
+    load_parameters,
+    parse_parameters,
+    save_parameters,
+)
+from solver.chain import DhTable
+
+
+def document() -> ParametersDocument:
+    arm = load_arm("sarcos_dextrous")
+    loop = load_fixture("hinge").fixture.model(arm)
+    calibrated = tuple(
+        CalibratedEntry(entry=entry.name, sigma=0.001 * (k + 1))
+        for k, entry in enumerate(loop.entries)
+    )
+    return ParametersDocument(
+        arm_model=arm.name,
+        arm_serial="SDA-0007",
+        joints=joints_from_table(arm, loop.table, calibrated),
+        dh=rows_from_table(loop.table),
+        calibrated=calibrated,
+        fixture="hinge",
+        fixture_kind="hinge",
+        quality=Quality(
+            poses=40,
+            rank=14,
+            scaled_condition_number=33.1,
+            sigma_pos_mm=TwoFigures(rms=2.7, as_printed=0.1),
+            sigma_ori_mrad=TwoFigures(rms=6.6, as_printed=0.3),
+            chi2_per_dof=None,
+        ),
+        warnings=(DocumentWarning(code="RVDT_LINEARITY", text="joint 6: 2 % of full scale"),),
+        estimator="paper",
+        pose_set_sha256="0123456789abcdef" * 4,
+        software_version="0.1.0",
+        utc=datetime(2026, 1, 31, 12, 0, 0, 250000, tzinfo=UTC),
+    )
+
+
+GOOD = format_parameters(document()).decode()
+
+
+class TestContent:
+    def test_reads_back_the_same(self) -> None:
+        assert parse_parameters(GOOD.encode()) == document()
+
+    def test_an_ordinary_yaml_reader_sees_the_same_numbers(self) -> None:
+        data = yaml.safe_load(GOOD)
+        assert next(iter(data)) == "schema"
+        assert data["arm"] == {"model": "sarcos_dextrous", "serial": "SDA-0007"}
+        assert [row["row"] for row in data["dh"]] == list(range(8))
+        assert data["dh"][3]["s_m"] == 0.355
+        assert data["dh"][0] == {
+            "row": 0, "theta_off_deg": 0.0, "s_m": 0.01, "a_m": 0.2, "alpha_deg": -40.0,
+        }  # fmt: skip
+        assert [j["theta_off_deg"] for j in data["joints"]] == [10, -120, -20, -10, 30, 120, 90]
+
+    def test_home_offsets_are_whole_counts_of_each_sensor(self) -> None:
+        counts = [joint.home_offset_counts for joint in document().joints]
+        encoder = [round(deg / 360.0 * 400000) for deg in (10, -120, -20, -10, 30)]
+        rvdt = [round(deg / 120.0 * 4096) for deg in (120, 90)]
+        assert counts == encoder + rvdt
+
+    def test_the_table_is_the_loop_s_in_si(self) -> None:
+        table = load_fixture("hinge").fixture.model(load_arm("sarcos_dextrous")).table
+        np.testing.assert_array_equal(document().table.stacked(), table.stacked())
+        np.testing.assert_array_equal(document().theta_off_rad, table.theta_off_rad[1:])
+
+    def test_saved_and_loaded(self, tmp_path: Path) -> None:
+        save_parameters(tmp_path / "p.yaml", document())
+        assert load_parameters(tmp_path / "p.yaml") == document()
+        with pytest.raises(ConfigError, match="no such file"):
+            load_parameters(tmp_path / "none.yaml")
+
+
+FLOAT = st.floats(-360.0, 360.0)
+LENGTH = st.floats(-10.0, 10.0)
+SIGMA = st.floats(0.0, 1e6)
+WORD = st.text(min_size=1, max_size=20, alphabet=st.characters(exclude_categories=("Cs",))).filter(
+    lambda t: t == t.strip() and t
+)
+
+
+@st.composite
+def documents(draw: st.DrawFn) -> ParametersDocument:
+    n = draw(st.integers(1, 8))
+    rows = tuple(
+        DhRow(
+            row=k,
+            theta_off_deg=draw(FLOAT),
+            s_m=draw(LENGTH),
+            a_m=draw(LENGTH),
+            alpha_deg=draw(FLOAT),
+        )
+        for k in range(n + 1)
+    )
+    names = [f"{kind}_{k}" for kind in ("theta_off", "s", "a", "alpha") for k in range(n + 1)]
+    chosen = draw(st.lists(st.sampled_from(names), unique=True))
+    calibrated = tuple(CalibratedEntry(entry=name, sigma=draw(SIGMA)) for name in chosen)
+    sigma = {item.entry: item.sigma for item in calibrated}
+    figures = st.builds(TwoFigures, rms=SIGMA, as_printed=SIGMA)
+    return ParametersDocument(
+        arm_model=draw(WORD),
+        arm_serial=draw(WORD),
+        joints=tuple(
+            JointParameters(
+                joint=k,
+                theta_off_deg=rows[k].theta_off_deg,
+                sigma_deg=sigma.get(f"theta_off_{k}"),
+                home_offset_counts=draw(st.none() | st.integers(-(2**31), 2**31 - 1)),
+            )
+            for k in range(1, n + 1)
+        ),
+        dh=rows,
+        calibrated=calibrated,
+        fixture=draw(WORD),
+        fixture_kind=draw(WORD),
+        quality=Quality(
+            poses=draw(st.integers(1, 10**6)),
+            rank=draw(st.integers(0, len(chosen))),
+            scaled_condition_number=draw(st.floats(1.0, 1e300)),
+            sigma_pos_mm=draw(figures),
+            sigma_ori_mrad=draw(figures),
+            chi2_per_dof=draw(st.none() | SIGMA),
+        ),
+        warnings=tuple(
+            DocumentWarning(code="CODE", text=text) for text in draw(st.lists(WORD, max_size=2))
+        ),
+        estimator=draw(st.sampled_from(["paper", "implicit"])),
+        pose_set_sha256=draw(st.text("0123456789abcdef", min_size=64, max_size=64)),
+        software_version=draw(WORD),
+        utc=draw(st.datetimes(timezones=st.just(UTC))),
+    )
+
+
+def bits(value: Any) -> Iterator[Any]:
+    """All leaves of a document, floats as their 64 bits."""
+    if is_dataclass(value):
+        for field in fields(value):
+            yield from bits(getattr(value, field.name))
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from bits(item)
+    else:
+        yield struct.pack("d", value) if isinstance(value, float) else value
+
+
+@settings(max_examples=60, deadline=None)
+@given(documents())
+def test_writing_and_reading_changes_no_bit(original: ParametersDocument) -> None:
+    again = parse_parameters(format_parameters(original))
+    assert list(bits(again)) == list(bits(original))
+
+
+# Old text, new text; the key of the one complaint; what it says.
+BAD = [
+    ("a_m: 0.2,", "a_m: -38.5,", "dh[row 0].a_m", "degrees where metres belong?"),
+    ("a_m: 0.2,", "a_mm: 200,", "dh[row 0].a_mm", "wants metres, not millimetres: write a_m"),
+    ("a_m: 0.2,", "a_m: .nan,", "dh[row 0].a_m", "not a finite number"),
+    ("a_m: 0.2,", "a_m: 0.2, a_m: 0.3,", "dh[row 0].a_m", "given twice"),
+    ("a_m: 0.2,", "", "dh[row 0].a_m", "is missing"),
+    ("{joint: 1, theta_off_deg: 10.0", "{joint: 1, theta_off_deg: 10.5", "dh[row 1].theta_off_deg",
+     "changed in one place only"),
+    ("{joint: 1, theta_off_deg: 10.0", "{joint: 1, theta_off_deg: 400", "joints[joint 1].theta_off_deg",
+     "more than a turn"),
+    ("sigma_deg: 0.001,", "sigma_deg: -0.001,", "joints[joint 1].sigma_deg", "at least 0"),
+    ("sigma_deg: 0.001,", "sigma_deg: 0.002,", "calibrated[theta_off_1]", "0.001 is not the 0.002"),
+    ("{entry: theta_off_1, sigma_deg: 0.001}", "{entry: theta_off_1, sigma_m: 0.001}",
+     "calibrated[theta_off_1]", "write sigma_deg"),
+    ("entry: a_0", "entry: b_0", "calibrated[b_0].entry", "not a D-H entry"),
+    ("entry: a_0", "entry: a_9", "calibrated[a_9]", "no row 9"),
+    ("entry: a_0", "entry: s_0", "calibrated[s_0]", "listed twice"),
+    ("home_offset_counts: 11111}", "home_offset_counts: 11111.5}",
+     "joints[joint 1].home_offset_counts", "whole number"),
+    ("home_offset_counts: 11111}", "home_offset_counts: 3000000000}",
+     "joints[joint 1].home_offset_counts", "at most"),
+    ("joint: 2,", "joint: 3,", "joints[joint 3].joint", "joint 2 belongs"),
+    ("row: 2,", "row: 3,", "dh[row 3].row", "row 2 belongs"),
+    ("estimator: paper", "estimator: best", "estimator", "one of: paper, implicit"),
+    ("12:00:00.250000Z", "12:00:00+01:00", "utc", "no UTC time"),
+    ("2026-01-31", "2026-02-31", "utc", "no UTC time"),
+    ("0123456789abcdef0123", "XYZ3456789abcdef0123", "pose_set_sha256", "right form"),
+    ("serial: SDA-0007", "serial: ''", "arm.serial", "is empty"),
+    ("serial: SDA-0007", "serial: 7", "arm.serial", "must be text"),
+    ("rank: 14", "rank: 15", "quality.rank", "rank 15 for 14 calibrated entries"),
+    ("rank: 14", "rank: 14\n  grade: A", "quality.grade", "unknown key"),
+    ("scaled_condition_number: 33.1", "scaled_condition_number: .inf",
+     "quality.scaled_condition_number", "not a finite number"),
+    ("code: RVDT_LINEARITY", "code: rvdt", "warnings[1].code", "right form"),
+    ("schema: sarcal/parameters/1", "schema: sarcal/arm/1", "schema", "this is a file of kind arm"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "key", "says"), BAD, ids=[f"{b[2]}: {b[3]}" for b in BAD])
+def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, says: str) -> None:
+    assert old in GOOD
+    with pytest.raises(ConfigError) as caught:
+        parse_parameters(GOOD.replace(old, new, 1).encode())
+    assert [p.key for p in caught.value.problems] == [key], str(caught.value)
+    (problem,) = caught.value.problems
+    assert says in str(problem)
+    assert problem.line is not None
+
+
+@pytest.mark.parametrize(
+    "missing", [k for k, line in enumerate(GOOD.splitlines()) if not line.startswith("#")]
+)
+def test_any_line_that_is_cut_out_is_noticed(missing: int) -> None:
+    lines = GOOD.splitlines(keepends=True)
+    cut = "".join(lines[:missing] + lines[missing + 1 :]).encode()
+    with pytest.raises(ConfigError):
+        parse_parameters(cut)
+
+
+def outcome(data: bytes) -> ParametersDocument | ConfigError:
+    try:
+        return parse_parameters(data)
+    except ConfigError as error:
+        return error
+
+
+@settings(max_examples=120, deadline=None)
+@given(st.data())
+def test_a_damaged_document_is_refused_in_words(data: st.DataObject) -> None:
+    start = data.draw(st.integers(0, len(GOOD) - 1))
+    end = data.draw(st.integers(start, min(len(GOOD), start + 30)))
+    put = data.draw(st.text(alphabet=":,{}[]-#\n \t\"'01.eab\0", max_size=6))
+    found = outcome((GOOD[:start] + put + GOOD[end:]).encode())
+    if isinstance(found, ConfigError):
+        assert all(problem.text for problem in found.problems)
+    else:
+        assert len(found.dh) == len(found.joints) + 1
+
+
+class TestWrongCalls:
+    def test_numbers_that_are_not_finite(self) -> None:
+        quality = replace(document().quality, scaled_condition_number=math.inf)
+        with pytest.raises(ValueError, match="only finite numbers"):
+            format_parameters(replace(document(), quality=quality))
+
+    def test_what_the_schema_refuses_is_not_written(self) -> None:
+        with pytest.raises(ValueError, match="breaks its own schema"):
+            format_parameters(replace(document(), pose_set_sha256="none"))
+
+    def test_text_that_would_be_trimmed(self) -> None:
+        with pytest.raises(ValueError, match="does not survive"):
+            format_parameters(replace(document(), fixture=" hinge"))
+
+    def test_rows_and_joints(self) -> None:
+        with pytest.raises(ValueError, match="rows 0 to n"):
+            replace(document(), dh=document().dh[1:])
+
+    @pytest.mark.parametrize("zone", [None, timezone(timedelta(hours=1))])
+    def test_local_time(self, zone: timezone | None) -> None:
+        with pytest.raises(ValueError, match="UTC"):
+            replace(document(), utc=datetime(2026, 1, 1, tzinfo=zone))
+
+
+def test_any_table_in_radians_survives_the_document_to_the_last_bit_or_the_next() -> None:
+    """Degrees are not as dense as radians everywhere; where they are, nothing changes."""
+    rng = np.random.default_rng(5)
+    angles = rng.uniform(-np.pi, np.pi, (2, 500))
+    table = DhTable(theta_off_rad=angles[0], s_m=angles[0], a_m=angles[1], alpha_rad=angles[1])
+    rows = rows_from_table(table)
+    back = np.deg2rad([row.alpha_deg for row in rows])
+    np.testing.assert_array_less(np.abs(back - angles[1]), 1.01 * np.spacing(np.abs(angles[1])))
+    assert [row.a_m for row in rows] == angles[1].tolist()

@@ -1,0 +1,137 @@
+"""Procedure files: the packaged ones fit the packaged arm; references and joints are checked with lines."""
+
+from __future__ import annotations
+
+import math
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.config.arm_file import load_arm
+from operator_app.config.errors import ConfigError
+from operator_app.config.procedure_file import load_procedure, parse_procedure
+from operator_app.config.resources import Resource, builtin_names
+from solver.sensors import NoSensor
+
+GOOD = (files("operator_app") / "data" / "procedures" / "hinge.yaml").read_text("utf-8")
+
+
+def parse(text: str, folder: Path | None = None):  # type: ignore[no-untyped-def]
+    return parse_procedure(Resource(file="p.yaml", folder=folder, data=text.encode()))
+
+
+def test_hinge_procedure() -> None:
+    procedure = load_procedure("hinge")
+    assert procedure.arm.name == "sarcos_dextrous"
+    assert procedure.fixture.kind == "hinge"
+    assert procedure.position_joints == (1, 5)
+    assert [box.joint for box in procedure.capture.exploration] == [1, 5]
+    assert procedure.capture.poses == 40
+    assert procedure.acceptance.scaled_condition_number == 100.0
+    assert procedure.upload
+    assert [source.file for source in procedure.sources] == [
+        "packaged:hinge.yaml",
+        "packaged:sarcos_dextrous.yaml",
+        "packaged:hinge.yaml",
+    ]
+
+
+@pytest.mark.parametrize("name", builtin_names("procedure"))
+def test_exploration_of_packaged_procedures_stays_in_range_from_home(name: str) -> None:
+    procedure = load_procedure(name)
+    for box in procedure.capture.exploration:
+        home = procedure.arm.home_rad[box.joint - 1]
+        assert home + box.lower_rad > procedure.arm.lower_rad[box.joint - 1]
+        assert home + box.upper_rad < procedure.arm.upper_rad[box.joint - 1]
+
+
+def test_settle_rule_follows_the_sensors() -> None:
+    procedure = load_procedure("hinge")
+    spread = procedure.capture.settle.spread_rad(procedure.arm)
+    count = 2.0 * math.pi / 400000
+    lsb = math.radians(120.0) / 4096
+    assert spread[:5] == pytest.approx([8.0 * count / math.sqrt(12.0)] * 5, abs=math.radians(0.002))
+    assert spread[5:] == pytest.approx([8.0 * lsb * math.sqrt(4.0 + 1.0 / 12.0)] * 2, rel=1e-12)
+
+
+def test_auto_needs_no_exploration() -> None:
+    text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
+    start, end = text.index("  # How far"), text.index("  speed_deg_per_s")
+    procedure = parse(text[:start] + text[end:])
+    assert procedure.position_joints is None
+    assert procedure.capture.exploration == ()
+
+
+def test_paths_start_from_the_procedure_s_folder(tmp_path: Path) -> None:
+    arm = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
+    (tmp_path / "my_arm.yaml").write_text(arm.replace("name: sarcos_dextrous", "name: mine"))
+    (tmp_path / "p.yaml").write_text(GOOD.replace("arm: sarcos_dextrous", "arm: my_arm.yaml"))
+    procedure = load_procedure(tmp_path / "p.yaml")
+    assert procedure.arm.name == "mine"
+    assert procedure.sources[1].file == str(tmp_path / "my_arm.yaml")
+
+
+def test_what_is_wrong_in_the_arm_and_in_the_fixture_is_told_together(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text("schema: sarcal/arm/1\nname: a\n")
+    text = GOOD.replace("arm: sarcos_dextrous", "arm: arm.yaml").replace(
+        "fixture: hinge", "fixture: hing"
+    )
+    with pytest.raises(ConfigError) as caught:
+        parse(text, tmp_path)
+    by_file = {problem.file for problem in caught.value.problems}
+    assert by_file == {"p.yaml", str(tmp_path / "arm.yaml")}
+    (own,) = (p for p in caught.value.problems if p.file == "p.yaml")
+    assert (own.key, own.line) == ("fixture", 4)
+    assert "did you mean hinge?" in own.remedy
+
+
+BAD = [
+    ("poses: 40", "poses: 0", "capture.poses", "at least 1"),
+    ("poses: 40", "pose: 40", "capture.pose", "did you mean poses?"),
+    ("poses: 40", "poses: forty", "capture.poses", "whole number"),
+    ("speed_deg_per_s: 20", "speed_rad_per_s: 0.3", "capture.speed_rad_per_s", "speed_deg_per_s"),
+    ("speed_deg_per_s: 20", "speed_deg_per_s: 200", "capture.speed_deg_per_s", "more than joint"),
+    ("modes: {position: [1, 5]}", "modes: atuo", "modes", "did you mean auto?"),
+    ("modes: {position: [1, 5]}", "modes: {positions: [1, 5]}", "modes.positions", "position?"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, five]}", "modes.position[2]", "whole"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, 5, 9]}", "modes.position[3]", "no joint 9"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, 5, 5]}", "modes.position[3]", "twice"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1]}", "capture.exploration[joint 5].joint",
+     "not in position mode"),
+    ("    - {joint: 5, from_deg: -70, to_deg: 0}\n", "", "capture.exploration", "joint 5 has no travel"),
+    ("to_deg: 48", "to_deg: 80", "capture.exploration[joint 1].to_deg", "outside its range -35 to 115"),
+    ("from_deg: -30", "from_deg: 30", "capture.exploration[joint 1].from_deg", "at most 0"),
+    ("from_deg: -70, to_deg: 0", "from_deg: -0.5, to_deg: 0", "capture.exploration[joint 5].to_deg",
+     "would travel 0.5 deg"),
+    ("timeout_syncs: 1000", "timeout_syncs: 10", "capture.settle.timeout_syncs", "before the window"),
+    ("estimator: paper", "estimator: papper", "estimator", "did you mean paper?"),
+    ("upload: true", "upload: yes", "export.upload", "write true or false"),
+    ("scaled_condition_number: 100", "scaled_condition_number: 0.5",
+     "acceptance.scaled_condition_number", "at least 1"),
+    ("interface: virtual", "interface: virtual, bitrate: 5", "bus.bitrate", "at least 10000"),
+    ("arm: sarcos_dextrous", "arm: sarcos", "arm", "did you mean sarcos_dextrous?"),
+    ("arm: sarcos_dextrous", "arm: ./sarcos.yaml", "arm", "no such file"),
+    ("estimator: paper", "estimator: paper\nunsensed_joints: [5]", "modes.position[2]",
+     "in position mode and unsensed"),
+    ("estimator: paper", "estimator: paper\nunsensed_joints: [8]", "unsensed_joints[1]", "no joint 8"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "key", "says"), BAD, ids=[f"{b[2]}: {b[3]}" for b in BAD])
+def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, says: str) -> None:
+    assert old in GOOD
+    with pytest.raises(ConfigError) as caught:
+        parse(GOOD.replace(old, new, 1))
+    assert [p.key for p in caught.value.problems] == [key], str(caught.value)
+    (problem,) = caught.value.problems
+    assert says in str(problem)
+    assert problem.line is not None
+
+
+def test_the_spread_of_a_joint_without_a_sensor_does_not_matter() -> None:
+    procedure = load_procedure("hinge")
+    arm = load_arm("sarcos_dextrous")
+    assert not any(isinstance(joint.sensor, NoSensor) for joint in arm.joints)
+    assert np.all(np.isfinite(procedure.capture.settle.spread_rad(arm)))

@@ -1,0 +1,74 @@
+"""Built-in names, paths, and files that cannot be read."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from operator_app.config.errors import ConfigError
+from operator_app.config.resources import YAML_LIMIT_BYTES, Kind, builtin_names, resolve
+
+
+def refusal(kind: Kind, reference: str | Path, folder: Path | None = None) -> str:
+    with pytest.raises(ConfigError) as caught:
+        resolve(kind, reference, folder=folder)
+    assert len(caught.value.problems) == 1
+    return str(caught.value)
+
+
+def test_built_in_names() -> None:
+    assert builtin_names("arm") == ("franka_panda", "sarcos_dextrous")
+    assert {"hinge", "rigid"} <= set(builtin_names("fixture"))
+    assert {"hinge", "rigid"} <= set(builtin_names("procedure"))
+
+
+def test_a_built_in_name_wins_over_a_file_of_that_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("hinge").write_text("mine")
+    assert resolve("fixture", "hinge").file == "packaged:hinge.yaml"
+    assert resolve("fixture", "./hinge").data == b"mine"
+    assert resolve("fixture", Path("hinge")).data == b"mine"
+
+
+def test_a_name_that_is_neither_lists_what_there_is() -> None:
+    said = refusal("fixture", "hindge")
+    assert said.startswith("hindge: is neither a built-in fixture nor a file; did you mean hinge?")
+    assert "hinge, rigid" in said
+
+
+def test_relative_paths_start_from_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "f.yaml").write_bytes(b"x: 1\n")
+    found = resolve("fixture", "f.yaml", folder=tmp_path / "sub")
+    assert found.data == b"x: 1\n"
+    assert found.folder == tmp_path / "sub"
+    assert "did you mean" in refusal("fixture", "g.yaml", tmp_path / "sub")
+
+
+def test_files_that_cannot_be_used(tmp_path: Path) -> None:
+    assert "is a folder" in refusal("arm", tmp_path)
+    assert "no such file" in refusal("arm", str(tmp_path / "none" / "a.yaml"))
+    assert "cannot be read" in refusal("arm", "a\0.yaml")
+    assert "cannot be read" in refusal("arm", "a" * 5000 + ".yaml")
+    (tmp_path / "file").write_bytes(b"")
+    assert "cannot be read" in refusal("arm", str(tmp_path / "file" / "a.yaml"))
+    big = tmp_path / "big.yaml"
+    big.write_bytes(b"#" * (YAML_LIMIT_BYTES + 1))
+    assert "larger than 256 KiB" in refusal("arm", str(big))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_without_permission(tmp_path: Path) -> None:
+    locked = tmp_path / "a.yaml"
+    locked.write_bytes(b"x: 1\n")
+    locked.chmod(0)
+    assert "cannot be read: Permission denied" in refusal("arm", str(locked))
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no endless device here")
+def test_an_endless_file_is_too_large() -> None:
+    assert "larger than" in refusal("arm", "/dev/zero")

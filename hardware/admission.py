@@ -1,0 +1,72 @@
+"""Asks `hardware.limits` about every change of a command before it goes out. Knows no bus and no thread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hardware.arm import JointMode
+from hardware.cyclic import Command, Commands, Sample
+from hardware.errors import CommandRefused
+from hardware.limits import JointLimits, Refusal, Situation, refuse_command, refuse_target
+from hardware.objects import CYCLIC_POSITION
+from hardware.steps import state_of
+
+
+def admit(
+    limits: Sequence[JointLimits],
+    modes: Sequence[JointMode | None],
+    *,
+    in_control: bool,
+    stopped: bool,
+    sample: Sample,
+    before: Commands | None,
+    commands: Commands,
+) -> None:
+    """Let commands pass or say why not.
+
+    Only a new target of a joint that stays in position mode is a motion; a joint that enters position
+    mode has to be given the position it has.
+
+    Raises
+    ------
+    CommandRefused
+        With the reason in words.
+    """
+    if before is commands:
+        return
+    for joint, (limit, mode, command) in enumerate(zip(limits, modes, commands, strict=True)):
+        last = None if before is None else before[joint]
+        if command.mode != CYCLIC_POSITION or command == last:
+            continue
+        refusal = _refusal(
+            limit,
+            Situation(
+                stopped=stopped,
+                in_control=in_control,
+                drive=state_of(sample.statuswords[joint]),
+                mode=mode,
+            ),
+            command,
+            last,
+            sample.counts[joint],
+        )
+        if refusal is not None:
+            raise CommandRefused(refusal.text)
+
+
+def _refusal(
+    limits: JointLimits,
+    situation: Situation,
+    command: Command,
+    last: Command | None,
+    measured_counts: int,
+) -> Refusal | None:
+    if last is None or last.mode != CYCLIC_POSITION:
+        if abs(command.target_counts - measured_counts) <= limits.max_step_counts:
+            return None
+        return refuse_target(limits, command.target_counts, measured_counts)
+    if command.target_counts == last.target_counts:
+        return None
+    return refuse_command(limits, situation) or refuse_target(
+        limits, command.target_counts, last.target_counts
+    )

@@ -1,0 +1,359 @@
+"""The arm over CANopen, for the workflow: the `Arm` protocol on one bus. Knows no calibration and no screen."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from hardware import steps, uploading
+from hardware.arm import (
+    ArmIdentity,
+    ArmSnapshot,
+    DriveState,
+    JointMode,
+    MoveResult,
+    Reading,
+    UploadReceipt,
+    Watch,
+)
+from hardware.buses import BusSettings
+from hardware.cia402 import Wish
+from hardware.connection import BusOpeners, Connection
+from hardware.control_loop import Pace, Timing
+from hardware.description import ArmDescription
+from hardware.errors import (
+    BusError,
+    CommandRefused,
+    ControlDenied,
+    DriveFault,
+    HardwareError,
+    ModeNotReached,
+    SdoRefused,
+    Stopped,
+)
+from hardware.limits import Situation, refuse_command, refuse_move
+from hardware.objects import (
+    ERROR_CODE,
+    OPERATOR_NODE,
+    SUPERVISOR_NODE,
+    TOKEN,
+    emergency_text,
+    joint_node,
+)
+
+MODE_SYNCS: Final = 5
+MODE_ATTEMPTS: Final = 6
+ACCELERATION_RAD_PER_S2: Final = 1.0
+
+
+class CanopenArm:
+    """An arm of CiA 402 joints and a supervisor on a CAN bus; see `hardware.arm.Arm`.
+
+    Parameters
+    ----------
+    description
+        The arm expected on the bus.
+    settings
+        The bus.
+    pace
+        `Pace.FAST_FORWARD` is for simulated arms only: a real one needs SYNCs at all times.
+    record_to
+        File to record the bus to (``.blf`` and what else python-can writes); None for none.
+    acceleration_rad_per_s2
+        Of moves, and of coming to rest when a move is ended early.
+    timing
+        Periods and time-outs of the control loop.
+    openers
+        How to open the bus, if not by its settings.
+    """
+
+    def __init__(
+        self,
+        description: ArmDescription,
+        settings: BusSettings,
+        *,
+        pace: Pace = Pace.REAL_TIME,
+        record_to: Path | None = None,
+        acceleration_rad_per_s2: float = ACCELERATION_RAD_PER_S2,
+        timing: Timing | None = None,
+        openers: BusOpeners | None = None,
+    ) -> None:
+        self._description, self._settings = description, settings
+        self._pace, self._record_to = pace, record_to
+        self._acceleration = acceleration_rad_per_s2
+        self._timing = timing or Timing()
+        self._openers = openers or BusOpeners()
+        self._n = len(description.joints)
+        self._connection: Connection | None = None
+        self._recording_failure: str | None = None
+
+    # ---- connection ------------------------------------------------------------------------------
+
+    def connect(self) -> ArmIdentity:
+        """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
+
+        Raises
+        ------
+        BusError, NodeMissing, WrongArm, ControlDenied, SdoRefused
+            The connection is closed again.
+        """
+        if self._connection is not None:
+            raise ValueError("this arm is connected already")
+        connection = Connection(
+            self._description,
+            self._settings,
+            pace=self._pace,
+            timing=self._timing,
+            openers=self._openers,
+            record_to=self._record_to,
+        )
+        try:
+            identity = connection.open()
+        except BaseException:
+            connection.close()
+            raise
+        self._connection = connection
+        return identity
+
+    def close(self) -> None:
+        """Leave the arm held, give the token back, end heartbeats and recording. Safe to call twice."""
+        link, self._connection = self._connection, None
+        if link is None:
+            return
+        try:
+            if link.in_control:
+                with contextlib.suppress(HardwareError):  # the drives hold without us as well
+                    self._hold_and_disable(link)
+                with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
+                    link.access.write_unsigned(SUPERVISOR_NODE, TOKEN, 0, 0, 4)
+        finally:
+            link.close()
+            self._recording_failure = link.recording_failure
+
+    @staticmethod
+    def _hold_and_disable(link: Connection) -> None:
+        """Position mode everywhere, then drives off: without a drive a joint's valve is blocked."""
+        despite = (DriveFault, ControlDenied)
+        link.loop.run(steps.hold_where_it_is(link.loop), despite=despite)
+        link.loop.run(steps.drive_to(link.loop, Wish.DISABLED), despite=despite)
+
+    # ---- state -----------------------------------------------------------------------------------
+
+    def snapshot(self) -> ArmSnapshot:
+        """The latest state; never blocks, from any thread."""
+        return self._link.snapshot()
+
+    @property
+    def recording_failure(self) -> str | None:
+        """Why the recording of the bus ended early (a full disk, say), None if it did not."""
+        link = self._connection
+        return self._recording_failure if link is None else link.recording_failure
+
+    # ---- control ---------------------------------------------------------------------------------
+
+    def take_control(self) -> None:
+        """Obtain the control token and enable all drives in position mode, holding where they are.
+
+        Raises
+        ------
+        ControlDenied, Stopped, DriveFault, CommandRefused, BusError
+        """
+        link = self._link
+        self._raise_if_stopped(link)
+        if link.other_operator():
+            raise ControlDenied(OPERATOR_NODE)
+        try:
+            link.access.write_unsigned(SUPERVISOR_NODE, TOKEN, 0, OPERATOR_NODE, 4)
+        except SdoRefused as refused:
+            link.token = link.access.read_unsigned(SUPERVISOR_NODE, TOKEN)
+            raise ControlDenied(link.token) from refused
+        link.token = OPERATOR_NODE
+        lagging = link.loop.run(steps.drive_to(link.loop, Wish.ENABLED))
+        link.read_modes()
+        self._raise_for_drives(link, lagging, "enabled")
+
+    def set_modes(self, modes: Sequence[JointMode]) -> None:
+        """Ask for one mode per joint; return when 6061h of every drive says so.
+
+        Raises
+        ------
+        ModeNotReached
+            Naming the first joint that does not follow.
+        Stopped, DriveFault, CommandRefused, BusError
+        """
+        if len(modes) != self._n:
+            raise ValueError(f"{self._n} joints need {self._n} modes, not {len(modes)}")
+        link = self._link
+        self._raise_if_stopped(link)
+        self._require_enabled(link)
+        for _ in range(MODE_ATTEMPTS):
+            link.loop.run(steps.change_modes(link.loop, modes, syncs=MODE_SYNCS))
+            link.read_modes()
+            if link.modes == tuple(modes):
+                return
+        for joint, (wanted, actual) in enumerate(zip(modes, link.modes, strict=True), 1):
+            if wanted is not actual:
+                name = "neither position nor free" if actual is None else actual.value
+                raise ModeNotReached(joint, wanted.value, name)
+
+    def move(
+        self,
+        targets_rad: Mapping[int, float],
+        *,
+        speed_rad_per_s: float,
+        watch: Watch | None = None,
+    ) -> MoveResult:
+        """Move joints in position mode in step, straight, to their targets.
+
+        Raises
+        ------
+        CommandRefused
+            Before anything moves, if a joint is not in position mode or a target is out of range.
+        Stopped, DriveFault, ControlDenied, BusError
+            After the other joints came to rest.
+        """
+        link = self._link
+        self._raise_if_stopped(link)
+        sample = link.loop.view.sample
+        for joint, target in targets_rad.items():
+            if not 1 <= joint <= self._n:
+                raise ValueError(f"there is no joint {joint}")
+            limits = link.limits[joint - 1]
+            situation = Situation(
+                stopped=link.loop.stop_latched,
+                in_control=link.in_control,
+                drive=steps.state_of(sample.statuswords[joint - 1]),
+                mode=link.modes[joint - 1],
+            )
+            counts = target * link.scales[joint - 1].counts_per_rad
+            refusal = refuse_command(limits, situation) or refuse_move(
+                limits, counts, speed_rad_per_s
+            )
+            if refusal is not None:
+                raise CommandRefused(refusal.text)
+        result: MoveResult = link.loop.run(
+            steps.move(
+                link.loop,
+                dict(targets_rad),
+                link.scales,
+                speed_rad_per_s=speed_rad_per_s,
+                acceleration_rad_per_s2=self._acceleration,
+                period_s=self._timing.period_s,
+                watch=watch,
+                snapshot=link.snapshot,
+            )
+        )
+        return result
+
+    def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
+        """Wait until no joint's position spreads more than `spread_rad` over `window` SYNCs."""
+        if len(spread_rad) != self._n or window < 1:
+            raise ValueError("settling needs one spread per joint and a window of at least 1")
+        link = self._link
+        settled: bool = link.loop.run(
+            steps.settle(
+                link.loop,
+                link.scales,
+                window=window,
+                spread_rad=spread_rad,
+                timeout_syncs=timeout_syncs,
+            )
+        )
+        return settled
+
+    def capture(self, samples: int) -> Reading:
+        """Read `samples` SYNCs; all joints of a sample are latched on the same SYNC."""
+        if samples < 1:
+            raise ValueError("a reading needs at least one sample")
+        link = self._link
+        reading: Reading = link.loop.run(steps.capture(link.loop, link.scales, samples=samples))
+        return reading
+
+    def hold(self) -> None:
+        """All joints to position mode: free ones where they are, the others on their last target."""
+        self.set_modes([JointMode.POSITION] * self._n)
+
+    # ---- STOP ------------------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """Quick stop to all drives at once; latches. From any thread; waits for no lock and no queue.
+
+        Raises
+        ------
+        BusError
+            If a frame could not be sent; all others were.
+        """
+        link = self._link
+        link.loop.stop_latched = True
+        link.send_quick_stops()
+
+    def reset_stop(self) -> None:
+        """Clear the latch and drive faults; the drives stay disabled until `take_control`.
+
+        Raises
+        ------
+        Stopped
+            If STOP was pressed again meanwhile.
+        DriveFault
+            If a fault cannot be cleared.
+        """
+        link = self._link
+        lagging = link.loop.run(
+            steps.reset(link.loop, link.loop.nodes.forget_faults), despite=(Stopped, DriveFault)
+        )
+        link.read_modes()
+        self._raise_if_stopped(link)
+        self._raise_for_drives(link, lagging, "reset")
+
+    # ---- parameters ------------------------------------------------------------------------------
+
+    def upload_parameters(self, document: bytes) -> UploadReceipt:
+        """Stage, read back byte for byte, commit, read the home offsets back.
+
+        Raises
+        ------
+        UploadRefused
+            With the controller's words; the document that was active stays active.
+        CommandRefused
+            If control was not taken.
+        """
+        link = self._link
+        if not link.in_control:
+            raise CommandRefused("parameters are uploaded by whoever is in control: take control")
+        return uploading.upload(link.access, document, joints=self._n)
+
+    def active_parameters(self) -> bytes:
+        """The parameter document active on the controller; empty if there is none."""
+        return uploading.read_document(self._link.access)
+
+    # ---- helpers ---------------------------------------------------------------------------------
+
+    @property
+    def _link(self) -> Connection:
+        if self._connection is None:
+            raise BusError("The arm is not connected.")
+        return self._connection
+
+    @staticmethod
+    def _raise_if_stopped(link: Connection) -> None:
+        if link.loop.stop_latched:
+            raise Stopped("STOP is latched: reset it before anything moves again")
+
+    @staticmethod
+    def _require_enabled(link: Connection) -> None:
+        for joint, status in enumerate(link.loop.view.sample.statuswords, 1):
+            state = steps.state_of(status)
+            if state is not DriveState.OPERATION_ENABLED:
+                raise CommandRefused(f"joint {joint}: the drive is in {state.value}")
+
+    @staticmethod
+    def _raise_for_drives(link: Connection, joints: tuple[int, ...], wanted: str) -> None:
+        """Raise for the first of the joints that did not get where it should."""
+        for joint in joints:
+            state = steps.state_of(link.loop.view.sample.statuswords[joint - 1])
+            if state is DriveState.FAULT:
+                code = link.access.read_unsigned(joint_node(joint), ERROR_CODE)
+                raise DriveFault(joint, code, emergency_text(code))
+            raise CommandRefused(f"joint {joint} cannot be {wanted}: the drive is in {state.value}")

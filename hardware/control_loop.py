@@ -1,0 +1,347 @@
+"""The one thread that owns all cyclic traffic: SYNC, samples, commands, heartbeat. Knows no calibration.
+
+It also receives every frame, so that nothing hops between threads: SDO answers are handed on to the
+callers that wait for them. What the arm is to do comes as a `Steps` generator that yields the
+commands of the next SYNC and is sent the sample of that SYNC; the loop runs one at a time.
+
+Two paces. `REAL_TIME`: a SYNC every control period, always. `FAST_FORWARD`: SYNCs only while steps
+are being run, each as soon as all joints have answered the one before; the number of SYNCs then
+depends on nothing but the samples, so a run on a seeded virtual arm is the same every time.
+
+The next SYNC never overtakes a late answer: a sample is closed when all joints have answered or
+after `answer_timeout_s`.
+
+STOP does not come through here. It sets `stop_latched` and sends its frames by itself; the loop looks
+at the latch before and after the commands it sends, so that the last word on the bus is quick stop.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, Protocol
+
+from hardware.alarms import find_alarm
+from hardware.cyclic import Abandoned, Command, Commands, Sample
+from hardware.errors import BusError, HardwareError
+from hardware.node_watch import NodeWatch
+from hardware.objects import (
+    COB_HEARTBEAT,
+    COB_RPDO1,
+    COB_SDO_FROM_SERVER,
+    COB_SYNC,
+    COB_TPDO1,
+    CONTROL_PERIOD_S,
+    HEARTBEAT_PERIOD_S,
+    OPERATOR_NODE,
+    SUPERVISOR_NODE,
+    NmtState,
+)
+from hardware.sampling import Sampler, View
+
+Steps = Generator[Commands | None, Sample, Any]
+"""Yields commands for the next SYNC (None: as before), is sent its sample, returns its result."""
+
+SWITCH_INTERVAL_S = 0.0005
+"""Python's default of 5 ms would let a busy thread of this process delay a SYNC by as much."""
+
+
+class Pace(Enum):
+    """When the next SYNC goes out."""
+
+    REAL_TIME = "real time"
+    FAST_FORWARD = "fast forward"
+
+
+class Link(Protocol):
+    """What the loop needs of a `hardware.wire.Wire`."""
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """Send a frame."""
+        ...
+
+    def receive(self, timeout_s: float) -> Any:
+        """Next frame or None."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timing:
+    """Periods and patience of the loop: seconds, `patience` in SYNCs."""
+
+    period_s: float = CONTROL_PERIOD_S
+    heartbeat_period_s: float = HEARTBEAT_PERIOD_S
+    heartbeat_timeout_s: float = 1.0
+    answer_timeout_s: float = 0.5
+    patience: int = 3
+    idle_poll_s: float = 0.002
+
+
+@dataclass(slots=True)
+class _Task:
+    steps: Steps
+    despite: tuple[type[HardwareError], ...]
+    done: threading.Event = field(default_factory=threading.Event)
+    started: bool = False
+    abandoned: bool = False
+    result: Any = None
+    error: BaseException | None = None
+
+
+class ControlLoop:
+    """Runs the cyclic traffic of an arm of `joints` joints.
+
+    Parameters
+    ----------
+    wire
+        The bus.
+    joints
+        Number of joints; joint j is node j.
+    pace
+        See the module.
+    on_sdo
+        Called in the loop's thread with identifier and data of every SDO answer; must not wait.
+    allow
+        Called before commands go out with the present sample, the commands sent last and the new
+        ones; raises `CommandRefused` for what may not be sent.
+    quick_stop
+        Sends quick stop to all drives; must not wait.
+    clock
+        Monotonic time, s.
+
+    Attributes
+    ----------
+    commands
+        Sent last, or None before control was taken.
+    stop_latched
+        STOP was pressed: nothing but quick stop goes to the drives.
+    moving
+        Steps are moving the arm.
+    failure
+        Why the thread has ended.
+    """
+
+    def __init__(
+        self,
+        wire: Link,
+        *,
+        joints: int,
+        pace: Pace,
+        on_sdo: Callable[[int, bytes], None],
+        allow: Callable[[Sample, Commands | None, Commands], None],
+        quick_stop: Callable[[], None],
+        timing: Timing,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.nodes = NodeWatch((*range(1, joints + 1), SUPERVISOR_NODE))
+        self.commands: Commands | None = None
+        self.stop_latched = False
+        self.moving = False
+        self.failure: HardwareError | None = None
+        self._wire, self._joints, self._pace = wire, joints, pace
+        self._on_sdo, self._allow, self._quick_stop = on_sdo, allow, quick_stop
+        self._timing, self._clock = timing, clock
+        self._sampler = Sampler(joints, patience=timing.patience, now_s=clock())
+        self._sent: list[Command | None] = [None] * joints
+        self._tasks: deque[_Task] = deque()
+        self._syncing = False
+        self._beating = False
+        self._next_beat_s = 0.0
+        self._next_tick_s = 0.0
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
+
+    # ---- for other threads -----------------------------------------------------------------------
+
+    @property
+    def view(self) -> View:
+        """The latest sample and what belongs to it."""
+        return self._sampler.view
+
+    def start(self) -> None:
+        """Begin to receive; sends nothing yet."""
+        sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_INTERVAL_S))
+        self._thread.start()
+
+    def begin_heartbeat(self) -> None:
+        """Be heard as the operator from now on."""
+        self._beating = True
+
+    def begin_sync(self) -> None:
+        """Let SYNCs go out from now on."""
+        self._syncing = True
+
+    def close(self) -> None:
+        """Stop everything that is sent and end the thread. Safe to call twice."""
+        self._closing = True
+        if self._thread.ident is not None:
+            self._thread.join(5.0)
+
+    def run(self, steps: Steps, *, despite: tuple[type[HardwareError], ...] = ()) -> Any:
+        """Run steps to their end and return their result; `despite` names alarms not to mind.
+
+        If this call is interrupted (Ctrl-C), the steps are told, bring the arm to rest, and only
+        then does the interrupt go on.
+
+        Raises
+        ------
+        HardwareError
+            What ended the steps early.
+        """
+        task = _Task(steps, despite)
+        try:
+            self._tasks.append(task)
+            self._wait_for(task)
+        except BaseException:
+            task.abandoned = True
+            self._wait_for(task)
+            raise
+        if task.error is not None:
+            raise task.error
+        return task.result
+
+    def _wait_for(self, task: _Task) -> None:
+        while not task.done.wait(0.2):
+            if not self._thread.is_alive() and not task.done.is_set():
+                task.error = self.failure or BusError("The connection to the arm is closed.")
+                return
+
+    # ---- for steps, in the loop's own thread -----------------------------------------------------
+
+    @property
+    def sample(self) -> Sample:
+        """The latest sample."""
+        return self._sampler.view.sample
+
+    def alarm(self) -> HardwareError | None:
+        """Why the present steps should end, if anything; they bring the arm to rest first."""
+        task = self._tasks[0]
+        found = find_alarm(
+            self.nodes,
+            stop_latched=self.stop_latched,
+            lost_joints=self._sampler.lost(),
+            now_s=self._clock(),
+            heartbeat_timeout_s=self._timing.heartbeat_timeout_s,
+            despite=task.despite,
+        )
+        if found is None and task.abandoned:
+            return Abandoned("the command was given up")
+        return found
+
+    # ---- the thread ------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            while not self._closing:
+                if self._tasks:
+                    self._advance(self._tasks[0])
+                elif self._syncing and self._pace is Pace.REAL_TIME:
+                    self._cycle()
+                else:
+                    self._receive_one(self._timing.idle_poll_s)
+                self._beat()
+        except HardwareError as error:
+            self.failure = error
+        finally:
+            if self.failure is None:
+                self.failure = BusError("The connection to the arm is closed.")
+            while self._tasks:
+                self._finish(error=self.failure)
+
+    def _advance(self, task: _Task) -> None:
+        """Run the first task until its next SYNC has been answered, or to its end."""
+        try:
+            commands = task.steps.send(self.sample) if task.started else next(task.steps)
+            task.started = True
+        except StopIteration as stop:
+            self._finish(result=stop.value)
+            return
+        except Exception as error:  # noqa: BLE001 - handed to the caller, who raises it
+            self._finish(error=error)
+            return
+        if commands is not None:
+            try:
+                self._allow(self.sample, self.commands, commands)
+            except HardwareError as error:
+                self._finish(error=error)
+                return
+            self.commands = commands
+        self._cycle()
+
+    def _finish(self, *, result: Any = None, error: BaseException | None = None) -> None:
+        task = self._tasks[0]
+        task.result, task.error = result, error
+        task.steps.close()
+        self._tasks.popleft()
+        task.done.set()
+
+    def _cycle(self) -> None:
+        """One SYNC: commands out, SYNC, wait for the answers."""
+        if self._pace is Pace.REAL_TIME:
+            self._wait_for_tick()
+        if not self.sample.complete:
+            while self._receive_one(0.0):  # late answers, to no sample any more
+                pass
+        self._send_commands()
+        self._sampler.open()
+        self._wire.send(COB_SYNC, b"")
+        deadline = self._clock() + self._timing.answer_timeout_s
+        while self._sampler.waiting > 0 and not self._closing:
+            left = deadline - self._clock()
+            if left <= 0.0:
+                break
+            self._receive_one(min(left, 0.5 * self._timing.heartbeat_period_s))
+            self._beat()
+        self._sampler.close()
+
+    def _send_commands(self) -> None:
+        """Send what changed, and one joint's command again in turn in case a frame was lost."""
+        if self.commands is None:
+            return
+        again = self.sample.sync_count % self._joints
+        for joint, command in enumerate(self.commands):
+            if command == self._sent[joint] and joint != again:
+                continue
+            if self.stop_latched:
+                break
+            self._wire.send(COB_RPDO1 + joint + 1, command.pack())
+            self._sent[joint] = command
+        if self.stop_latched:
+            self._sent = [None] * self._joints
+            self._quick_stop()
+
+    def _receive_one(self, timeout_s: float) -> bool:
+        """Take one frame off the bus and see to it; false if there was none."""
+        message = self._wire.receive(timeout_s)
+        if message is None:
+            return False
+        identifier: int = message.arbitration_id
+        if COB_TPDO1 < identifier <= COB_TPDO1 + self._joints:
+            self._sampler.note(identifier - COB_TPDO1, message.data, self._clock())
+        elif COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
+            self._on_sdo(identifier, bytes(message.data))
+        else:
+            self.nodes.note(identifier, message.data, self._clock(), self.sample.sync_count)
+        return True
+
+    def _beat(self) -> None:
+        now = self._clock()
+        if self._beating and now >= self._next_beat_s:
+            self._next_beat_s = now + self._timing.heartbeat_period_s
+            self._wire.send(COB_HEARTBEAT + OPERATOR_NODE, bytes([NmtState.OPERATIONAL]))
+
+    def _wait_for_tick(self) -> None:
+        """Receive until the next control period begins; a late one starts a new count."""
+        now = self._clock()
+        if now > self._next_tick_s + self._timing.period_s:
+            self._next_tick_s = now
+        while now < self._next_tick_s and not self._closing:
+            self._receive_one(self._next_tick_s - now)
+            self._beat()
+            now = self._clock()
+        self._next_tick_s += self._timing.period_s

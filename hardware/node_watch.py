@@ -1,0 +1,129 @@
+"""Heartbeats and emergencies of the nodes, and other operators. Bookkeeping: knows no bus and no command.
+
+Written by the thread that receives; its public attributes may be read from any thread.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+
+from hardware.arm import Fault
+from hardware.cyclic import unpack_emergency
+from hardware.objects import COB_EMCY, COB_HEARTBEAT, OPERATOR_NODE, NmtState, emergency_text
+
+
+class NodeWatch:
+    """What the nodes said about themselves.
+
+    Parameters
+    ----------
+    nodes
+        Nodes that belong to the arm.
+
+    Attributes
+    ----------
+    heard_at_s
+        Time of the last heartbeat or boot-up of every node heard so far.
+    nmt_state
+        State in that heartbeat.
+    faults
+        Emergencies that are not over, oldest first.
+    other_operator_at_s
+        When another operator's heartbeat was last heard, None if never.
+    """
+
+    def __init__(self, nodes: Iterable[int]) -> None:
+        self.nodes = tuple(nodes)
+        self.heard_at_s: dict[int, float] = {}
+        self.nmt_state: dict[int, int] = {}
+        self.faults: tuple[Fault, ...] = ()
+        self.other_operator_at_s: float | None = None
+        self._booted: set[int] = set()
+        self._changed = threading.Condition()
+
+    def note(self, identifier: int, data: bytes | bytearray, now_s: float, sync_count: int) -> None:
+        """Take in a frame; others than heartbeats and emergencies are not looked at."""
+        if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE:
+            if len(data) == 1:
+                self._heartbeat(identifier - COB_HEARTBEAT, data[0] & 0x7F, now_s)
+        elif COB_EMCY < identifier <= COB_EMCY + OPERATOR_NODE:
+            code = unpack_emergency(data)
+            if code is not None:
+                self._emergency(identifier - COB_EMCY, code, sync_count)
+
+    def expect_boot_up(self) -> None:
+        """Forget earlier boot-ups; call before resetting the nodes."""
+        with self._changed:
+            self._booted.clear()
+        self.heard_at_s.clear()
+        self.nmt_state.clear()
+        self.faults = ()
+
+    def wait_for_boot_up(self, timeout_s: float) -> tuple[int, ...]:
+        """Wait until every node has booted; return those that have not after `timeout_s`."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._booted.issuperset(self.nodes), timeout_s)
+            return tuple(node for node in self.nodes if node not in self._booted)
+
+    def wait_for_state(self, state: NmtState, timeout_s: float) -> tuple[int, ...]:
+        """Wait until every node's heartbeat names `state`; return those that do not in time."""
+
+        def others() -> tuple[int, ...]:
+            return tuple(node for node in self.nodes if self.nmt_state.get(node) != state)
+
+        with self._changed:
+            self._changed.wait_for(lambda: not others(), timeout_s)
+            return others()
+
+    def wait_for_other_operator(self, timeout_s: float) -> bool:
+        """Listen for `timeout_s`; whether another operator's heartbeat was heard."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self.other_operator_at_s is not None, timeout_s)
+
+    def silent(self, now_s: float, limit_s: float) -> tuple[int, ...]:
+        """Nodes that were heard once, and not for longer than `limit_s`."""
+        return tuple(
+            node
+            for node in self.nodes
+            if node in self.heard_at_s and now_s - self.heard_at_s[node] > limit_s
+        )
+
+    def not_operational(self) -> tuple[int, ...]:
+        """Nodes whose last heartbeat names another NMT state (a node that restarted, say)."""
+        return tuple(
+            node
+            for node in self.nodes
+            if self.nmt_state.get(node, NmtState.OPERATIONAL) != NmtState.OPERATIONAL
+        )
+
+    def other_operator(self, now_s: float, limit_s: float) -> bool:
+        """Whether another operator's heartbeat was heard within `limit_s`."""
+        return self.other_operator_at_s is not None and now_s - self.other_operator_at_s <= limit_s
+
+    def forget_faults(self) -> None:
+        """Start a new list of emergencies."""
+        self.faults = ()
+
+    def _heartbeat(self, node: int, state: int, now_s: float) -> None:
+        if node == OPERATOR_NODE:
+            with self._changed:
+                self.other_operator_at_s = now_s
+                self._changed.notify_all()
+        elif node in self.nodes:
+            self.heard_at_s[node] = now_s
+            if self.nmt_state.get(node) != state:
+                with self._changed:
+                    self.nmt_state[node] = state
+                    if state == NmtState.BOOT_UP:
+                        self._booted.add(node)
+                    self._changed.notify_all()
+
+    def _emergency(self, node: int, code: int, sync_count: int) -> None:
+        if node not in self.nodes:
+            return
+        if code == 0:  # error reset or no error
+            self.faults = tuple(fault for fault in self.faults if fault.node != node)
+            return
+        fault = Fault(node=node, code=code, text=emergency_text(code), sync_count=sync_count)
+        self.faults = (*self.faults, fault)

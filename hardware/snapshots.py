@@ -1,0 +1,56 @@
+"""Builds the immutable snapshot of the arm from what the loop has last published. Knows no bus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import MappingProxyType
+
+from hardware.arm import ArmSnapshot, JointMode, JointState
+from hardware.node_watch import NodeWatch
+from hardware.sampling import View
+from hardware.scale import JointScale
+from hardware.steps import state_of
+
+
+def build_snapshot(
+    view: View,
+    nodes: NodeWatch,
+    *,
+    scales: Sequence[JointScale],
+    rated_torques_nm: Sequence[float],
+    modes: Sequence[JointMode | None],
+    token: int,
+    stopped: bool,
+    moving: bool,
+    period_s: float,
+    now_s: float,
+) -> ArmSnapshot:
+    """Snapshot at a time. Speeds are means over the last few control periods."""
+    sample, earlier = view.sample, view.earlier
+    elapsed_s = (sample.sync_count - earlier.sync_count) * period_s
+    joints = tuple(
+        JointState(
+            joint=joint + 1,
+            position_counts=counts,
+            position_rad=scale.to_rad(counts),
+            speed_rad_per_s=(
+                scale.to_rad(counts - earlier.counts[joint]) / elapsed_s if elapsed_s > 0.0 else 0.0
+            ),
+            torque_nm=sample.torques_per_mille[joint] * 1e-3 * rated_torques_nm[joint],
+            drive=state_of(sample.statuswords[joint]),
+            mode=modes[joint],
+            age_s=now_s - view.answered_at_s[joint],
+        )
+        for joint, (scale, counts) in enumerate(zip(scales, sample.counts, strict=True))
+    )
+    return ArmSnapshot(
+        sync_count=sample.sync_count,
+        joints=joints,
+        heartbeat_age_s=MappingProxyType(
+            {node: now_s - heard for node, heard in dict(nodes.heard_at_s).items()}
+        ),
+        token=token,
+        faults=nodes.faults,
+        stopped=stopped,
+        moving=moving,
+    )

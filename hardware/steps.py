@@ -1,0 +1,288 @@
+"""What the arm does SYNC by SYNC: enable, change modes, move, settle, capture, stop. Knows no bus and no thread.
+
+Each function is a generator in the sense of `hardware.control_loop.Steps`: it yields the commands of
+the next SYNC, is sent the sample of that SYNC, and returns its result. Whatever ends one early, the
+joints in position mode are left at rest on the target they were given last.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from hardware.arm import ArmSnapshot, DriveState, JointMode, MoveResult, Reading, Watch
+from hardware.cia402 import (
+    CONTROLWORD_ENABLE_OPERATION,
+    Wish,
+    drive_state,
+    next_controlword,
+    reached,
+)
+from hardware.cyclic import Command, Commands, Sample
+from hardware.errors import CommandRefused, DriveFault, HardwareError, Stopped
+from hardware.objects import CYCLIC_POSITION, MODE_CODE
+from hardware.scale import JointScale
+from hardware.trajectory import StraightMove
+
+TRANSITION_SYNCS = 50
+"""A drive may take this many SYNCs from one end of its state machine to the other."""
+
+
+class Desk(Protocol):
+    """What steps see of the control loop."""
+
+    commands: Commands | None
+    stop_latched: bool
+    moving: bool
+
+    @property
+    def sample(self) -> Sample:
+        """The latest sample."""
+        ...
+
+    def alarm(self) -> HardwareError | None:
+        """Why the steps should end, if anything."""
+        ...
+
+
+def state_of(statusword: int) -> DriveState:
+    """State a statusword shows; bits that mean nothing are a drive that is not ready."""
+    try:
+        return drive_state(statusword)
+    except ValueError:
+        return DriveState.NOT_READY_TO_SWITCH_ON
+
+
+def look(desk: Desk, *, syncs: int) -> Generator[Commands | None, Sample, Sample]:
+    """Exchange a few SYNCs without a command and return the last sample."""
+    sample = desk.sample
+    for _ in range(syncs):
+        sample = yield None
+        _raise_alarm(desk)
+    return sample
+
+
+def drive_to(desk: Desk, wish: Wish) -> Generator[Commands | None, Sample, tuple[int, ...]]:
+    """Bring all drives to a state, in position mode, the target being where each one is now.
+
+    Returns
+    -------
+    Joints that did not get there, in time or because they are in a fault.
+    """
+    sample = yield None
+    targets = sample.counts
+    previous = [0] * len(targets)
+    for _ in range(TRANSITION_SYNCS):
+        _raise_alarm(desk)
+        if not _lagging(sample, wish):
+            break
+        for joint, status in enumerate(sample.statuswords):
+            if reached(state_of(status), wish):
+                # A wish that is met is kept; for a cleared fault that must not be another reset.
+                keep = Wish.DISABLED if wish is Wish.FAULT_CLEARED else wish
+                previous[joint] = next_controlword(status, keep)
+            else:
+                previous[joint] = _next_controlword(status, wish, previous[joint])
+        sample = yield tuple(
+            Command(word, target, CYCLIC_POSITION)
+            for word, target in zip(previous, targets, strict=True)
+        )
+    return _lagging(sample, wish)
+
+
+def reset(
+    desk: Desk, clear: Callable[[], None]
+) -> Generator[Commands | None, Sample, tuple[int, ...]]:
+    """Release the STOP latch and clear drive faults; the drives end disabled.
+
+    `clear` forgets the emergencies known so far. Returns the joints whose fault stays.
+    """
+    desk.commands = None  # the commands from before must not go out again
+    desk.stop_latched = False
+    clear()
+    return (yield from drive_to(desk, Wish.FAULT_CLEARED))
+
+
+def change_modes(
+    desk: Desk, modes: Sequence[JointMode], *, syncs: int
+) -> Generator[Commands | None, Sample, None]:
+    """Ask for one mode per joint, and give the drives `syncs` SYNCs to follow.
+
+    A joint that enters position mode gets the position it has; one that is in it keeps its target.
+    """
+    sample = yield None
+    _raise_alarm(desk)
+    commands = _given(desk)
+    wanted = [MODE_CODE[mode] for mode in modes]
+    commands = tuple(
+        command
+        if command.mode == mode == CYCLIC_POSITION
+        else Command(CONTROLWORD_ENABLE_OPERATION, counts, mode)
+        for command, mode, counts in zip(commands, wanted, sample.counts, strict=True)
+    )
+    for _ in range(syncs):
+        yield commands
+        _raise_alarm(desk)
+
+
+def move(
+    desk: Desk,
+    targets_rad: Mapping[int, float],
+    scales: Sequence[JointScale],
+    *,
+    speed_rad_per_s: float,
+    acceleration_rad_per_s2: float,
+    period_s: float,
+    watch: Watch | None,
+    snapshot: Callable[[], ArmSnapshot],
+) -> Generator[Commands | None, Sample, MoveResult]:
+    """Move joints in step along a straight line in joint space.
+
+    A watch's sentence ends the move with that reason. Any alarm but STOP first brings the joints to
+    rest along the line and is then raised; after a tripped drive all others hold where they are.
+    """
+    sample = yield None
+    _raise_alarm(desk)
+    joints = sorted(targets_rad)
+    commands = _given(desk)
+    path = StraightMove(
+        np.array([scales[j - 1].to_rad(commands[j - 1].target_counts) for j in joints]),
+        np.array([targets_rad[j] for j in joints]),
+        speed_rad_per_s=speed_rad_per_s,
+        acceleration_rad_per_s2=acceleration_rad_per_s2,
+        period_s=period_s,
+    )
+    reason, first = "", sample.sync_count
+    ending: Exception | None = None
+    desk.moving = True
+    try:
+        while not path.finished:
+            if sample.complete or path.braking:
+                point = path.next().tolist()
+                for joint, angle in zip(joints, point, strict=True):
+                    target = scales[joint - 1].to_counts(angle)
+                    commands = _with_target(commands, joint, target)
+            sample = yield commands
+            if path.braking:
+                if desk.stop_latched:
+                    _raise_alarm(desk)
+                continue
+            ending = desk.alarm()
+            if isinstance(ending, Stopped):
+                raise ending
+            if ending is None and watch is not None:
+                try:
+                    reason = watch(snapshot()) or ""
+                except Exception as error:  # noqa: BLE001 - raised again when the arm is at rest
+                    ending = error
+            if reason or ending is not None:
+                path.brake()
+    finally:
+        desk.moving = False
+    if isinstance(ending, DriveFault):
+        yield from hold_where_it_is(desk)
+    if ending is not None:
+        raise ending
+    positions = [scale.to_rad(counts) for scale, counts in zip(scales, sample.counts, strict=True)]
+    return MoveResult(
+        reached=not reason,
+        reason=reason,
+        positions_rad=np.array(positions),
+        syncs=sample.sync_count - first,
+    )
+
+
+def hold_where_it_is(desk: Desk) -> Generator[Commands | None, Sample, None]:
+    """All joints to position mode now: free ones where they are, the others on their target."""
+    sample = yield None
+    yield tuple(
+        command
+        if command.mode == CYCLIC_POSITION
+        else replace(command, target_counts=counts, mode=CYCLIC_POSITION)
+        for command, counts in zip(_given(desk), sample.counts, strict=True)
+    )
+
+
+def settle(
+    desk: Desk,
+    scales: Sequence[JointScale],
+    *,
+    window: int,
+    spread_rad: Sequence[float],
+    timeout_syncs: int,
+) -> Generator[Commands | None, Sample, bool]:
+    """Wait until no joint spread more than `spread_rad` over the last `window` complete samples."""
+    bounds = np.array(
+        [s * scale.counts_per_rad for s, scale in zip(spread_rad, scales, strict=True)]
+    )
+    recent: deque[tuple[int, ...]] = deque(maxlen=window)
+    for _ in range(timeout_syncs):
+        sample = yield None
+        _raise_alarm(desk)
+        if sample.complete:
+            recent.append(sample.counts)
+            if len(recent) == window and np.all(np.ptp(np.array(recent), axis=0) <= bounds):
+                return True
+    return False
+
+
+def capture(
+    desk: Desk, scales: Sequence[JointScale], *, samples: int
+) -> Generator[Commands | None, Sample, Reading]:
+    """Collect complete samples: every one has all joints latched on the same SYNC."""
+    rows: list[tuple[int, ...]] = []
+    first = 0
+    while len(rows) < samples:
+        sample = yield None
+        _raise_alarm(desk)
+        if sample.complete:
+            first = first or sample.sync_count
+            rows.append(sample.counts)
+    counts = np.array(rows, dtype=np.float64)
+    per_rad = np.array([scale.counts_per_rad for scale in scales])
+    mean = counts.mean(axis=0)
+    spread = counts.std(axis=0, ddof=1) if samples > 1 else np.zeros(len(scales))
+    return Reading(
+        mean_counts=mean,
+        mean_rad=mean / per_rad,
+        sd_rad=spread / per_rad,
+        samples=samples,
+        first_sync=first,
+    )
+
+
+def _raise_alarm(desk: Desk) -> None:
+    found = desk.alarm()
+    if found is not None:
+        raise found
+
+
+def _given(desk: Desk) -> Commands:
+    """Return the commands sent last."""
+    if desk.commands is None:
+        raise CommandRefused("the drives are not enabled: take control first")
+    return desk.commands
+
+
+def _with_target(commands: Commands, joint: int, counts: int) -> Commands:
+    changed = replace(commands[joint - 1], target_counts=counts)
+    return (*commands[: joint - 1], changed, *commands[joint:])
+
+
+def _lagging(sample: Sample, wish: Wish) -> tuple[int, ...]:
+    return tuple(
+        joint
+        for joint, status in enumerate(sample.statuswords, 1)
+        if not reached(state_of(status), wish)
+    )
+
+
+def _next_controlword(status: int, wish: Wish, previous: int) -> int:
+    try:
+        return next_controlword(status, wish, previous=previous)
+    except ValueError:
+        return 0

@@ -1,0 +1,127 @@
+"""One bus handle shared by threads, and what is recorded of it. Knows frames; no node and no arm."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import can
+
+from hardware.errors import BusError
+
+
+class Wire:
+    """Sends and receives frames on a bus; every frame may be recorded.
+
+    Sending is safe from any thread. Receiving belongs to one thread.
+
+    Parameters
+    ----------
+    bus
+        Open bus; `close` shuts it down.
+    record_to
+        File to record to, in the format its suffix names (``.blf``, ``.asc``, ``.log``, ...).
+
+    Attributes
+    ----------
+    recording_failure
+        Why recording ended early, None if it did not: a full disk must not stop the arm.
+
+    Raises
+    ------
+    BusError
+        If the recording cannot be started.
+    """
+
+    def __init__(self, bus: can.BusABC, *, record_to: Path | None = None) -> None:
+        self._bus = bus
+        self._send_lock = threading.Lock()
+        self._record_lock = threading.Lock()
+        self.recording_failure: str | None = None
+        self._writer: Any = None
+        if record_to is not None:
+            try:
+                self._writer = can.Logger(str(record_to))
+            except (OSError, ValueError) as error:
+                raise BusError(
+                    f"The bus cannot be recorded to {record_to}: {error}. Choose another file."
+                ) from error
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """Send a data frame with a standard identifier.
+
+        Raises
+        ------
+        BusError
+            If the bus does not take it.
+        """
+        message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+        try:
+            with self._send_lock:
+                self._bus.send(message)
+        except (can.CanError, OSError) as error:
+            raise BusError(
+                f"The bus does not take frames any more: {error}. Check adapter, cable and power."
+            ) from error
+        if self._writer is not None:
+            message.timestamp = time.time()
+            message.is_rx = False
+            self._record(message)
+
+    def send_at_once(self, message: can.Message) -> None:
+        """Send a frame without waiting for the lock that keeps senders apart: for STOP.
+
+        Raises
+        ------
+        BusError
+            If the bus does not take it.
+        """
+        try:
+            self._bus.send(message, timeout=0.0)
+        except (can.CanError, OSError) as error:
+            raise BusError(f"The bus does not take frames any more: {error}.") from error
+
+    def receive(self, timeout_s: float) -> can.Message | None:
+        """Next data frame with a standard identifier, or None after `timeout_s`.
+
+        Raises
+        ------
+        BusError
+            If the bus cannot be read any more.
+        """
+        try:
+            message = self._bus.recv(timeout_s)
+        except (can.CanError, OSError, ValueError) as error:
+            raise BusError(
+                f"The bus cannot be read any more: {error}. Check adapter, cable and power."
+            ) from error
+        if message is None:
+            return None
+        if self._writer is not None:
+            self._record(message)
+        if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
+            return None
+        return message
+
+    def close(self) -> None:
+        """End the recording and shut the bus down. Safe to call twice."""
+        with self._record_lock:
+            writer, self._writer = self._writer, None
+            if writer is not None:
+                try:
+                    writer.stop()
+                except OSError as error:
+                    self.recording_failure = str(error)
+        self._bus.shutdown()
+
+    def _record(self, message: can.Message) -> None:
+        with self._record_lock:
+            if self._writer is None:
+                return
+            try:
+                self._writer(message)
+            except (OSError, ValueError) as error:
+                self.recording_failure = str(error)
+                self._writer = None

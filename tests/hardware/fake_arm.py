@@ -1,0 +1,316 @@
+"""A fake at the lowest seam: a CAN bus whose other end is eight CANopen nodes, without any thread.
+
+Written from the design's tables in plain numbers, so that it shares nothing with the operator side.
+Every frame sent to it is answered at once, into the queue `recv` reads. Drives are ideal: a joint in
+position mode is where its last target said, one period later.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import can
+
+JOINTS = 7
+COUNTS_PER_REV = 400_000
+SUPERVISOR = 16
+FAULT_CLEARED_STATES = {0x40: "switch on disabled"}
+
+
+@dataclass
+class FakeDrive:
+    """One CiA 402 axis, as far as a well-behaved operator can tell."""
+
+    node: int
+    status: int = 0x40
+    counts: int = 1000
+    torque: int = 0
+    controlword: int = 0
+    mode: int = 0
+    target: int = 0
+    follows_mode: bool = True
+    noise: Callable[[int], int] = lambda _sync: 0
+    heard: list[tuple[int, int, int]] = field(default_factory=list)
+
+    def rpdo(self, data: bytes) -> None:
+        word, target, mode = struct.unpack("<Hib", data)
+        self.heard.append((word, target, mode))
+        if word & 0x80 and not self.controlword & 0x80 and self.status == 0x08:
+            self.status = 0x40
+        elif not word & 0x80:
+            self.status = self._next(word)
+        self.controlword = word
+        if self.follows_mode and mode in (8, 10):
+            self.mode = mode
+        self.target = target
+
+    def _next(self, word: int) -> int:
+        if self.status == 0x08:
+            return 0x08
+        if not word & 0x02:
+            return 0x40
+        if not word & 0x04:
+            return 0x07 if self.status in (0x27, 0x07) else 0x40
+        if self.status == 0x07:
+            return 0x07
+        wanted = {0x06: 0x21, 0x07: 0x23, 0x0F: 0x27}[word & 0x0F]
+        ladder = [0x40, 0x21, 0x23, 0x27]
+        at, to = ladder.index(self.status), ladder.index(wanted)
+        return ladder[at + 1] if to > at else wanted
+
+    def step(self) -> None:
+        if self.status == 0x27 and self.mode == 8:
+            self.counts = self.target
+
+
+class FakeArmBus(can.BusABC):
+    """The bus. `stop_handle` gives the second handle that STOP uses."""
+
+    def __init__(self) -> None:
+        self.drives = {j: FakeDrive(node=j, counts=1000 * j) for j in range(1, JOINTS + 1)}
+        self.syncs = 0
+        self.sent: list[tuple[int, bytes]] = []
+        self.silent: set[int] = set()
+        self.twice: set[int] = set()
+        self.dead: set[int] = set()
+        self.operational = False
+        self.token = 0
+        self.other_operator = False
+        self.document = b""
+        self.written: bytes | None = None
+        self.refusal = ""
+        self.corrupts = False
+        self.on_sync: Callable[[int], None] = lambda _sync: None
+        self.broken: Exception | None = None
+        self.model, self.serial = "fake", "FAKE-1"
+        self.full_scale = 120_000_000
+        self._queue: deque[tuple[int, bytes]] = deque()
+        self._wake = threading.Condition()
+        self._next_beat = 0.0
+        self._transfer: dict[int, Any] = {}
+        super().__init__(channel="fake")
+
+    # ---- python-can --------------------------------------------------------------------------------
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if self.broken is not None:
+            raise self.broken
+        with self._wake:
+            self.sent.append((msg.arbitration_id, bytes(msg.data)))
+            self._handle(msg.arbitration_id, bytes(msg.data))
+            self._wake.notify_all()
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if self.broken is not None:
+            raise self.broken
+        with self._wake:
+            self._beat()
+            if not self._queue:
+                self._wake.wait(timeout)
+                self._beat()
+            if not self._queue:
+                return None, False
+            identifier, data = self._queue.popleft()
+        message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+        message.timestamp = time.time()
+        return message, False
+
+    def stop_handle(self) -> can.BusABC:
+        return _StopHandle(self)
+
+    # ---- nodes -------------------------------------------------------------------------------------
+
+    def say(self, identifier: int, data: bytes) -> None:
+        """Put a frame on the bus as some node would."""
+        with self._wake:
+            self._queue.append((identifier, data))
+            self._wake.notify_all()
+
+    def trip(self, joint: int, code: int) -> None:
+        """Let a drive fault."""
+        self.drives[joint].status = 0x08
+        self.say(0x80 + joint, struct.pack("<HB5x", code, 0x81))
+
+    def _beat(self) -> None:
+        now = time.monotonic()
+        if now < self._next_beat:
+            return
+        self._next_beat = now + 0.1
+        state = b"\x05" if self.operational else b"\x7f"
+        for node in (*self.drives, SUPERVISOR):
+            if node not in self.dead:
+                self._queue.append((0x700 + node, state))
+        if self.other_operator:
+            self._queue.append((0x77F, b"\x05"))
+
+    def _handle(self, identifier: int, data: bytes) -> None:
+        if identifier == 0x000:
+            if data[0] == 0x82:
+                self.operational = False
+                for node in (*self.drives, SUPERVISOR):
+                    if node not in self.dead:
+                        self._queue.append((0x700 + node, b"\x00"))
+                        self._queue.append((0x700 + node, b"\x7f"))
+            elif data[0] == 0x01:
+                self.operational = True
+                self._next_beat = 0.0
+        elif identifier == 0x080 and self.operational:
+            self.syncs += 1
+            self.on_sync(self.syncs)
+            for joint, drive in self.drives.items():
+                drive.step()
+                if joint in self.silent or joint in self.dead:
+                    continue
+                counts = drive.counts + drive.noise(self.syncs)
+                frame = struct.pack("<Hih", drive.status | 0x0200, counts, drive.torque)
+                for _ in range(2 if joint in self.twice else 1):
+                    self._queue.append((0x180 + joint, frame))
+        elif 0x201 <= identifier <= 0x200 + JOINTS:
+            self.drives[identifier - 0x200].rpdo(data)
+        elif 0x601 <= identifier <= 0x67F:
+            node = identifier - 0x600
+            if node not in self.dead:
+                self._sdo(node, data)
+
+    # ---- SDO server --------------------------------------------------------------------------------
+
+    def _sdo(self, node: int, data: bytes) -> None:
+        command, index, sub = struct.unpack_from("<BHB", data)
+        kind = command >> 5
+        if command == 0x80:
+            self._transfer.pop(node, None)
+        elif kind == 2:  # initiate upload
+            self._start_upload(node, index, sub)
+        elif kind == 3:  # upload segment
+            rest, toggle = self._transfer[node]
+            piece, rest = rest[:7], rest[7:]
+            head = toggle << 4 | (7 - len(piece)) << 1 | (not rest)
+            self._answer(node, bytes([head]) + piece.ljust(7, b"\0"))
+            self._transfer[node] = (rest, 1 - toggle)
+        elif kind == 1:  # initiate download
+            self._answer(node, struct.pack("<BHB4x", 0x60, index, sub))
+            if command & 0x02:
+                size = 4 - (command >> 2 & 3)
+                self._store(node, index, sub, data[4 : 4 + size])
+            else:
+                self._transfer[node] = (index, sub, bytearray())
+        elif kind == 0:  # download segment
+            index, sub, held = self._transfer[node]
+            held += data[1 : 8 - (command >> 1 & 7)]
+            self._answer(node, bytes([0x20 | (command & 0x10)]).ljust(8, b"\0"))
+            if command & 0x01:
+                self._store(node, index, sub, bytes(held))
+
+    def _start_upload(self, node: int, index: int, sub: int) -> None:
+        value = self._object(node, index, sub)
+        if isinstance(value, int):
+            self._answer(node, struct.pack("<BHBL", 0x80, index, sub, value))
+        elif len(value) <= 4:
+            head = 0x43 | (4 - len(value)) << 2
+            self._answer(node, struct.pack("<BHB", head, index, sub) + value.ljust(4, b"\0"))
+        else:
+            self._answer(node, struct.pack("<BHBL", 0x41, index, sub, len(value)))
+            self._transfer[node] = (value, 0)
+
+    def _answer(self, node: int, data: bytes) -> None:
+        self._queue.append((0x580 + node, data))
+
+    def _refuse(self, node: int, code: int) -> None:
+        """Turn the confirmation that was just queued into an abort."""
+        self._queue.pop()
+        self._answer(node, struct.pack("<BHBL", 0x80, 0, 0, code))
+
+    def _object(self, node: int, index: int, sub: int) -> bytes | int:
+        """Bytes of an object, or the abort code."""
+        name = b"fake supervisor" if node == SUPERVISOR else b"fake drive"
+        common = {
+            (0x1008, 0): name,
+            (0x1018, 1): bytes(4),
+            (0x1018, 2): b"\x01\0\0\0",
+            (0x1018, 3): b"\0\0\x01\0",
+            (0x1018, 4): struct.pack("<L", 7000 + node),
+        }
+        if (index, sub) in common:
+            return common[index, sub]
+        return (
+            self._of_supervisor(index, sub)
+            if node == SUPERVISOR
+            else self._of_drive(node, index, sub)
+        )
+
+    def _of_drive(self, node: int, index: int, sub: int) -> bytes | int:
+        limit = round(COUNTS_PER_REV / 4)
+        rvdt = node == JOINTS
+        return {
+            (0x1000, 0): struct.pack("<L", 0x00020192),
+            (0x603F, 0): b"\x11\x86",
+            (0x6061, 0): struct.pack("<b", self.drives[node].mode),
+            (0x6076, 0): struct.pack("<L", 50_000),
+            (0x607C, 0): struct.pack("<l", -11 * node if self.document else 0),
+            (0x607D, 1): struct.pack("<l", -4096 // 4 if rvdt else -limit),
+            (0x607D, 2): struct.pack("<l", 4096 // 4 if rvdt else limit),
+            (0x608F, 1): struct.pack("<L", COUNTS_PER_REV),
+            (0x608F, 2): struct.pack("<L", 1),
+            (0x60C2, 1): b"\x0a",
+            (0x60C2, 2): b"\xfd",
+            (0x2100, 1): b"\x02" if rvdt else b"\x01",
+            (0x2100, 2): struct.pack("<L", self.full_scale),
+            (0x2100, 3): b"\x0c",
+        }.get((index, sub), 0x06020000)
+
+    def _of_supervisor(self, index: int, sub: int) -> bytes | int:
+        held = self.document if self.written is None else self.written
+        return {
+            (0x1000, 0): bytes(4),
+            (0x2000, 0): held or 0x08000024,
+            (0x2001, 1): hashlib.sha256(held).digest(),
+            (0x2001, 2): struct.pack("<L", len(held)),
+            (0x2003, 1): b"\x01" if self.document else b"\x00",
+            (0x2004, 0): self.refusal.encode() or 0x08000024,
+            (0x2010, 0): struct.pack("<L", self.token),
+            (0x2020, 1): self.model.encode(),
+            (0x2020, 2): self.serial.encode(),
+            (0x2020, 3): bytes([JOINTS]),
+        }.get((index, sub), 0x06020000)
+
+    def _store(self, node: int, index: int, sub: int, value: bytes) -> None:
+        if index == 0x2010:
+            wanted = int.from_bytes(value, "little")
+            if wanted and self.token not in (0, wanted):
+                self._refuse(node, 0x08000022)
+            else:
+                self.token = wanted
+        elif index == 0x2000:
+            self.written = value[:-1] + b"?" if self.corrupts else value
+        elif index == 0x2002 and value == b"\x01":
+            if self.refusal:
+                self.written = None
+                self._refuse(node, 0x08000020)
+        elif index == 0x2002 and value == b"\x02" and self.written is not None:
+            self.document, self.written = self.written, None
+        elif index == 0x2002:
+            self.written = None
+        else:
+            self._refuse(node, 0x06020000)
+
+
+class _StopHandle(can.BusABC):
+    """Second handle on the same bus: sends, hears nothing."""
+
+    def __init__(self, bus: FakeArmBus) -> None:
+        self._bus = bus
+        self.refuses = False
+        super().__init__(channel="fake")
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._bus.send(msg, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return None, False

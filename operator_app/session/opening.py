@@ -18,6 +18,7 @@ from operator_app.session.errors import SessionError
 from operator_app.session.folder import find_session, new_folder
 from operator_app.session.journal import Clock, read_journal, utc_now
 from operator_app.session.state import replay
+from solver.estimate import require_enough_poses
 
 KINDS: tuple[Kind, Kind, Kind] = ("procedure", "arm", "fixture")
 """Order of `Procedure.sources`."""
@@ -127,4 +128,22 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
         procedure = replace(procedure, unsensed_joints=choices.unsensed_joints)
     if choices.upload is not None:
         procedure = replace(procedure, upload=choices.upload)
+    _require_solvable(procedure)
     return procedure
+
+
+def _require_solvable(procedure: Procedure) -> None:
+    """Refuse before anything moves what no capture could make good."""
+    n = procedure.arm.joint_count
+    wrong = [j for j in procedure.unsensed_joints if j > n]
+    if wrong:
+        raise SessionError(f"there is no joint {wrong[0]} to leave out", f"joints are 1 to {n}")
+    if procedure.unsensed_joints and procedure.estimator == "paper":
+        raise SessionError(
+            "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
+            "use --estimator implicit with --unsensed",
+        )
+    model = procedure.fixture.fixture.model(
+        procedure.arm, unsensed_joints=procedure.unsensed_joints
+    )
+    require_enough_poses(model, procedure.capture.poses)

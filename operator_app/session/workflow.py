@@ -15,15 +15,16 @@ from typing import Any
 import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
-from hardware.arm import Arm, ArmIdentity, JointMode, MoveResult
-from operator_app.calibration import Solution, calibrate
+from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Watch
+from operator_app.calibration import FixtureRefusedError, Solution, calibrate
 from operator_app.config.atomic import write_atomically
 from operator_app.config.degrees import degrees_for_file
+from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
 from operator_app.session.errors import GuardError
-from operator_app.session.exploration import range_watch, waypoints
+from operator_app.session.exploration import for_joints, range_watch, waypoints
 from operator_app.session.export import (
     PARAMETERS_NAME,
     POSES_NAME,
@@ -103,11 +104,11 @@ class Session:
         return checks
 
     def require_fixture(self) -> tuple[SetupCheck, ...]:
-        """Like `check_fixture`; raises GuardError when a check refuses the placement."""
+        """Like `check_fixture`; raises FixtureRefusedError when a check refuses the placement."""
         checks = self.check_fixture()
-        for check in checks:
-            if check.severity is Severity.REFUSED:
-                raise GuardError(check.text, check.remedy)
+        refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
+        if refused:
+            raise FixtureRefusedError(refused)
         return checks
 
     # -- 3 Modes ---------------------------------------------------------------------------------
@@ -168,15 +169,37 @@ class Session:
         """All waypoints of this session, visited ones included."""
         if self.state.start_rad is None or not self.position_joints:
             raise GuardError("the joint modes are not set", "set the modes first (step 3)")
-        return waypoints(self.model, self.state.start_rad, self.procedure.capture)
+        plan = for_joints(self.procedure.capture, self.position_joints)
+        return waypoints(self.model, self.state.start_rad, plan)
 
-    def go_to(self, targets_rad: Mapping[int, float]) -> MoveResult:
-        """Move the position-mode joints, watching every joint."""
+    def go_to(self, targets_rad: Mapping[int, float], also: Watch | None = None) -> MoveResult:
+        """Move the position-mode joints, watching every joint; `also` may end the move as well."""
+        in_range = range_watch(self.model)
+
+        def watch(snapshot: ArmSnapshot) -> str | None:
+            return in_range(snapshot) or (None if also is None else also(snapshot))
+
         return self.arm.move(
             targets_rad,
             speed_rad_per_s=self.procedure.capture.speed_rad_per_s,
-            watch=range_watch(self.model),
+            watch=watch,
         )
+
+    def visit(self, index: int, also: Watch | None = None) -> bool:
+        """Go to a waypoint; if it cannot be reached, go back the way and pass it over (False)."""
+        target = self.plan()[index]
+        joints = tuple(target)
+        before = self.arm.snapshot().positions_rad[[j - 1 for j in joints]]
+        moved = self.go_to(target, also)
+        if moved.reached:
+            return True
+        if also is not None and also(self.arm.snapshot()) is not None:
+            # The operator ended it: the waypoint stays open and nothing more moves.
+            return False
+        # What stopped the move lies ahead: go back the way it came and pass this one over.
+        self.go_to(dict(zip(joints, before.tolist(), strict=True)), also)
+        self.record("waypoint_skipped", {"waypoint": index, "reason": moved.reason})
+        return False
 
     def capture(self, waypoint: int, note: str = "") -> CapturedPose:
         """Let the arm settle, read a pose, and keep it."""
@@ -210,7 +233,6 @@ class Session:
         """Visit waypoints until enough poses are captured; goes on where the journal ends."""
         plan = self.plan()
         wanted = self.procedure.capture.poses
-        columns = [j - 1 for j in self.position_joints]
         while len(self.state.used_poses) < wanted:
             index = self.state.next_waypoint
             if index >= len(plan):
@@ -218,12 +240,7 @@ class Session:
                     f"only {len(self.state.used_poses)} of {wanted} poses could be reached",
                     "drive another pair of joints, widen the span or mount the hinge elsewhere",
                 )
-            before = self.arm.snapshot().positions_rad[columns]
-            moved = self.go_to(plan[index])
-            if not moved.reached:
-                # What stopped the move lies ahead: go back the way it came and pass this one over.
-                self.go_to(dict(zip(self.position_joints, before.tolist(), strict=True)))
-                self.record("waypoint_skipped", {"waypoint": index, "reason": moved.reason})
+            if not self.visit(index):
                 continue
             self.capture(index)
             if on_pose is not None:
@@ -254,15 +271,22 @@ class Session:
 
     # -- 5 Calibrate -----------------------------------------------------------------------------
 
-    def calibrate(self, progress: Progress | None = None) -> Solution:
-        """Calibrate from the poses that count."""
+    def calibrate(
+        self,
+        progress: Progress | None = None,
+        *,
+        estimator: str | None = None,
+        unsensed_joints: tuple[int, ...] | None = None,
+    ) -> Solution:
+        """Calibrate from the poses that count, by default as the procedure says."""
         poses = self.state.used_poses
+        own = self.procedure
         solution = calibrate(
             self.model,
             self.fixture,
             self.state.pose_set(),
-            estimator=self.procedure.estimator,
-            unsensed_joints=self.procedure.unsensed_joints,
+            estimator=own.estimator if estimator is None else estimator,
+            unsensed_joints=own.unsensed_joints if unsensed_joints is None else unsensed_joints,
             limits=self.procedure.acceptance,
             progress=progress,
         )
@@ -283,23 +307,27 @@ class Session:
 
     # -- 7 Export --------------------------------------------------------------------------------
 
-    def export(self, solution: Solution) -> Exported:
-        """Write the session's files and, if the procedure says so, upload the parameters."""
-        poses = self.state.pose_set()
-        document = parameters_document(
+    def document(self, solution: Solution) -> ParametersDocument:
+        """Return what an export of this calibration would write."""
+        return parameters_document(
             solution,
             arm=self.model,
             serial_number=self.state.serial_number,
             fixture=self.procedure.fixture,
-            poses=poses,
+            poses=self.state.pose_set(),
             utc=self._clock(),
         )
+
+    def export(self, solution: Solution, *, upload_too: bool | None = None) -> Exported:
+        """Write the session's files and upload the parameters, unless the procedure says not to."""
+        poses = self.state.pose_set()
+        document = self.document(solution)
         folder = self.journal.path.parent
         save_poses(folder / POSES_NAME, poses)
         data = format_parameters(document)
         write_atomically(folder / PARAMETERS_NAME, data)
         receipt = None
-        if self.procedure.upload:
+        if self.procedure.upload if upload_too is None else upload_too:
             counts = tuple(joint.home_offset_counts for joint in document.joints)
             receipt = upload(self.arm, data, counts)
         self.record(

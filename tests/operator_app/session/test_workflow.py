@@ -10,6 +10,7 @@ import pytest
 
 from fixtures.rigid import Rigid
 from hardware.virtual.truth import paper_loop
+from operator_app.calibration import FixtureRefusedError
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
@@ -106,7 +107,7 @@ def test_rigid_names_the_elbow_before_anything_moves(make_session: MakeSession) 
     assert isinstance(fixture.fixture, Rigid)
     session = make_session(replace(procedure, fixture=fixture, position_joints=(1,)))
     session.connect()
-    with pytest.raises(GuardError, match="joint 4 does not move"):
+    with pytest.raises(FixtureRefusedError, match="joint 4 does not move"):
         session.require_fixture()
     assert session.state.modes == ()
 

@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
+from fixtures.base import Fixture
 from fixtures.hinge import Hinge
 from fixtures.rigid import Rigid
 from operator_app.config.quantities import LengthMm, Name, PositiveNumber, Text, TwistDeg
@@ -40,7 +41,7 @@ class FixtureSpec:
     """
 
     name: str
-    fixture: Hinge | Rigid
+    fixture: Fixture
     tolerance_m: float
     tolerance_rad: float
     stiffness_n_per_m: float | None

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from operator_app.config.atomic import write_atomically
-from operator_app.config.errors import ConfigError
+from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.parameters import (
     CalibratedEntry,
     DhRow,
@@ -24,6 +25,8 @@ from operator_app.config.yaml_writer import dump_strict
 from solver.parameters import DhEntry
 
 COMMENT = "Written by sarcal. A controller checks it against this schema; edit it only on purpose."
+RESULT = "the result"
+REMEDY = "this calibration cannot be exported: take more and different poses"
 
 
 def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocument:
@@ -77,22 +80,24 @@ def format_parameters(document: ParametersDocument) -> bytes:
 
     Raises
     ------
-    ValueError
-        The document could not be read back: a number is not finite, a text is empty, ...
+    ConfigError
+        The schema would refuse it: an iteration ran away to lengths no arm has, a number is not
+        finite, a text is empty. What is written goes to a controller, so it is checked here.
     """
-    data = dump_strict(_plain(document), comment=COMMENT)
-    # What is written goes to a controller: never write what the schema would refuse there.
     try:
-        again = parse_parameters(data)
+        data = dump_strict(_plain(document), comment=COMMENT)
+    except ValueError as error:
+        problem = Problem(file=RESULT, text=str(error), remedy=REMEDY)
+        raise ConfigError((problem,)) from error
+    try:
+        parse_parameters(data, RESULT)
     except ConfigError as error:
-        raise ValueError(f"this document breaks its own schema:\n{error}") from error
-    if again != document:
-        raise ValueError("this document does not survive writing: text with white space around it?")
+        raise ConfigError(replace(p, line=None, remedy=REMEDY) for p in error.problems) from error
     return data
 
 
 def save_parameters(path: Path, document: ParametersDocument) -> None:
-    """Write a parameters file atomically; WriteError when the system refuses."""
+    """Write a parameters file atomically; WriteError when the system refuses, else as above."""
     write_atomically(path, format_parameters(document))
 
 

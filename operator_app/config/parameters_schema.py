@@ -10,10 +10,10 @@ from pydantic import Field, StringConstraints, ValidationInfo, field_validator
 
 from operator_app.config.quantities import (
     Count,
+    ExactText,
     LengthM,
     NonNegativeNumber,
     Number,
-    Text,
     TurnDeg,
     Whole,
     refuse,
@@ -22,7 +22,7 @@ from operator_app.config.schema import StrictModel, report
 from solver.parameters import DhEntry
 
 Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
-Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Z][A-Z0-9_]*$")]
+Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Sha256 = Annotated[str, StringConstraints(strict=True, pattern=r"^[0-9a-f]{64}$")]
 UTC_FORM = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z")
 
@@ -30,8 +30,8 @@ UTC_FORM = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z")
 class ArmPart(StrictModel):
     """Which arm."""
 
-    model: Text
-    serial: Text
+    model: ExactText
+    serial: ExactText
 
 
 class JointPart(StrictModel):
@@ -56,7 +56,7 @@ class RowPart(StrictModel):
 class CalibratedPart(StrictModel):
     """One calibrated entry: angles have a sigma in degrees, lengths in metres."""
 
-    entry: Text
+    entry: ExactText
     sigma_deg: NonNegativeNumber | None = None
     sigma_m: NonNegativeNumber | None = None
 
@@ -75,8 +75,8 @@ class CalibratedPart(StrictModel):
 class FixturePart(StrictModel):
     """Which fixture."""
 
-    name: Text
-    kind: Text
+    name: ExactText
+    kind: ExactText
 
 
 class FiguresPart(StrictModel):
@@ -101,15 +101,15 @@ class WarningPart(StrictModel):
     """One warning."""
 
     code: Code
-    text: Text
+    text: ExactText
 
 
 class ParametersFile(StrictModel):
     """The whole file, without its ``schema`` line."""
 
     arm: ArmPart
-    utc: Text
-    software_version: Text
+    utc: ExactText
+    software_version: ExactText
     estimator: Literal["paper", "implicit"]
     fixture: FixturePart
     joints: Annotated[tuple[JointPart, ...], Field(min_length=1, max_length=32)]

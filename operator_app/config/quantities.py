@@ -102,4 +102,6 @@ TwistDeg = Annotated[Number, AfterValidator(_twist_deg)]
 """A nominal twist: within a turn, and not pi/2."""
 
 Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]
+ExactText = Annotated[str, StringConstraints(strict=True, min_length=1)]
+"""Text that is kept to the last space, for what a program wrote and will compare."""
 Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}$")]

@@ -16,7 +16,9 @@ class NodeMissing(HardwareError):
 
     def __init__(self, nodes: tuple[int, ...]) -> None:
         self.nodes = nodes
-        super().__init__(f"no answer from node{'s' if len(nodes) > 1 else ''} {', '.join(map(str, nodes))}")
+        super().__init__(
+            f"no answer from node{'s' if len(nodes) > 1 else ''} {', '.join(map(str, nodes))}"
+        )
 
 
 class WrongArm(HardwareError):

@@ -141,7 +141,7 @@ _TRANSITIONS: Final = MappingProxyType(
         (_S.QUICK_STOP_ACTIVE, Command.DISABLE_VOLTAGE): _S.SWITCH_ON_DISABLED,  # 12
     }
 )
-POWERED: Final = frozenset({_S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE, _S.FAULT_REACTION_ACTIVE})
+POWERED: Final = frozenset({_S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE})
 """States in which the drive closes a loop."""
 _IN_FAULT: Final = frozenset({_S.FAULT_REACTION_ACTIVE, _S.FAULT})
 

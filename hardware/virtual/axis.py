@@ -1,0 +1,139 @@
+"""What a virtual drive is told about its joint: scale, limits, sensor. Knows the arm model and no bus."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+from hardware.limits import JointLimits, joint_limits
+from hardware.objects import CONTROL_PERIOD_S, SensorKind
+from hardware.scale import JointScale
+from solver.arm_model import ArmModel, Joint
+from solver.sensors import Encoder, NoSensor, Rvdt
+
+FOLLOWING_WINDOW_RAD = math.radians(3.0)
+"""Wider than any servo deflection below the torque trip: only a lost sensor gets here."""
+HOME_OFFSET_LIMIT_RAD = math.pi
+_LARGEST_U32 = 2**32 - 1
+_MILLIONTHS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisSettings:
+    """One axis, as its drive is commissioned.
+
+    Attributes
+    ----------
+    joint
+        1-based number; also the node.
+    scale
+        Counts and radians.
+    limits
+        Limits of commands; its speed is the overspeed trip as well.
+    max_torque_nm
+        Excess torque trip.
+    rated_torque_nm
+        What 6077h is per mille of.
+    following_window_counts
+        Following error trip (6065h).
+    sensor_kind, full_scale_microdeg, converter_bits
+        2100h.
+    increments, revolutions
+        608Fh.
+    lowest_counts, highest_counts
+        Ends of the converter: a reading there is a failed sensor. None without ends.
+    mode_switch_cycles
+        Control periods from a new 6060h until 6061h says so.
+    trip_cycles
+        Control periods that torque or following error must last to trip.
+    """
+
+    joint: int
+    scale: JointScale
+    limits: JointLimits
+    max_torque_nm: float
+    rated_torque_nm: float
+    following_window_counts: int
+    sensor_kind: SensorKind
+    full_scale_microdeg: int
+    converter_bits: int
+    increments: int
+    revolutions: int
+    lowest_counts: int | None = None
+    highest_counts: int | None = None
+    mode_switch_cycles: int = 3
+    trip_cycles: int = 3
+
+    @property
+    def max_speed_counts_per_s(self) -> int:
+        """607Fh."""
+        return round(self.limits.max_speed_rad_per_s * self.scale.counts_per_rad)
+
+    @property
+    def home_offset_limit_counts(self) -> int:
+        """Largest home offset, either way, that makes sense for a revolute joint."""
+        return round(HOME_OFFSET_LIMIT_RAD * self.scale.counts_per_rad)
+
+
+def joint_scale(joint: Joint) -> JointScale:
+    """Scale of a joint's sensor.
+
+    Raises
+    ------
+    ValueError
+        If the joint has none.
+    """
+    match joint.sensor:
+        case Encoder() as encoder:
+            return JointScale(counts_per_rad=encoder.counts_per_rev / (2.0 * math.pi))
+        case Rvdt() as rvdt:
+            return JointScale(counts_per_rad=1.0 / rvdt.resolution_rad)
+        case NoSensor():
+            raise ValueError(f"joint {joint.name!r} has no sensor: a drive cannot report it")
+
+
+def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:
+    """Settings of all drives of an arm, joint 1 first; ValueError for a joint without a sensor."""
+    return tuple(axis(number, joint) for number, joint in enumerate(arm.joints, start=1))
+
+
+def axis(number: int, joint: Joint) -> AxisSettings:
+    """Settings of one drive; ValueError for a joint without a sensor."""
+    scale = joint_scale(joint)
+    lowest: int | None = None
+    highest: int | None = None
+    if isinstance(joint.sensor, Rvdt):
+        kind, bits = SensorKind.RVDT, joint.sensor.bits
+        microdeg = round(math.degrees(joint.sensor.full_scale_rad) * _MILLIONTHS)
+        per_turn = Fraction(360 * _MILLIONTHS * 2**bits, microdeg)
+        # The converter has its zero in the middle of the range, where the RVDT has.
+        zero, half = round(joint.middle_rad / joint.sensor.resolution_rad), 2 ** (bits - 1)
+        lowest, highest = zero - half, zero + half - 1
+    else:
+        kind, bits, microdeg = SensorKind.ENCODER, 0, 360 * _MILLIONTHS
+        per_turn = Fraction(scale.to_counts(2.0 * math.pi))
+    if per_turn.numerator > _LARGEST_U32:
+        per_turn = per_turn.limit_denominator(10_000)
+    return AxisSettings(
+        joint=number,
+        scale=scale,
+        limits=joint_limits(
+            number,
+            scale,
+            lower_rad=joint.lower_rad,
+            upper_rad=joint.upper_rad,
+            max_speed_rad_per_s=joint.max_speed_rad_per_s,
+            period_s=CONTROL_PERIOD_S,
+        ),
+        max_torque_nm=joint.max_torque_nm,
+        rated_torque_nm=joint.max_torque_nm,
+        following_window_counts=max(1, scale.to_counts(FOLLOWING_WINDOW_RAD)),
+        sensor_kind=kind,
+        full_scale_microdeg=microdeg,
+        converter_bits=bits,
+        increments=per_turn.numerator,
+        revolutions=per_turn.denominator,
+        lowest_counts=lowest,
+        highest_counts=highest,
+    )

@@ -1,0 +1,340 @@
+"""The virtual controller: eight nodes, one control loop, one plant step a SYNC. Knows the bus, not the truth.
+
+One thread does everything that has a time to it: it receives, steps the plant, answers, watches the
+operator's heartbeat and sends its own. If it hangs, the heartbeats stop, as they should. A second
+thread checks parameter documents and writes them to disk, and does nothing else.
+
+Rules of the arm as a whole, beyond CiA 402:
+
+- A drive that trips stops its neighbours: in a closed chain, one joint that no longer follows is a
+  constraint that the others would push against. While one drive is in a fault none moves.
+- The operator's heartbeat is watched while the operator holds the control token. When it is lost, all
+  drives hold where they are and raise 8130h, and the token lapses. Given back, the token leaves all
+  drives in quick stop, holding, without a fault.
+"""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Self
+
+import can
+
+from hardware import objects
+from hardware.arm import DriveState
+from hardware.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S, EmergencyCode
+from hardware.virtual.axis import AxisSettings
+from hardware.virtual.controller_network import ControllerNetwork
+from hardware.virtual.drive_node import DriveNode
+from hardware.virtual.faults import Disturbances, FaultInjector, ScriptedFault
+from hardware.virtual.node import VirtualNode
+from hardware.virtual.parameter_store import ParameterStore
+from hardware.virtual.parameters import Validate, takes_no_documents
+from hardware.virtual.port import PlantPort
+from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode, Surroundings
+
+_POLL_S = 0.02
+"""Longest wait for a frame: how soon wall-clock duties and `post` are seen to on a quiet bus."""
+_CATCH_UP_FRAMES = 1000
+"""Frames looked at before a heartbeat counts as lost: it may be waiting behind them."""
+_FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
+_NODE_BITS = 0x7F
+
+
+class VirtualController:
+    """Seven joint drives (or however many `axes` there are) and a supervisor on one bus.
+
+    Parameters
+    ----------
+    bus
+        Open bus; the caller's, and still open after `close`.
+    plant
+        What the drives move.
+    axes
+        Joints 1..n, see `hardware.virtual.axis.arm_axes`.
+    arm
+        Which arm this is.
+    validate
+        Strict parse of parameter documents; without it every document is refused.
+    store
+        Parameter slots; in memory by default.
+    heartbeat_timeout_s
+        Silence after which the operator is lost.
+    clock
+        Monotonic time, s.
+    script
+        Faults that happen at given SYNCs.
+
+    Attributes
+    ----------
+    drives, supervisor
+        The nodes. To be looked at from other threads under their `lock` only.
+    sync_count
+        SYNCs answered so far.
+    failure
+        What ended the control loop before `close` did, None if nothing.
+    """
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        plant: PlantPort,
+        *,
+        axes: Sequence[AxisSettings],
+        arm: ArmLabel,
+        validate: Validate = takes_no_documents,
+        store: ParameterStore | None = None,
+        heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
+        clock: Callable[[], float] = time.monotonic,
+        script: Sequence[ScriptedFault] = (),
+    ) -> None:
+        if len(axes) != plant.joint_count:
+            raise ValueError(f"{len(axes)} axes for a plant of {plant.joint_count} joints")
+        self._bus, self._plant, self._clock = bus, plant, clock
+        self._timeout_s = heartbeat_timeout_s
+        self._script = sorted(script, key=lambda fault: fault.at_sync, reverse=True)
+        self.disturbances = Disturbances()
+        self.faults = FaultInjector(self)
+        self.sync_count = 0
+        self.failure: Exception | None = None
+        self._heard_s: dict[int, float] = {}
+        self._posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._closing = False
+        self._running = threading.Event()
+        self._running.set()
+        self._next_beat_s = 0.0
+        serial = arm.number % 1_000_000 * 100
+        self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
+        self.supervisor = SupervisorNode(
+            arm=arm,
+            axes=axes,
+            store=ParameterStore() if store is None else store,
+            validate=validate,
+            surroundings=Surroundings(
+                hears=self._hears,
+                control_changed=self._control_changed,
+                set_home_offsets=self._set_home_offsets,
+                later=self._work.put,
+            ),
+        )
+        self._nodes: tuple[VirtualNode, ...] = (*self.drives, self.supervisor)
+        self._numbers = {node.number for node in self._nodes}
+        self._by_rpdo1 = {objects.COB_RPDO1 + node.number: node for node in self.drives}
+        self._network = ControllerNetwork(bus, self.disturbances)
+        for node in self._nodes:
+            self._network.add_node(node)
+        self._loop = threading.Thread(target=self._run, name="sarcal-virtual-arm", daemon=True)
+        self._worker = threading.Thread(
+            target=self._run_work, name="sarcal-virtual-store", daemon=True
+        )
+
+    # ---- life ----------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Step the plant once for a first reading, boot all nodes, begin to listen."""
+        self._step_plant()
+        self._worker.start()
+        self._loop.start()
+
+    def close(self) -> None:
+        """End both threads; the plant stays where it is. Safe to call twice."""
+        self._closing = True
+        self._running.set()
+        self._work.put(None)
+        for thread in (self._loop, self._worker):
+            if thread.is_alive() and thread is not threading.current_thread():
+                thread.join(10.0)
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # ---- for faults and tests --------------------------------------------------------------------------
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Run something in the control loop; at once if this is it."""
+        if threading.current_thread() is self._loop:
+            action()
+        else:
+            self._posted.put(action)
+
+    def now_s(self) -> float:
+        """The controller's clock."""
+        return self._clock()
+
+    def restart(self) -> None:
+        """Take mains away from all nodes and give it back; call through `post` only."""
+        self._heard_s.clear()
+        for node in self._nodes:
+            with node.lock:
+                node.power_up()
+                node.boot()
+
+    def hang(self) -> None:
+        """Let the control loop hang until `unhang`."""
+        self._running.clear()
+
+    def unhang(self) -> None:
+        """Let the control loop go on."""
+        self._running.set()
+
+    # ---- control loop ----------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            for node in self._nodes:
+                node.boot()
+            self._next_beat_s = self._clock() + HEARTBEAT_PERIOD_S
+            while not self._closing:
+                message = self._bus.recv(_POLL_S)
+                self._running.wait()
+                if message is not None:
+                    self._take_in(message)
+                self._see_to_time()
+                while not self._posted.empty():
+                    self._posted.get()()
+        except (can.CanError, OSError) as error:
+            self.failure = error  # the bus is gone, and with it everybody who could be told
+        except Exception as error:
+            self.failure = error
+            raise
+
+    def _take_in(self, message: can.Message) -> None:
+        if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
+            return
+        identifier, data = message.arbitration_id, message.data
+        if identifier == objects.COB_SYNC:
+            self._on_sync()
+            return
+        if identifier == objects.COB_NMT:
+            self._on_nmt(data)
+            return
+        number = identifier & _NODE_BITS
+        if number in self.disturbances.cut_since_s:
+            return
+        drive = self._by_rpdo1.get(identifier)
+        if drive is not None:
+            drive.on_rpdo1(data)
+        elif identifier - number == objects.COB_HEARTBEAT:
+            if number not in self._numbers and len(data) == 1:
+                self._heard_s[number] = self._clock()
+        else:
+            self._network.notify(identifier, data, message.timestamp)
+
+    def _on_nmt(self, data: bytes | bytearray) -> None:
+        if len(data) != 2:
+            return
+        command, number = data
+        for node in self._nodes:
+            if number in (0, node.number) and node.number not in self.disturbances.cut_since_s:
+                node.on_nmt(command)
+
+    def _on_sync(self) -> None:
+        self.sync_count += 1
+        while self._script and self._script[-1].at_sync <= self.sync_count:
+            self._script.pop().happen(self.faults)
+        self._step_plant()
+        disturbances, send = self.disturbances, self._network.send_message
+        for node in self.drives:
+            data = node.tpdo1()
+            if data is None:
+                continue
+            if disturbances.lost_tpdos and disturbances.loses_tpdo(node.number):
+                continue
+            send(node.tpdo1_id, data)
+
+    def _step_plant(self) -> None:
+        """One control period: commands out, readings in, trips."""
+        drives = self.drives
+        reading = self._plant.step([node.drive.command() for node in drives])
+        frozen = self.disturbances.frozen_counts
+        for node, counts, torque, speed in zip(
+            drives,
+            reading.position_counts,
+            reading.torque_nm,
+            reading.speed_rad_per_s,
+            strict=True,
+        ):
+            with node.lock:
+                node.drive.read(frozen.get(node.number, counts), torque, speed)
+        self._stop_neighbours()
+
+    def _stop_neighbours(self) -> None:
+        if any(node.drive.state in _FAULTED for node in self.drives):
+            for node in self.drives:
+                with node.lock:
+                    node.drive.quick_stop()
+
+    # ---- wall-clock duties -------------------------------------------------------------------------------
+
+    def _see_to_time(self) -> None:
+        now = self._clock()
+        holder = self.supervisor.holder
+        if holder and self._lost(holder, now):
+            self._catch_up()
+            holder = self.supervisor.holder
+            if holder and self._lost(holder, self._clock()):
+                self._lose_operator()
+        if self.disturbances.cut_since_s:
+            self._lose_operator_behind_cut_cables(now)
+        if now >= self._next_beat_s:
+            # From now, not from when it was due: a loop that was late does not send a burst.
+            self._next_beat_s = now + HEARTBEAT_PERIOD_S
+            for node in self._nodes:
+                if node.number not in self.disturbances.no_heartbeat:
+                    node.beat()
+
+    def _lost(self, node: int, now: float) -> bool:
+        return now - self._heard_s.get(node, -math.inf) > self._timeout_s
+
+    def _catch_up(self) -> None:
+        """Look at what has arrived: the heartbeat may be among it, and this loop may be the late one."""
+        for _ in range(_CATCH_UP_FRAMES):
+            message = self._bus.recv(0.001)
+            if message is None:
+                return
+            self._take_in(message)
+
+    def _lose_operator(self) -> None:
+        for node in self.drives:
+            with node.lock:
+                node.drive.lose_heartbeat()
+        self.supervisor.lapse()
+
+    def _lose_operator_behind_cut_cables(self, now: float) -> None:
+        for node in self.drives:
+            since = self.disturbances.cut_since_s.get(node.number)
+            if since is None or now - since <= self._timeout_s:
+                continue
+            with node.lock:
+                if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:
+                    node.drive.lose_heartbeat()
+
+    # ---- the supervisor's surroundings -------------------------------------------------------------------
+
+    def _hears(self, node: int) -> bool:
+        return not self._lost(node, self._clock())
+
+    def _control_changed(self, holder: int) -> None:
+        for node in self.drives:
+            with node.lock:
+                node.drive.in_control = holder != 0
+                if holder == 0:
+                    node.drive.quick_stop()
+
+    def _set_home_offsets(self, counts: Sequence[int]) -> None:
+        for node, offset in zip(self.drives, counts, strict=True):
+            with node.lock:
+                node.home_offset_counts = offset
+
+    def _run_work(self) -> None:
+        while (work := self._work.get()) is not None:
+            work()

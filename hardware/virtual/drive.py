@@ -1,0 +1,268 @@
+"""One drive's behaviour: states, modes, limits, trips. Knows its axis; no node, no bus and no plant.
+
+Time is counted in control periods: `command` says what the joint does in the next one, `read` takes
+in what the sensors say at its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hardware import cia402
+from hardware.arm import DriveState, JointMode
+from hardware.cia402 import Event, StatusBit
+from hardware.limits import refuse_target
+from hardware.objects import JOINT_MODE, MODE_CODE, EmergencyCode
+from hardware.virtual.axis import AxisSettings
+from hardware.virtual.port import JointCommand
+
+_WARNINGS = frozenset({EmergencyCode.REFERENCE_LIMIT})
+"""Errors that refuse a command and leave the drive as it is."""
+
+
+class Drive:
+    """A CiA 402 axis in cyclic position or cyclic torque mode.
+
+    Holding is always the same: position mode, target where the joint was measured. A drive holds
+    after a quick stop and after it lost the operator's heartbeat; a drive that tripped by itself
+    blocks its valve instead.
+
+    Parameters
+    ----------
+    axis
+        Scale, limits and sensor of the joint.
+    on_error
+        Called with the code of every error that begins.
+    on_all_clear
+        Called when the last error has ended.
+    """
+
+    def __init__(
+        self,
+        axis: AxisSettings,
+        *,
+        on_error: Callable[[EmergencyCode], None],
+        on_all_clear: Callable[[], None],
+    ) -> None:
+        self.axis = axis
+        self._on_error, self._on_all_clear = on_error, on_all_clear
+        self.counts = 0
+        self.torque_nm = 0.0
+        self.speed_rad_per_s = 0.0
+        self.in_control = False
+        self.external_stop = False
+        self.sensor_failed = False
+        self.refuses_modes = False
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Begin anew, as after mains came back; errors are forgotten without a word."""
+        self.state = cia402.after_event(DriveState.NOT_READY_TO_SWITCH_ON, Event.INITIALISED)
+        self.errors: list[EmergencyCode] = []
+        self.controlword = 0
+        self.mode_request = 0
+        self.mode: JointMode | None = None
+        self.target_counts = self.counts
+        self._holding = False
+        self._switching_for = 0
+        self._torque_for = 0
+        self._following_for = 0
+        self._command: JointCommand | None = None
+
+    # ---- what the bus tells the drive ----------------------------------------------------------
+
+    def obey(self, controlword: int, target_counts: int, mode_code: int) -> None:
+        """Act on an RPDO1."""
+        self.obey_controlword(controlword)
+        self.ask_for_mode(mode_code)
+        self.obey_target(target_counts)
+
+    def obey_controlword(self, controlword: int) -> None:
+        """Act on 6040h. Going towards motion needs the control token, going away never does."""
+        self.finish_reaction()
+        before = self.state
+        after = cia402.after_controlword(before, controlword, self.controlword)
+        self.controlword = controlword
+        if after is before:
+            return
+        if before is DriveState.FAULT and not self._reset():
+            return
+        if cia402.raises_power(before, after) and not self.in_control:
+            return
+        self._command = None
+        self.state = after
+        if after is DriveState.QUICK_STOP_ACTIVE:
+            self._hold()
+        elif after is DriveState.OPERATION_ENABLED:
+            self._take_up()
+        else:
+            self._holding = False
+
+    def ask_for_mode(self, mode_code: int) -> None:
+        """Act on 6060h: the switch takes a few control periods, 6061h tells when it is done."""
+        if mode_code != self.mode_request:
+            self.mode_request = mode_code
+            self._switching_for = 0
+
+    def obey_target(self, target_counts: int) -> None:
+        """Act on 607Ah, where it means anything: enabled, in position mode, under control."""
+        if not (
+            self.state is DriveState.OPERATION_ENABLED
+            and self.mode is JointMode.POSITION
+            and self.in_control
+        ):
+            return
+        if target_counts == self.target_counts:
+            return
+        if refuse_target(self.axis.limits, target_counts, self.target_counts) is None:
+            self.target_counts = target_counts
+            self._command = None
+            self._end(EmergencyCode.REFERENCE_LIMIT)
+        else:
+            self._begin(EmergencyCode.REFERENCE_LIMIT)
+
+    # ---- what happens to the drive ---------------------------------------------------------------
+
+    def quick_stop(self) -> None:
+        """Stop and hold without a controlword; a drive that is not moving stays as it is."""
+        after = cia402.after_event(self.state, Event.QUICK_STOP)
+        if after is not self.state:
+            self.state = after
+            self._hold()
+
+    def lose_heartbeat(self) -> None:
+        """Hold, and let nothing move until the fault is reset and the drive enabled again."""
+        if self.state in cia402.POWERED:
+            self._hold()
+        self.trip(EmergencyCode.HEARTBEAT_LOST, holding=self._holding)
+
+    def trip(self, code: EmergencyCode, *, holding: bool = False) -> None:
+        """Fault: with `holding` the servo stays closed, else the valve is blocked."""
+        self._holding = holding
+        self._command = None
+        self.state = cia402.after_event(self.state, Event.FAULT)
+        self._begin(code)
+
+    def finish_reaction(self) -> None:
+        """*Fault reaction active* lasts until anything else happens to the drive."""
+        self.state = cia402.after_event(self.state, Event.FAULT_REACTION_DONE)
+
+    # ---- every control period --------------------------------------------------------------------
+
+    def command(self) -> JointCommand:
+        """What the joint does in the next control period."""
+        if self._command is None:
+            self._command = self._make_command()
+        return self._command
+
+    def read(self, counts: int, torque_nm: float, speed_rad_per_s: float) -> None:
+        """Take in the sensors at the end of a control period; switch modes, trip."""
+        self.finish_reaction()
+        self.counts, self.torque_nm, self.speed_rad_per_s = counts, torque_nm, speed_rad_per_s
+        if self.mode_request != MODE_CODE.get(self.mode) and not self._holding:  # type: ignore[arg-type]
+            self._switch_mode()
+        else:
+            self._switching_for = 0
+        self._supervise()
+
+    @property
+    def flags(self) -> int:
+        """Bits of 6041h beside the state's own."""
+        flags = int(StatusBit.VOLTAGE_ENABLED)
+        if self.in_control:
+            flags |= StatusBit.REMOTE
+        if EmergencyCode.REFERENCE_LIMIT in self.errors:
+            flags |= StatusBit.INTERNAL_LIMIT
+        if self.state is DriveState.OPERATION_ENABLED and self.mode is JointMode.POSITION:
+            flags |= StatusBit.FOLLOWS_COMMAND
+        if EmergencyCode.FOLLOWING in self.errors:
+            flags |= StatusBit.FOLLOWING_ERROR
+        return flags
+
+    # ---- inside ----------------------------------------------------------------------------------
+
+    def _make_command(self) -> JointCommand:
+        enabled = self.state is DriveState.OPERATION_ENABLED
+        if self._holding or (enabled and self.mode is JointMode.POSITION):
+            target_rad = self.axis.scale.to_rad(self.target_counts)
+            return JointCommand(mode=JointMode.POSITION, target_rad=target_rad)
+        mode = self.mode if enabled else None
+        return JointCommand(mode=mode, target_rad=self.axis.scale.to_rad(self.counts))
+
+    def _hold(self) -> None:
+        self._holding = True
+        self._take_up()
+        self.mode = JointMode.POSITION
+
+    def _take_up(self) -> None:
+        """Begin where the joint is: no drive ever jumps to an old target."""
+        self.target_counts = self.counts
+        self._torque_for = self._following_for = 0
+        self._command = None
+
+    def _switch_mode(self) -> None:
+        self._switching_for += 1
+        mode = JOINT_MODE.get(self.mode_request)
+        if mode is None or self.refuses_modes:
+            return
+        if self._switching_for >= self.axis.mode_switch_cycles:
+            self.mode = mode
+            self._switching_for = 0
+            self._take_up()
+
+    def _supervise(self) -> None:
+        axis = self.axis
+        lowest, highest = axis.lowest_counts, axis.highest_counts
+        saturated = (lowest is not None and self.counts <= lowest) or (
+            highest is not None and self.counts >= highest
+        )
+        if saturated or self.sensor_failed:
+            self._trip_once(EmergencyCode.SENSOR)
+        if not (self.state in cia402.POWERED or self._holding):
+            return
+        if abs(self.speed_rad_per_s) > axis.limits.max_speed_rad_per_s:
+            self._trip_once(EmergencyCode.OVERSPEED)
+        excess = abs(self.torque_nm) > axis.max_torque_nm
+        self._torque_for = self._torque_for + 1 if excess else 0
+        if self._torque_for >= axis.trip_cycles:
+            self._trip_once(EmergencyCode.EXCESS_TORQUE)
+        if self.mode is not JointMode.POSITION:
+            return
+        away = abs(self.counts - self.target_counts) > axis.following_window_counts
+        self._following_for = self._following_for + 1 if away else 0
+        if self._following_for >= axis.trip_cycles:
+            self._trip_once(EmergencyCode.FOLLOWING)
+
+    def _trip_once(self, code: EmergencyCode) -> None:
+        if code not in self.errors:
+            self.trip(code)
+
+    def _reset(self) -> bool:
+        """Forget every error whose cause is gone; false if one stays."""
+        stay = {
+            EmergencyCode.EXTERNAL_STOP: self.external_stop,
+            EmergencyCode.SENSOR: self.sensor_failed,
+        }
+        if any(stay.get(code, False) for code in self.errors):
+            return False
+        had = bool(self.errors)
+        self.errors.clear()
+        if had:
+            self._on_all_clear()
+        return True
+
+    def _begin(self, code: EmergencyCode) -> None:
+        if code not in self.errors:
+            self.errors.append(code)
+            self._on_error(code)
+
+    def _end(self, code: EmergencyCode) -> None:
+        if code in self.errors:
+            self.errors.remove(code)
+            if not self.errors:
+                self._on_all_clear()
+
+    @property
+    def faulted(self) -> bool:
+        """Whether an error keeps the drive from moving."""
+        return any(code not in _WARNINGS for code in self.errors)

@@ -1,0 +1,144 @@
+"""A joint drive on the bus: frames and objects in and out of a `Drive`. Knows CANopen, and no plant.
+
+TPDO1 and RPDO1 are packed by hand: they are fixed, and they are on the path of every SYNC.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from hardware import cia402, objects
+from hardware.objects import RPDO1, TPDO1, EmergencyCode, ErrorBit, NmtState
+from hardware.virtual.axis import AxisSettings
+from hardware.virtual.drive import Drive
+from hardware.virtual.node import Value, VirtualNode
+
+_REGISTER: Final = {
+    EmergencyCode.HEARTBEAT_LOST: ErrorBit.COMMUNICATION,
+    EmergencyCode.EXTERNAL_STOP: ErrorBit.MANUFACTURER,
+    EmergencyCode.EXTERNAL_STOP_SECOND: ErrorBit.MANUFACTURER,
+}
+_HIGHEST_I16: Final = 2**15 - 1
+_HIGHEST_I32: Final = 2**31 - 1
+
+
+class DriveNode(VirtualNode):
+    """Node of one joint.
+
+    Parameters
+    ----------
+    axis
+        The joint's settings; the joint number is the node number.
+    serial_number
+        1018h sub 4.
+    """
+
+    def __init__(self, axis: AxisSettings, *, serial_number: int) -> None:
+        super().__init__(objects.joint_node(axis.joint), serial_number=serial_number)
+        self.axis = axis
+        self.drive = Drive(axis, on_error=self._error, on_all_clear=self._all_clear)
+        self.tpdo1_id = objects.COB_TPDO1 + self.number
+        self.home_offset_counts = 0
+        self._per_mille = 1000.0 / axis.rated_torque_nm
+        self._serve_objects()
+
+    # ---- PDOs ----------------------------------------------------------------------------------------
+
+    def on_rpdo1(self, data: bytes | bytearray) -> None:
+        """Act on an RPDO1 at once; one of a wrong length, or outside *operational*, is not obeyed."""
+        if len(data) != RPDO1.size or self.state is not NmtState.OPERATIONAL:
+            return
+        with self.lock:
+            self.drive.obey(*RPDO1.unpack(data))
+
+    def tpdo1(self) -> bytes | None:
+        """Data of the TPDO1 for the SYNC at hand, None outside *operational*."""
+        if self.state is not NmtState.OPERATIONAL:
+            return None
+        drive = self.drive
+        return TPDO1.pack(
+            cia402.statusword(drive.state, drive.flags),
+            max(-_HIGHEST_I32 - 1, min(_HIGHEST_I32, drive.counts)),
+            self._torque_per_mille(),
+        )
+
+    # ---- node ----------------------------------------------------------------------------------------
+
+    def power_up(self) -> None:
+        """Begin anew; the home offset is the supervisor's to set again."""
+        super().power_up()
+        self.drive.power_up()
+
+    def left_operational(self) -> None:
+        """Commands cannot come any more: stop and hold."""
+        self.drive.quick_stop()
+
+    # ---- inside --------------------------------------------------------------------------------------
+
+    def _error(self, code: EmergencyCode) -> None:
+        self.send_emergency(code, self._register())
+
+    def _all_clear(self) -> None:
+        self.send_emergency(EmergencyCode.NONE, ErrorBit(0))
+
+    def _register(self) -> ErrorBit:
+        register = ErrorBit(0)
+        for code in self.drive.errors:
+            register |= ErrorBit.GENERIC | _REGISTER.get(code, ErrorBit.PROFILE)
+        return register
+
+    def _torque_per_mille(self) -> int:
+        value = round(self.drive.torque_nm * self._per_mille)
+        return max(-_HIGHEST_I16, min(_HIGHEST_I16, value))
+
+    def _serve_objects(self) -> None:
+        axis, drive = self.axis, self.drive
+        values: dict[tuple[int, int], int] = {
+            (objects.FOLLOWING_WINDOW, 0): axis.following_window_counts,
+            (objects.RATED_TORQUE, 0): round(axis.rated_torque_nm * 1e3),
+            (objects.POSITION_LIMITS, 1): axis.limits.lower_counts,
+            (objects.POSITION_LIMITS, 2): axis.limits.upper_counts,
+            (objects.MAX_VELOCITY, 0): axis.max_speed_counts_per_s,
+            (objects.ENCODER_RESOLUTION, 1): axis.increments,
+            (objects.ENCODER_RESOLUTION, 2): axis.revolutions,
+            (objects.SENSOR, objects.SENSOR_KIND): int(axis.sensor_kind),
+            (objects.SENSOR, objects.SENSOR_FULL_SCALE): axis.full_scale_microdeg,
+            (objects.SENSOR, objects.SENSOR_BITS): axis.converter_bits,
+        }
+        for (index, subindex), value in values.items():
+            self.serve(index, subindex, lambda value=value: value)  # type: ignore[misc]
+        self.serve(objects.ERROR_CODE, 0, lambda: drive.errors[-1] if drive.errors else 0)
+        self.serve(objects.CONTROLWORD, 0, lambda: drive.controlword)
+        self.serve(objects.STATUSWORD, 0, lambda: cia402.statusword(drive.state, drive.flags))
+        self.serve(objects.MODE, 0, lambda: drive.mode_request)
+        self.serve(
+            objects.MODE_DISPLAY,
+            0,
+            lambda: 0 if drive.mode is None else objects.MODE_CODE[drive.mode],
+        )
+        self.serve(objects.POSITION_ACTUAL, 0, lambda: drive.counts)
+        self.serve(
+            objects.VELOCITY_ACTUAL,
+            0,
+            lambda: round(drive.speed_rad_per_s * axis.scale.counts_per_rad),
+        )
+        self.serve(objects.TARGET_TORQUE, 0, lambda: 0)
+        self.serve(objects.TORQUE_ACTUAL, 0, self._torque_per_mille)
+        self.serve(objects.TARGET_POSITION, 0, lambda: drive.target_counts)
+        self.serve(objects.HOME_OFFSET, 0, lambda: self.home_offset_counts)
+        self.accept(objects.CONTROLWORD, 0, lambda value: drive.obey_controlword(_whole(value)))
+        self.accept(objects.MODE, 0, self._ask_for_mode)
+        self.accept(objects.TARGET_TORQUE, 0, self._keep_zero_torque)
+        self.accept(objects.TARGET_POSITION, 0, lambda value: drive.obey_target(_whole(value)))
+
+    def _ask_for_mode(self, value: Value) -> None:
+        self.drive.ask_for_mode(_whole(value))
+
+    def _keep_zero_torque(self, value: Value) -> None:
+        """6071h takes 0 only, which its range has made sure of."""
+
+
+def _whole(value: Value) -> int:
+    if not isinstance(value, int):
+        raise TypeError(f"{value!r} is not an integer")
+    return value

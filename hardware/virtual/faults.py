@@ -1,0 +1,179 @@
+"""Things that go wrong on purpose, for tests and demonstrations. Knows the virtual controller only.
+
+`Disturbances` is what the controller looks at on every SYNC; `FaultInjector` is how it is changed, from
+any thread; a `ScriptedFault` does so at a given SYNC, so that a run with faults is repeatable too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from hardware.objects import EmergencyCode
+from hardware.virtual.drive_node import DriveNode
+from hardware.virtual.supervisor_node import SupervisorNode
+
+
+@dataclass(slots=True)
+class Disturbances:
+    """What is wrong at present.
+
+    Attributes
+    ----------
+    cut_since_s
+        Nodes whose cable is cut, and since when (the controller's clock).
+    no_heartbeat
+        Nodes that work but send no heartbeat.
+    lost_tpdos
+        How many TPDO1 of a joint will yet be lost.
+    frozen_counts
+        Joints whose sensor reports this, wherever they are.
+    """
+
+    cut_since_s: dict[int, float] = field(default_factory=dict)
+    no_heartbeat: set[int] = field(default_factory=set)
+    lost_tpdos: dict[int, int] = field(default_factory=dict)
+    frozen_counts: dict[int, int] = field(default_factory=dict)
+
+    def loses_tpdo(self, joint: int) -> bool:
+        """Whether this joint's TPDO1 gets lost now; counts down."""
+        left = self.lost_tpdos.get(joint, 0)
+        if left == 0:
+            return False
+        self.lost_tpdos[joint] = left - 1
+        return True
+
+
+class Victim(Protocol):
+    """What can be disturbed: the virtual controller."""
+
+    disturbances: Disturbances
+    drives: tuple[DriveNode, ...]
+    supervisor: SupervisorNode
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Run something in the control loop, soon."""
+        ...
+
+    def now_s(self) -> float:
+        """The controller's clock."""
+        ...
+
+    def restart(self) -> None:
+        """Take mains away from all nodes and give it back; in the control loop."""
+        ...
+
+    def hang(self) -> None:
+        """Let the control loop hang until `unhang`."""
+        ...
+
+    def unhang(self) -> None:
+        """Let it go on."""
+        ...
+
+
+class FaultInjector:
+    """Breaks and mends a virtual controller. Every call takes effect in its control loop, in order."""
+
+    def __init__(self, controller: Victim) -> None:
+        self._victim = controller
+
+    def silence(self, node: int) -> None:
+        """Cut a node's cable: it neither sends nor hears."""
+        victim = self._victim
+
+        def act() -> None:
+            victim.disturbances.cut_since_s.setdefault(node, victim.now_s())
+
+        victim.post(act)
+
+    def reconnect(self, node: int) -> None:
+        """Mend the cable."""
+        victim = self._victim
+        victim.post(lambda: _forget(victim.disturbances.cut_since_s, node))
+
+    def stop_heartbeat(self, node: int) -> None:
+        """Let a node work on without heartbeats."""
+        self._victim.post(lambda: self._victim.disturbances.no_heartbeat.add(node))
+
+    def resume_heartbeat(self, node: int) -> None:
+        """Let the node's heartbeats go on."""
+        self._victim.post(lambda: self._victim.disturbances.no_heartbeat.discard(node))
+
+    def lose_tpdos(self, joint: int, count: int) -> None:
+        """Lose the next `count` TPDO1 of a joint."""
+        self._victim.post(lambda: self._victim.disturbances.lost_tpdos.update({joint: count}))
+
+    def freeze_sensor(self, joint: int) -> None:
+        """Let a sensor report what it reports now, for good."""
+        drive = self._drive(joint).drive
+        frozen = self._victim.disturbances.frozen_counts
+        self._victim.post(lambda: frozen.update({joint: drive.counts}))
+
+    def thaw_sensor(self, joint: int) -> None:
+        """Mend a frozen sensor."""
+        self._victim.post(lambda: _forget(self._victim.disturbances.frozen_counts, joint))
+
+    def break_sensor(self, joint: int, *, broken: bool = True) -> None:
+        """Let the drive see that its sensor has failed (7305h), or mend it."""
+        node = self._drive(joint)
+
+        def act() -> None:
+            with node.lock:
+                node.drive.sensor_failed = broken
+
+        self._victim.post(act)
+
+    def refuse_modes(self, joint: int, *, refuse: bool = True) -> None:
+        """Let 6061h stay what it is whatever 6060h asks for."""
+        node = self._drive(joint)
+
+        def act() -> None:
+            with node.lock:
+                node.drive.refuses_modes = refuse
+
+        self._victim.post(act)
+
+    def external_stop(self, *, pressed: bool = True) -> None:
+        """Press or release the external stop: all drives trip, valves blocked (5441h)."""
+        victim = self._victim
+
+        def act() -> None:
+            for node in victim.drives:
+                with node.lock:
+                    node.drive.external_stop = pressed
+                    if pressed:
+                        node.drive.trip(EmergencyCode.EXTERNAL_STOP)
+            victim.supervisor.external_stop(active=pressed)
+
+        victim.post(act)
+
+    def restart(self) -> None:
+        """Take mains away from the whole controller and give it back."""
+        self._victim.post(self._victim.restart)
+
+    def hang(self) -> None:
+        """Let the control loop hang: no answers, no heartbeats."""
+        self._victim.hang()
+
+    def unhang(self) -> None:
+        """Let the control loop go on."""
+        self._victim.unhang()
+
+    def _drive(self, joint: int) -> DriveNode:
+        if not 1 <= joint <= len(self._victim.drives):
+            raise ValueError(f"there is no joint {joint}")
+        return self._victim.drives[joint - 1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScriptedFault:
+    """Something that happens at a SYNC, before the plant moves on; SYNCs count from 1."""
+
+    at_sync: int
+    happen: Callable[[FaultInjector], None]
+
+
+def _forget(mapping: dict[int, Any], key: int) -> None:
+    mapping.pop(key, None)

@@ -1,0 +1,200 @@
+"""What every virtual node does: boot, NMT, heartbeat, emergencies, object access. Knows no joint and no arm.
+
+`canopen.LocalNode` leaves a good deal of this out, and sends heartbeats from a timer of its own; here
+they come from the controller's loop, so that a loop that hangs is heard to hang.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import canopen
+from canopen.objectdictionary import ODVariable
+from canopen.sdo.exceptions import SdoAbortedError
+
+from hardware import objects
+from hardware.eds.devices import ERROR_HISTORY
+from hardware.eds.dictionary import node_dictionary
+from hardware.objects import Abort, EmergencyCode, ErrorBit, NmtCommand, NmtState
+from hardware.virtual.sdo_server import SegmentedSdoServer
+
+Value = int | bytes | str
+Reader = Callable[[], Value]
+Writer = Callable[[Value], None]
+
+_NUMBERS = frozenset(ODVariable.STRUCT_TYPES)
+
+
+class VirtualNode(canopen.LocalNode):
+    """A node on the bus.
+
+    Objects are read through `serve` and written through `accept`; what has neither keeps its default.
+    All methods that frames lead to take `lock`.
+
+    Parameters
+    ----------
+    node
+        Node number.
+    serial_number
+        1018h sub 4.
+    """
+
+    def __init__(self, node: int, *, serial_number: int) -> None:
+        super().__init__(node, node_dictionary(node))
+        self.lock = threading.RLock()
+        self.state = NmtState.BOOT_UP
+        self.error_register = ErrorBit(0)
+        self._history: list[int] = []
+        self._readers: dict[tuple[int, int], Reader] = {}
+        self._writers: dict[tuple[int, int], Writer] = {}
+        self._variables: dict[tuple[int, int], ODVariable] = {}
+        for index, item in self.object_dictionary.indices.items():
+            subs = {0: item} if isinstance(item, ODVariable) else item.subindices
+            self._variables.update({(index, sub): subs[sub] for sub in subs})
+        self.number = node
+        self.server = self.sdo = SegmentedSdoServer(
+            objects.COB_SDO_TO_SERVER + node,
+            objects.COB_SDO_FROM_SERVER + node,
+            self,
+            self._may_answer_sdo,
+        )
+        self.serve(objects.ERROR_REGISTER, 0, lambda: int(self.error_register))
+        self.serve(objects.ERROR_FIELD, 0, lambda: len(self._history))
+        self.accept(objects.ERROR_FIELD, 0, self._clear_history)
+        for k in range(ERROR_HISTORY):
+            self.serve(objects.ERROR_FIELD, k + 1, lambda k=k: self._history_entry(k))  # type: ignore[misc]
+        self.serve(objects.IDENTITY, objects.IDENTITY_SERIAL, lambda: serial_number)
+
+    # ---- network -----------------------------------------------------------------------------------
+
+    def associate_network(self, network: canopen.Network) -> None:
+        """Listen to SDO requests; NMT commands come through `on_nmt`."""
+        super().associate_network(network)
+        network.unsubscribe(objects.COB_NMT, self.nmt.on_command)
+
+    def boot(self) -> None:
+        """Come up: boot-up message, then pre-operational."""
+        with self.lock:
+            self.server.reset()
+            self.state = NmtState.BOOT_UP
+            self._heartbeat()
+            self.state = NmtState.PRE_OPERATIONAL
+
+    def beat(self) -> None:
+        """Send a heartbeat."""
+        with self.lock:
+            if self.state is not NmtState.BOOT_UP:
+                self._heartbeat()
+
+    def on_nmt(self, command: int) -> None:
+        """Act on an NMT command meant for this node."""
+        with self.lock:
+            was_operational = self.state is NmtState.OPERATIONAL
+            match command:
+                case NmtCommand.START:
+                    self.state = NmtState.OPERATIONAL
+                case NmtCommand.STOP:
+                    self.state = NmtState.STOPPED
+                case NmtCommand.ENTER_PRE_OPERATIONAL:
+                    self.state = NmtState.PRE_OPERATIONAL
+                case NmtCommand.RESET_COMMUNICATION:
+                    self.boot()
+                case NmtCommand.RESET_NODE:
+                    self.power_up()
+                    self.boot()
+            if was_operational and self.state is not NmtState.OPERATIONAL:
+                self.left_operational()
+
+    def power_up(self) -> None:
+        """Forget what mains loss would forget."""
+        self._history.clear()
+        self.error_register = ErrorBit(0)
+
+    def left_operational(self) -> None:
+        """What to do when PDOs can reach this node no longer."""
+
+    # ---- emergencies -------------------------------------------------------------------------------
+
+    def send_emergency(self, code: EmergencyCode, register: ErrorBit) -> None:
+        """Tell the bus about an error, or (`NONE`) that there is none any more; keep 1001h, 1003h."""
+        self.error_register = register
+        if code is not EmergencyCode.NONE:
+            self._history = [int(code), *self._history][:ERROR_HISTORY]
+        if self.state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL):
+            data = objects.EMCY.pack(code, register, bytes(5))
+            self.network.send_message(objects.COB_EMCY + self.number, data)
+
+    # ---- objects -----------------------------------------------------------------------------------
+
+    def serve(self, index: int, subindex: int, reader: Reader) -> None:
+        """Let reads of an object call `reader`."""
+        self._readers[index, subindex] = reader
+
+    def accept(self, index: int, subindex: int, writer: Writer) -> None:
+        """Let writes of an object call `writer`, which may raise `SdoAbortedError`."""
+        self._writers[index, subindex] = writer
+
+    def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:  # noqa: FBT001, FBT002
+        """Bytes of an object; raises `SdoAbortedError`."""
+        variable = self._variable(index, subindex)
+        if check_readable and not variable.readable:
+            raise SdoAbortedError(Abort.WRITE_ONLY)
+        reader = self._readers.get((index, subindex))
+        value = variable.default if reader is None else reader()
+        return b"" if value is None else bytes(variable.encode_raw(value))
+
+    def set_data(
+        self,
+        index: int,
+        subindex: int,
+        data: bytes,
+        check_writable: bool = False,  # noqa: FBT001, FBT002
+    ) -> None:
+        """Take in bytes for an object; raises `SdoAbortedError`."""
+        variable = self._variable(index, subindex)
+        if check_writable:
+            self.check_writable(index, subindex)
+        value: Value = data
+        if variable.data_type in _NUMBERS:
+            if 8 * len(data) != len(variable):
+                raise SdoAbortedError(Abort.LENGTH)
+            value = int(variable.decode_raw(data))
+            if variable.min is not None and value < variable.min:
+                raise SdoAbortedError(Abort.VALUE_TOO_LOW)
+            if variable.max is not None and value > variable.max:
+                raise SdoAbortedError(Abort.VALUE_TOO_HIGH)
+        writer = self._writers.get((index, subindex))
+        if writer is None:
+            raise SdoAbortedError(Abort.READ_ONLY)
+        writer(value)
+
+    def check_writable(self, index: int, subindex: int) -> None:
+        """Raise `SdoAbortedError` for an object that cannot be written."""
+        if not self._variable(index, subindex).writable:
+            raise SdoAbortedError(Abort.READ_ONLY)
+
+    # ---- inside ------------------------------------------------------------------------------------
+
+    def _variable(self, index: int, subindex: int) -> ODVariable:
+        variable = self._variables.get((index, subindex))
+        if variable is None:
+            known = index in self.object_dictionary.indices
+            raise SdoAbortedError(Abort.NO_SUBINDEX if known else Abort.NO_OBJECT)
+        return variable
+
+    def _heartbeat(self) -> None:
+        self.network.send_message(objects.COB_HEARTBEAT + self.number, bytes([self.state]))
+
+    def _may_answer_sdo(self) -> bool:
+        return self.state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL)
+
+    def _history_entry(self, place: int) -> int:
+        if place >= len(self._history):
+            raise SdoAbortedError(Abort.NO_DATA)
+        return self._history[place]
+
+    def _clear_history(self, value: Value) -> None:
+        if value != 0:
+            raise SdoAbortedError(Abort.VALUE)
+        self._history.clear()

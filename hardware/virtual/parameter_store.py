@@ -1,0 +1,154 @@
+"""Two parameter slots and a pointer that survive a power cut at any moment. Knows bytes, not their meaning.
+
+A document goes to the slot that is not active: temporary file, fsync, rename, fsync of the folder. Only
+then does the pointer change, in the same way. Every slot carries its own SHA-256, so what was torn is
+seen, and whatever happens the slot that the pointer names is whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Final, Protocol
+
+from hardware.objects import Slot, SlotState
+
+_POINTER: Final = "active"
+_FILE: Final = {Slot.A: "slot_a", Slot.B: "slot_b"}
+_MAGIC: Final = b"sarcal slot 1 "
+_TEMPORARY: Final = ".new"
+
+
+class Disk(Protocol):
+    """A folder, as far as the order of its operations matters."""
+
+    def read(self, name: str) -> bytes | None:
+        """Content of a file, None if there is none."""
+        ...
+
+    def write(self, name: str, data: bytes) -> None:
+        """Make a file and put its content onto the medium before returning."""
+        ...
+
+    def rename(self, old: str, new: str) -> None:
+        """Rename a file over another, on the medium before returning."""
+        ...
+
+
+class FolderDisk:
+    """A real folder; made if it is missing."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def read(self, name: str) -> bytes | None:
+        """See `Disk`."""
+        try:
+            return (self._folder / name).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def write(self, name: str, data: bytes) -> None:
+        """See `Disk`."""
+        with (self._folder / name).open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+
+    def rename(self, old: str, new: str) -> None:
+        """See `Disk`."""
+        (self._folder / old).replace(self._folder / new)
+        folder = os.open(self._folder, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+class MemoryDisk:
+    """Forgets everything with the process."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, bytes] = {}
+
+    def read(self, name: str) -> bytes | None:
+        """See `Disk`."""
+        return self._files.get(name)
+
+    def write(self, name: str, data: bytes) -> None:
+        """See `Disk`."""
+        self._files[name] = data
+
+    def rename(self, old: str, new: str) -> None:
+        """See `Disk`."""
+        self._files[new] = self._files.pop(old)
+
+
+class ParameterStore:
+    """Slots A and B on a disk; in memory without one. Errors of the disk (`OSError`) go through."""
+
+    def __init__(self, disk: Disk | None = None) -> None:
+        self._disk = MemoryDisk() if disk is None else disk
+
+    @property
+    def active(self) -> Slot:
+        """The slot in force, `NONE` if there is none or its content is damaged."""
+        pointer = self._disk.read(_POINTER)
+        for slot in _FILE:
+            if pointer == slot.name.encode() and self.state(slot) is SlotState.WHOLE:
+                return slot
+        return Slot.NONE
+
+    @property
+    def spare(self) -> Slot:
+        """The slot that is not in force."""
+        return Slot.B if self.active is Slot.A else Slot.A
+
+    def state(self, slot: Slot) -> SlotState:
+        """Whether a slot holds a whole document."""
+        stored = self._disk.read(_FILE[slot])
+        if stored is None:
+            return SlotState.EMPTY
+        return SlotState.DAMAGED if _unwrap(stored) is None else SlotState.WHOLE
+
+    def document(self, slot: Slot) -> bytes | None:
+        """Document in a slot, None if there is no whole one."""
+        stored = None if slot is Slot.NONE else self._disk.read(_FILE[slot])
+        return None if stored is None else _unwrap(stored)
+
+    def commit(self, document: bytes) -> Slot:
+        """Put a document into the spare slot and make that one active."""
+        slot = self.spare
+        self._replace(_FILE[slot], _wrap(document))
+        self._replace(_POINTER, slot.name.encode())
+        return slot
+
+    def roll_back(self) -> Slot:
+        """Make the spare slot active.
+
+        Raises
+        ------
+        ValueError
+            If it holds no whole document.
+        """
+        slot = self.spare
+        if self.state(slot) is not SlotState.WHOLE:
+            raise ValueError(f"slot {slot.name} holds no whole document")
+        self._replace(_POINTER, slot.name.encode())
+        return slot
+
+    def _replace(self, name: str, data: bytes) -> None:
+        self._disk.write(name + _TEMPORARY, data)
+        self._disk.rename(name + _TEMPORARY, name)
+
+
+def _wrap(document: bytes) -> bytes:
+    return _MAGIC + hashlib.sha256(document).hexdigest().encode() + b"\n" + document
+
+
+def _unwrap(stored: bytes) -> bytes | None:
+    """Document of a slot's file, None if the file is not as it was written."""
+    head, _, document = stored.partition(b"\n")
+    return document if stored == _wrap(document) and head.startswith(_MAGIC) else None

@@ -1,0 +1,280 @@
+"""The supervisor on the bus: parameter documents, their slots, and who is in control. Knows no plant.
+
+Checking a document and writing it to disk take longer than a control period may, so both are done
+elsewhere (`later`), and the SDO request is answered when they are done.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from canopen.sdo.exceptions import SdoAbortedError
+
+from hardware import objects
+from hardware.objects import Abort, EmergencyCode, ErrorBit, ParameterCommand, Slot
+from hardware.virtual.axis import AxisSettings
+from hardware.virtual.node import Value, VirtualNode
+from hardware.virtual.parameter_store import ParameterStore
+from hardware.virtual.parameters import Validate, ValidatedParameters, objection
+from hardware.virtual.sdo_server import Deferred
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmLabel:
+    """Which arm this is, e.g. ``sarcos_dextrous``, ``SDA-0007``."""
+
+    model: str
+    serial_number: str
+
+    @property
+    def number(self) -> int:
+        """The digits of the serial number, for 1018h sub 4."""
+        digits = "".join(c for c in self.serial_number if c.isascii() and c.isdigit())
+        return int(digits or "0") % 2**32
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surroundings:
+    """What the supervisor needs of the controller it sits in.
+
+    Attributes
+    ----------
+    hears
+        Whether a node's heartbeat is heard.
+    control_changed
+        Called with the node in control (0: nobody) whenever that changes.
+    set_home_offsets
+        Gives joints 1..n their 607Ch.
+    later
+        Runs work outside the control loop, in order.
+    """
+
+    hears: Callable[[int], bool]
+    control_changed: Callable[[int], None]
+    set_home_offsets: Callable[[Sequence[int]], None]
+    later: Callable[[Callable[[], None]], None]
+
+
+class _Refused(Exception):
+    def __init__(self, text: str, code: Abort = Abort.NOT_STORED) -> None:
+        self.text, self.code = text, code
+        super().__init__(text)
+
+
+class SupervisorNode(VirtualNode):
+    """Node 16.
+
+    Parameters
+    ----------
+    arm
+        Which arm this is.
+    axes
+        Its joints.
+    store
+        Where committed documents live.
+    validate
+        Strict parse of a document.
+    surroundings
+        See `Surroundings`.
+    """
+
+    def __init__(
+        self,
+        *,
+        arm: ArmLabel,
+        axes: Sequence[AxisSettings],
+        store: ParameterStore,
+        validate: Validate,
+        surroundings: Surroundings,
+    ) -> None:
+        super().__init__(objects.SUPERVISOR_NODE, serial_number=arm.number)
+        self.arm = arm
+        self.holder = 0
+        self._axes = tuple(axes)
+        self._store, self._validate, self._around = store, validate, surroundings
+        self._received: bytes | None = None
+        self._staged: tuple[bytes, ValidatedParameters] | None = None
+        self._busy = False
+        self._refusal = ""
+        self._active = Slot.NONE
+        self._active_document: bytes | None = None
+        self._serve_objects()
+        self.load()
+
+    # ---- life ----------------------------------------------------------------------------------------
+
+    def power_up(self) -> None:
+        """Begin anew: nobody in control, nothing staged, home offsets from the active slot."""
+        super().power_up()
+        self._refusal = ""
+        self.lapse()
+        self.load()
+
+    def load(self) -> None:
+        """Put the active document into force; one that does not fit is said in 2004h and not used."""
+        self._active = self._store.active
+        self._active_document = self._store.document(self._active)
+        offsets: tuple[int, ...] = (0,) * len(self._axes)
+        if self._active_document is not None:
+            try:
+                offsets = self._check(self._active_document).home_offset_counts
+            except _Refused as refused:
+                self._refusal = f"active document not used: {refused.text}"
+        self._around.set_home_offsets(offsets)
+
+    def lapse(self) -> None:
+        """Nobody is in control any more; what was not committed is dropped."""
+        with self.lock:
+            self._take(0)
+
+    def external_stop(self, *, active: bool) -> None:
+        """Report the external stop's contact."""
+        with self.lock:
+            if active:
+                register = ErrorBit.GENERIC | ErrorBit.MANUFACTURER
+                self.send_emergency(EmergencyCode.EXTERNAL_STOP, register)
+            else:
+                self.send_emergency(EmergencyCode.NONE, ErrorBit(0))
+
+    # ---- control token -------------------------------------------------------------------------------
+
+    def _ask_for_control(self, value: Value) -> None:
+        node = int(value)
+        if node == self.holder:
+            return
+        if node != 0 and self.holder != 0:
+            self._refusal = f"node {self.holder} is in control"
+            raise SdoAbortedError(Abort.DEVICE_STATE)
+        if node != 0 and not self._around.hears(node):
+            self._refusal = f"the heartbeat of node {node} is not heard"
+            raise SdoAbortedError(Abort.DEVICE_STATE)
+        self._take(node)
+
+    def _take(self, node: int) -> None:
+        if node == self.holder:
+            return
+        self.holder = node
+        if not self._busy:
+            self._received = self._staged = None
+        self._around.control_changed(node)
+
+    # ---- parameters ----------------------------------------------------------------------------------
+
+    def _receive(self, value: Value) -> None:
+        self._require_control()
+        if not isinstance(value, bytes):
+            raise SdoAbortedError(Abort.GENERAL)
+        self._received, self._staged = value, None
+
+    def _order(self, value: Value) -> None:
+        self._require_control()
+        command = ParameterCommand(int(value))
+        self._busy = True
+        self._around.later(lambda: self._carry_out(command))
+        raise Deferred
+
+    def _require_control(self) -> None:
+        if self.holder == 0:
+            self._refusal = "nobody is in control: take the control token first"
+            raise SdoAbortedError(Abort.LOCAL_CONTROL)
+        if self._busy:
+            self._refusal = "the previous command is still being carried out"
+            raise SdoAbortedError(Abort.DEVICE_STATE)
+
+    def _carry_out(self, command: ParameterCommand) -> None:
+        """Outside the control loop: do it, then answer."""
+        abort: Abort | None = Abort.GENERAL
+        try:
+            match command:
+                case ParameterCommand.STAGE:
+                    self._stage()
+                case ParameterCommand.COMMIT:
+                    self._commit()
+                case ParameterCommand.ROLL_BACK:
+                    self._roll_back()
+            abort = None
+        except _Refused as refused:
+            self._refusal, abort = refused.text, refused.code
+        except OSError as error:
+            self._refusal = f"the document could not be stored: {error.strerror or error}"
+            abort = Abort.NOT_STORED
+        finally:
+            with self.lock:
+                self._busy = False
+                if self.holder == 0:
+                    self._received = self._staged = None
+            self.server.answer_later(abort)
+
+    def _stage(self) -> None:
+        document = self._received
+        if document is None:
+            raise _Refused("nothing was written to stage", Abort.DEVICE_STATE)
+        try:
+            parameters = self._check(document)
+        except _Refused:
+            self._received = None
+            raise
+        self._staged = (document, parameters)
+
+    def _commit(self) -> None:
+        if self._staged is None:
+            raise _Refused("nothing is staged to commit", Abort.DEVICE_STATE)
+        document, parameters = self._staged
+        slot = self._store.commit(document)
+        with self.lock:
+            self._active, self._active_document = slot, document
+            self._received = self._staged = None
+        self._around.set_home_offsets(parameters.home_offset_counts)
+
+    def _roll_back(self) -> None:
+        if self._received is not None:
+            self._received = self._staged = None
+            return
+        document = self._store.document(self._store.spare)
+        if document is None:
+            raise _Refused("there is no other document to go back to", Abort.DEVICE_STATE)
+        parameters = self._check(document)
+        slot = self._store.roll_back()
+        with self.lock:
+            self._active, self._active_document = slot, document
+        self._around.set_home_offsets(parameters.home_offset_counts)
+
+    def _check(self, document: bytes) -> ValidatedParameters:
+        try:
+            parameters = self._validate(document)
+        except ValueError as error:
+            raise _Refused(str(error) or "the document is not valid") from error
+        text = objection(parameters, self._axes, self.arm.serial_number)
+        if text is not None:
+            raise _Refused(text)
+        return parameters
+
+    # ---- objects -------------------------------------------------------------------------------------
+
+    def _document(self) -> bytes:
+        document = self._active_document if self._received is None else self._received
+        return b"" if document is None else document
+
+    def _serve_objects(self) -> None:
+        self.serve(objects.DOCUMENT, 0, self._document)
+        self.accept(objects.DOCUMENT, 0, self._receive)
+        self.serve(
+            objects.DIGEST,
+            objects.DIGEST_SHA256,
+            lambda: hashlib.sha256(self._document()).digest(),
+        )
+        self.serve(objects.DIGEST, objects.DIGEST_LENGTH, lambda: len(self._document()))
+        self.accept(objects.COMMAND, 0, self._order)
+        self.serve(objects.SLOTS, objects.SLOTS_ACTIVE, lambda: int(self._active))
+        for sub, slot in ((objects.SLOTS_A, Slot.A), (objects.SLOTS_B, Slot.B)):
+            self.serve(objects.SLOTS, sub, lambda slot=slot: int(self._store.state(slot)))  # type: ignore[misc]
+        self.serve(objects.SLOTS, objects.SLOTS_STAGED, lambda: int(self._staged is not None))
+        # 2004h is a visible string: what is not ASCII in a refusal is written as an escape.
+        self.serve(objects.REFUSAL, 0, lambda: self._refusal.encode("ascii", "backslashreplace"))
+        self.serve(objects.TOKEN, 0, lambda: self.holder)
+        self.accept(objects.TOKEN, 0, self._ask_for_control)
+        self.serve(objects.ARM, objects.ARM_MODEL, lambda: self.arm.model)
+        self.serve(objects.ARM, objects.ARM_SERIAL, lambda: self.arm.serial_number)
+        self.serve(objects.ARM, objects.ARM_JOINTS, lambda: len(self._axes))

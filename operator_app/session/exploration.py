@@ -8,16 +8,20 @@ kinematic model; whether a waypoint can be reached is found out by going there.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from hardware.arm import ArmSnapshot, Watch
-from operator_app.config.procedure import CapturePlan
+from operator_app.config.procedure import CapturePlan, Exploration
 from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
 
 RANGE_MARGIN_RAD = float(np.deg2rad(2.0))
 """A move ends when any joint comes this close to the end of its range."""
+
+DEFAULT_SPAN_RAD = float(np.deg2rad(25.0))
+"""How far to either side drive joints are taken that the procedure says nothing about."""
 
 BATCH = 8
 """Waypoints are visited in batches of this size, each in a short order: spread first, travel second."""
@@ -55,6 +59,20 @@ def waypoints(
             here = points[nearest]
     return tuple(
         {joint: float(value) for joint, value in zip(joints, points[k], strict=True)} for k in order
+    )
+
+
+def for_joints(plan: CapturePlan, joints: tuple[int, ...]) -> CapturePlan:
+    """Return the plan for these drive joints: the procedure's boxes, a modest one where it has none."""
+    known = {box.joint: box for box in plan.exploration}
+    if tuple(sorted(known)) == tuple(sorted(joints)):
+        return plan
+    span = DEFAULT_SPAN_RAD
+    return replace(
+        plan,
+        exploration=tuple(
+            known.get(j, Exploration(joint=j, lower_rad=-span, upper_rad=span)) for j in joints
+        ),
     )
 
 

@@ -5,11 +5,13 @@ Everything else in a session folder can be made again from it. Knows no event's 
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -55,6 +57,7 @@ class Journal:
         self._descriptor = descriptor
         self._seq = len(contents.events)
         self._chain = chain
+        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sarcal-journal")
 
     @classmethod
     def create(cls, folder: Path) -> Journal:
@@ -97,7 +100,14 @@ class Journal:
         return cls(path, descriptor, contents, chain)
 
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> Event:
-        """Write one event; returns when it is on disk."""
+        """Write one event; returns when it is on disk.
+
+        The writing is done by a thread of its own: a signal that interrupts the caller at any
+        moment leaves the line whole and the next one numbered right.
+        """
+        return self._writer.submit(self._append, name, data, clock).result()
+
+    def _append(self, name: str, data: Mapping[str, Any], clock: Clock) -> Event:
         event = Event(
             seq=self._seq + 1,
             utc=clock().isoformat(timespec="milliseconds").replace("+00:00", "Z"),
@@ -110,12 +120,15 @@ class Journal:
         try:
             written = os.write(self._descriptor, line)
             if written != len(line):
-                raise OSError(28, "the disk is full")
+                # The rest of a line that did not fit would look like a torn one: take it back.
+                os.ftruncate(self._descriptor, os.fstat(self._descriptor).st_size - written)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(self._descriptor)
         except OSError as error:
             raise JournalError(
                 f"cannot write {self.path}: {error.strerror}",
-                "free space or repair the disk, then resume this session; nothing accepted so far is lost",
+                "free space or repair the disk, then resume this session; "
+                "nothing accepted so far is lost",
             ) from error
         self._seq, self._chain = event.seq, chain
         return event
@@ -126,7 +139,8 @@ class Journal:
         return self._descriptor < 0
 
     def close(self) -> None:
-        """Release the journal. Safe to call twice."""
+        """Finish what is being written and release the journal. Safe to call twice."""
+        self._writer.shutdown()
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

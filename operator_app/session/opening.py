@@ -71,7 +71,7 @@ class Opening:
 def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:
     """Open a new session of a procedure, by built-in name or path; raises ConfigError."""
     procedure = parse_procedure(resolve("procedure", reference))
-    sources = {
+    sources: dict[str, str] = {
         kind: source.data.decode() for kind, source in zip(KINDS, procedure.sources, strict=True)
     }
     return Opening(

@@ -17,7 +17,7 @@ class CapturedPose:
     """One captured pose.
 
     `number` counts captures from 1 and is never used twice; `waypoint` is the index in the plan it
-    was taken for; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates.
+    was taken for, -1 for none; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates.
     """
 
     number: int
@@ -46,8 +46,8 @@ class SessionState:
         ``position``/``free`` per joint as last confirmed; empty until set.
     poses
         All captured poses that were not undone, excluded ones included.
-    next_waypoint
-        First waypoint of the plan that has not been visited.
+    visited
+        Waypoints of the plan that are done with: captured, or passed over with a reason.
     captured
         How many captures there were, undone ones included: the next pose is number captured + 1.
     solved, exported
@@ -61,10 +61,15 @@ class SessionState:
     start_rad: FloatArray | None = None
     modes: tuple[str, ...] = ()
     poses: tuple[CapturedPose, ...] = ()
-    next_waypoint: int = 0
+    visited: frozenset[int] = frozenset()
     captured: int = 0
     solved: Mapping[str, Any] = field(default_factory=dict)
     exported: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def next_waypoint(self) -> int:
+        """First waypoint of the plan that has not been visited."""
+        return next(k for k in range(len(self.visited) + 1) if k not in self.visited)
 
     @property
     def used_poses(self) -> tuple[CapturedPose, ...]:
@@ -104,7 +109,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
         case "modes":
             return replace(state, modes=tuple(data["modes"]))
         case "waypoint_skipped":
-            return replace(state, next_waypoint=data["waypoint"] + 1)
+            return replace(state, visited=state.visited | {data["waypoint"]})
         case "pose":
             pose = CapturedPose(
                 number=data["number"],
@@ -119,7 +124,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 state,
                 poses=(*state.poses, pose),
                 captured=pose.number,
-                next_waypoint=max(state.next_waypoint, pose.waypoint + 1),
+                visited=state.visited | {pose.waypoint},
                 solved={},
             )
         case "pose_undone":

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
-from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Watch
+from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Reading, Watch
 from operator_app.calibration import FixtureRefusedError, Solution, calibrate
 from operator_app.config.atomic import write_atomically
 from operator_app.config.degrees import degrees_for_file
@@ -33,8 +33,10 @@ from operator_app.session.export import (
     upload,
 )
 from operator_app.session.journal import Clock, Journal, utc_now
+from operator_app.session.mode_rule import modes_problem
 from operator_app.session.state import CapturedPose, SessionState, apply, replay
 from solver.arm_model import ArmModel
+from solver.arrays import FloatArray
 from solver.least_squares import Progress
 
 
@@ -121,25 +123,14 @@ class Session:
 
     def check_modes(self, position_joints: tuple[int, ...]) -> None:
         """Refuse a wrong number of position-mode joints, with the reason."""
-        n, want, have = self.model.joint_count, self.mobility, len(set(position_joints))
-        wrong = [j for j in position_joints if not 1 <= j <= n]
-        if wrong:
-            raise GuardError(f"there is no joint {wrong[0]}", f"joints are numbered 1 to {n}")
-        names = ", ".join(str(j) for j in sorted(set(position_joints))) or "none"
-        if have < want:
-            raise GuardError(
-                f"{have} joint{'s' if have != 1 else ''} in position mode ({names}) where the "
-                f"{self.fixture.kind} leaves the arm {want} freedom{'s' if want != 1 else ''}: "
-                "nothing would hold the rest, and the arm would sag",
-                f"put exactly {want} in position mode",
-            )
-        if have > want:
-            raise GuardError(
-                f"{have} joints in position mode ({names}) where the {self.fixture.kind} leaves "
-                f"the arm {want} freedom{'s' if want != 1 else ''}: they would work against each "
-                "other through the fixture, and torque would build up until a drive trips",
-                f"put exactly {want} in position mode",
-            )
+        problem = modes_problem(
+            position_joints,
+            joint_count=self.model.joint_count,
+            mobility=self.mobility,
+            kind=self.fixture.kind,
+        )
+        if problem is not None:
+            raise problem
 
     def set_modes(self, position_joints: tuple[int, ...]) -> None:
         """Take control, then position mode for these joints and free mode for the rest."""
@@ -151,6 +142,11 @@ class Session:
         )
         self.arm.set_modes(modes)
         self.record("modes", {"modes": [m.value for m in modes]})
+
+    def hold(self) -> None:
+        """All joints to position mode where they are."""
+        self.arm.hold()
+        self.record("modes", {"modes": [JointMode.POSITION.value] * self.model.joint_count})
 
     def take_control(self) -> None:
         """Enable the drives, holding; the first time, remember where the arm stood."""
@@ -169,8 +165,13 @@ class Session:
         """All waypoints of this session, visited ones included."""
         if self.state.start_rad is None or not self.position_joints:
             raise GuardError("the joint modes are not set", "set the modes first (step 3)")
-        plan = for_joints(self.procedure.capture, self.position_joints)
-        return waypoints(self.model, self.state.start_rad, plan)
+        return self.plan_from(self.state.start_rad, self.position_joints)
+
+    def plan_from(
+        self, start_rad: FloatArray, joints: tuple[int, ...]
+    ) -> tuple[Mapping[int, float], ...]:
+        """Waypoints of these drive joints around `start_rad` (n,)."""
+        return waypoints(self.model, start_rad, for_joints(self.procedure.capture, joints))
 
     def go_to(self, targets_rad: Mapping[int, float], also: Watch | None = None) -> MoveResult:
         """Move the position-mode joints, watching every joint; `also` may end the move as well."""
@@ -203,17 +204,7 @@ class Session:
 
     def capture(self, waypoint: int, note: str = "") -> CapturedPose:
         """Let the arm settle, read a pose, and keep it."""
-        rule = self.procedure.capture.settle
-        if not self.arm.settle(
-            window=rule.window_syncs,
-            spread_rad=rule.spread_rad(self.model),
-            timeout_syncs=rule.timeout_syncs,
-        ):
-            raise GuardError(
-                "the arm does not come to rest",
-                "look for something that moves or pushes it, then capture again",
-            )
-        reading = self.arm.capture(self.procedure.capture.samples_per_pose)
+        reading = self.read()
         self.record(
             "pose",
             {
@@ -228,6 +219,20 @@ class Session:
             },
         )
         return self.state.poses[-1]
+
+    def read(self) -> Reading:
+        """Let the arm settle and read a pose, without keeping it."""
+        rule = self.procedure.capture.settle
+        if not self.arm.settle(
+            window=rule.window_syncs,
+            spread_rad=rule.spread_rad(self.model),
+            timeout_syncs=rule.timeout_syncs,
+        ):
+            raise GuardError(
+                "the arm does not come to rest",
+                "look for something that moves or pushes it, then capture again",
+            )
+        return self.arm.capture(self.procedure.capture.samples_per_pose)
 
     def run_plan(self, on_pose: Callable[[SessionState], None] | None = None) -> None:
         """Visit waypoints until enough poses are captured; goes on where the journal ends."""

@@ -1,0 +1,305 @@
+"""The desk between a screen and a session: commands go in, snapshots come out, nothing waits.
+
+One worker thread owns every blocking call. STOP does not go through it: `stop` calls the arm from
+whichever thread asks. A watchman looks at the age of the data whether or not a screen does. Knows no
+Textual and prints nothing.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from datetime import UTC
+from typing import Any
+
+from hardware.arm import ArmSnapshot, DriveState
+from hardware.errors import HardwareError
+from operator_app.session.journal import Clock, utc_now
+from operator_app.session.operations import Cancelled, Operations
+from operator_app.session.snapshot import (
+    LOST_S,
+    STALE_S,
+    DataState,
+    Level,
+    Message,
+    SessionSnapshot,
+    StopReport,
+    Task,
+    TaskKind,
+)
+from operator_app.session.wording import EXPECTED, words
+from operator_app.session.workflow import Session
+
+WATCH_PERIOD_S = 0.05
+MESSAGES_KEPT = 100
+RATE_WINDOW_S = 1.0
+FIELDS = frozenset(f.name for f in fields(SessionSnapshot))
+
+MOVING = frozenset({TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.VERIFY})
+"""Tasks that any key ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    kind: TaskKind
+    text: str
+    work: Callable[[], None]
+    cancel: threading.Event
+
+
+class Desk:
+    """Runs a session for a screen.
+
+    Parameters
+    ----------
+    session
+        Its calls are made by the worker only, but for `Arm.stop` and `Arm.snapshot`.
+    simulated, bus
+        Whether nothing real can move, and the bus in words.
+    monotonic, clock
+        Seconds for ages, UTC for messages.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        simulated: bool,
+        bus: str,
+        monotonic: Callable[[], float] = time.monotonic,
+        clock: Clock = utc_now,
+    ) -> None:
+        self.session = session
+        self._monotonic, self._clock = monotonic, clock
+        self._operations = Operations(session, self)
+        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self._hand: deque[_Job] = deque()
+        self._current: _Job | None = None
+        self._closing = threading.Event()
+        self._publishing = threading.Lock()
+        self._rates: list[tuple[float, int]] = []
+        self.defect: BaseException | None = None
+        self._base = SessionSnapshot(
+            now_s=monotonic(),
+            procedure=session.procedure,
+            folder=session.journal.path.parent,
+            state=session.state,
+            simulated=simulated,
+            bus=bus,
+            mobility=session.mobility,
+            estimator=session.procedure.estimator,
+            unsensed_joints=session.procedure.unsensed_joints,
+        )
+        if session.journal.contents.torn:
+            self.say(Level.WARNING, session.journal.contents.torn)
+        self._worker = threading.Thread(target=self._work, name="sarcal-worker", daemon=True)
+        self._watchman = threading.Thread(target=self._watch, name="sarcal-watch", daemon=True)
+        self._worker.start()
+        self._watchman.start()
+
+    # -- the board ---------------------------------------------------------------------------------
+
+    def publish(self, **changes: Any) -> None:
+        """Replace fields of the snapshot, from any thread."""
+        with self._publishing:
+            known = {k: v for k, v in changes.items() if k in FIELDS}
+            self._base = replace(self._base, **known)
+
+    def say(self, level: Level, text: str) -> None:
+        """Add a message, from any thread."""
+        now = self._clock()
+        with self._publishing:
+            earlier = self._base.messages
+            number = earlier[-1].number + 1 if earlier else 1
+            message = Message(
+                number=number, time=f"{now.astimezone(UTC):%H:%M:%S}", level=level, text=text
+            )
+            self._base = replace(self._base, messages=(*earlier, message)[-MESSAGES_KEPT:])
+
+    def cancelled(self) -> bool:
+        """Whether the work in hand should end."""
+        job = self._current
+        return job is not None and job.cancel.is_set()
+
+    # -- looking -----------------------------------------------------------------------------------
+
+    def snapshot(self) -> SessionSnapshot:
+        """Return the latest picture; never blocks."""
+        base, now = self._base, self._monotonic()
+        if base.identity is None:
+            return replace(base, now_s=now)
+        arm = self._arm_snapshot()
+        if arm is None:
+            return replace(base, now_s=now, data=DataState.NONE)
+        ages = [joint.age_s for joint in arm.joints]
+        oldest = max(ages, default=0.0)
+        state = DataState.FRESH
+        if oldest > STALE_S:
+            state = DataState.LOST if oldest > LOST_S else DataState.STALE
+        return replace(
+            base,
+            now_s=now,
+            arm=arm,
+            data=state,
+            oldest_s=oldest,
+            stale_joints=tuple(j.joint for j in arm.joints if j.age_s > STALE_S),
+            sync_rate_hz=self._rate(now, arm.sync_count),
+        )
+
+    def _arm_snapshot(self) -> ArmSnapshot | None:
+        try:
+            return self.session.arm.snapshot()
+        except HardwareError:
+            # The link went down between two looks; the watchman says so once.
+            return None
+
+    def _rate(self, now: float, syncs: int) -> float:
+        """SYNCs a second over the last window."""
+        marks = self._rates
+        marks.append((now, syncs))
+        while len(marks) > 2 and now - marks[0][0] > RATE_WINDOW_S:
+            marks.pop(0)
+        span = now - marks[0][0]
+        return (syncs - marks[0][1]) / span if span > 0.0 else 0.0
+
+    # -- commands ----------------------------------------------------------------------------------
+
+    @property
+    def operations(self) -> Operations:
+        """What can be handed to `submit`."""
+        return self._operations
+
+    def submit(self, kind: TaskKind, text: str, work: Callable[[], None]) -> None:
+        """Queue work for the worker; returns at once."""
+        if not self._closing.is_set():
+            job = _Job(kind, text, work, threading.Event())
+            self._hand.append(job)
+            self._jobs.put(job)
+            if self._base.task is None:
+                self._show_task(kind, text)
+
+    def cancel(self) -> None:
+        """End the work in hand and what waits behind it; a moving arm comes to rest and holds."""
+        for job in tuple(self._hand):
+            job.cancel.set()
+
+    def stop(self) -> None:
+        """Software STOP, from the calling thread: waits for no queue, no lock, no work."""
+        asked = self._monotonic()
+        problem = ""
+        try:
+            self.session.arm.stop()
+        except HardwareError as error:
+            problem = str(error)
+        self.cancel()
+        sent = self._monotonic() - asked
+        self.publish(
+            stop=StopReport(
+                asked_s=asked,
+                sent_after_s=sent,
+                acknowledged_after_s=None,
+                drives_stopped=0,
+                problem=problem,
+            )
+        )
+        if problem:
+            self.say(Level.ALARM, f"STOP could not be sent: {problem}. Use the hardware stop")
+        else:
+            self.say(Level.ALARM, "software STOP sent to all drives; it is latched (R resets)")
+
+    def close(self, reason: str) -> None:
+        """End the work in hand, leave the arm held and the journal whole. Safe to call twice."""
+        if self._closing.is_set():
+            return
+        self.cancel()
+        self._closing.set()
+        self._jobs.put(None)
+        self._worker.join()
+        self._watchman.join()
+        self.session.close(reason)
+
+    # -- threads -----------------------------------------------------------------------------------
+
+    def _show_task(self, kind: TaskKind, text: str) -> None:
+        self.publish(
+            task=Task(kind=kind, text=text, moves=kind in MOVING, started_s=self._monotonic())
+        )
+
+    def _work(self) -> None:
+        while True:
+            job = self._jobs.get()
+            if job is None:
+                return
+            if not job.cancel.is_set():
+                self._current = job
+                self._show_task(job.kind, job.text)
+                self._do(job)
+            self._hand.popleft()
+            self._current = None
+            self.publish(task=None)
+
+    def _do(self, job: _Job) -> None:
+        try:
+            job.work()
+        except Cancelled as ended:
+            self.say(Level.INFO, f"{job.text}: {ended.happened.lower()}; {ended.remedy.lower()}")
+            self._recover()
+        except EXPECTED as error:
+            said = words(error)
+            self.say(Level.ALARM, f"{said.happened}. {said.remedy}")
+            self._recover()
+        except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
+            self.defect = error
+            self.say(Level.ALARM, f"a defect of this program: {error!r}")
+        finally:
+            self.publish(task=None)
+
+    def _recover(self) -> None:
+        """Publish what counts after something was cut short."""
+        try:
+            self._operations.refresh()
+        except EXPECTED as error:
+            self.say(Level.WARNING, words(error).happened)
+
+    def _watch(self) -> None:
+        """Lost data end the work and stop the arm; drives that stopped are counted."""
+        lost = False
+        while not self._closing.wait(WATCH_PERIOD_S):
+            now = self.snapshot()
+            if now.arm is not None and now.stop is not None:
+                self._count_stopped(now, now.stop)
+            if now.data is DataState.LOST and not lost:
+                lost = True
+                self.say(
+                    Level.ALARM,
+                    f"no data from the arm for {now.oldest_s:.1f} s: quick stop sent, the drives "
+                    "hold by themselves. Look at the bus and the controller",
+                )
+                self._stop_quietly()
+            elif lost and now.data is DataState.FRESH:
+                lost = False
+                self.say(Level.INFO, "the data are back: reset STOP (R) when it is safe")
+
+    def _stop_quietly(self) -> None:
+        self.cancel()
+        try:
+            self.session.arm.stop()
+        except HardwareError as error:
+            self.say(Level.ALARM, f"the quick stop could not be sent: {error}")
+
+    def _count_stopped(self, now: SessionSnapshot, report: StopReport) -> None:
+        if now.arm is None or report.acknowledged_after_s is not None or not now.arm.stopped:
+            return
+        resting = sum(j.drive is not DriveState.OPERATION_ENABLED for j in now.arm.joints)
+        done = resting == len(now.arm.joints)
+        self.publish(
+            stop=replace(
+                report,
+                drives_stopped=resting,
+                acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
+            )
+        )

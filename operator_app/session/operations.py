@@ -1,0 +1,363 @@
+"""What the worker does for the operator: each step's work on a session, publishing what it found.
+
+Every function runs on the worker's thread and may block. Knows no thread and no screen.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from hardware.arm import ArmSnapshot
+from operator_app.calibration import Solution
+from operator_app.config.parameters_file import parse_parameters
+from operator_app.session.errors import GuardError, SessionError
+from operator_app.session.forecast import Forecast, most_telling, predict
+from operator_app.session.live import LiveQuality, live_quality
+from operator_app.session.parameter_diff import diff_rows
+from operator_app.session.snapshot import Iteration, Level, Verification, Written
+from operator_app.session.workflow import Session
+from solver.arrays import FloatArray
+from solver.closure import ClosureModel
+from solver.design.drive_joints import rank_at_pose
+from solver.goodness import closure_at_readings, closure_sigmas
+from solver.parameters import nominal_vector
+
+ENDED = "ended by the operator"
+WIGGLE_RAD = float(np.deg2rad(2.0))
+
+
+class Cancelled(SessionError):
+    """The operator ended it."""
+
+    def __init__(self) -> None:
+        super().__init__("Ended by the operator", "The arm holds; go on when you are ready")
+
+
+class Board(Protocol):
+    """Where operations put what they found, and hear that they should end."""
+
+    def publish(self, **changes: Any) -> None:
+        """Replace fields of the snapshot."""
+        ...
+
+    def say(self, level: Level, text: str) -> None:
+        """Tell the operator."""
+        ...
+
+    def cancelled(self) -> bool:
+        """Whether the operator wants this ended."""
+        ...
+
+
+class Operations:
+    """The work of the seven steps."""
+
+    def __init__(self, session: Session, board: Board) -> None:
+        self._session = session
+        self._board = board
+        self._forecast: Forecast | None = None
+        self._live: LiveQuality | None = None
+        self._solution: Solution | None = None
+        self._plan: tuple[Mapping[int, float], ...] = ()
+
+    # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
+
+    def connect(self) -> None:
+        """Find the arm, check it, and judge the fixture where the arm stands."""
+        identity = self._session.connect()
+        self._board.publish(identity=identity)
+        self._board.say(
+            Level.INFO,
+            f"connected to {identity.model}, serial {identity.serial_number}, "
+            f"{len(identity.nodes)} nodes",
+        )
+        self.check_fixture()
+
+    def check_fixture(self) -> None:
+        """Judge the placement, rank the drive joints, predict the plan."""
+        session = self._session
+        checks = session.check_fixture()
+        here = session.arm.snapshot().positions_rad
+        model = self._model
+        ranked = rank_at_pose(model, nominal_vector(model.parameters), here)
+        joints = session.procedure.position_joints
+        if joints is None and ranked:
+            joints = ranked[0].drives
+        self._board.publish(checks=checks, ranked=ranked)
+        if joints is not None and len(joints) == session.mobility:
+            plan = session.plan_from(here, joints)
+            self._foresee(plan, here)
+        self.refresh()
+
+    def tick(self, item: int, text: str) -> None:
+        """Record an item of the check list."""
+        self._session.record("confirmed", {"item": item, "text": text})
+
+    # -- 3 Modes -----------------------------------------------------------------------------------
+
+    def set_modes(self, position_joints: tuple[int, ...]) -> None:
+        """Take control, set the modes, read them back, and lay out the plan."""
+        session = self._session
+        session.set_modes(position_joints)
+        names = " and ".join(f"J{j}" for j in position_joints)
+        self._board.say(Level.INFO, f"{names} in position mode, the others free: read back")
+        start = session.state.start_rad
+        if start is not None:
+            self._foresee(session.plan(), start)
+        self.refresh()
+
+    def wiggle(self) -> None:
+        """Move each drive joint a little, there and back, and say what followed."""
+        session, said = self._session, []
+        for joint in session.position_joints:
+            before = session.arm.snapshot().positions_rad
+            session.go_to({joint: float(before[joint - 1]) + WIGGLE_RAD}, self._ends)
+            there = session.arm.snapshot().positions_rad
+            session.go_to({joint: float(before[joint - 1])}, self._ends)
+            self._raise_if_cancelled()
+            moved = np.rad2deg(there - before)
+            followed = ", ".join(
+                f"J{j} {moved[j - 1]:+.1f}" for j in range(1, len(moved) + 1) if j != joint
+            )
+            said.append(f"J{joint} {moved[joint - 1]:+.1f} deg moved {followed} deg")
+        self._board.publish(wiggle="; ".join(said))
+        self._board.say(Level.INFO, "trial wiggle done: " + "; ".join(said))
+
+    # -- 4 Capture ---------------------------------------------------------------------------------
+
+    def go(self, waypoint: int) -> None:
+        """Move to a waypoint; any key ends it."""
+        reached = self._session.visit(waypoint, self._ends)
+        self._raise_if_cancelled()
+        self._board.publish(at_waypoint=waypoint if reached else None)
+        if reached:
+            self._board.say(Level.INFO, f"at waypoint {waypoint + 1}: capture when still")
+        else:
+            self._board.say(
+                Level.WARNING, f"waypoint {waypoint + 1} cannot be reached and was passed over"
+            )
+        self.refresh()
+
+    def capture(self, waypoint: int) -> None:
+        """Settle, read, keep."""
+        pose = self._session.capture(waypoint)
+        self.refresh()
+        noise = float(np.rad2deg(pose.sd_rad.max()))
+        self._board.say(Level.INFO, f"pose {pose.number} captured (noise up to {noise:.4f} deg)")
+
+    def automatic(self) -> None:
+        """Visit waypoints in turn until there are enough poses; any key ends it."""
+        session = self._session
+        wanted, plan = session.procedure.capture.poses, session.plan()
+        while len(session.state.used_poses) < wanted:
+            waypoint = session.state.next_waypoint
+            if waypoint >= len(plan):
+                raise GuardError(
+                    f"Only {len(session.state.used_poses)} of {wanted} poses could be reached",
+                    "Drive another pair of joints, or calibrate from what there is",
+                )
+            if session.visit(waypoint, self._ends):
+                self._board.publish(at_waypoint=waypoint)
+                self._raise_if_cancelled()
+                self.capture(waypoint)
+            self._raise_if_cancelled()
+        self._board.say(Level.INFO, f"all {wanted} poses captured")
+
+    def undo(self) -> None:
+        """Take back the last pose."""
+        pose = self._session.undo()
+        self.refresh()
+        self._board.say(Level.INFO, f"pose {pose.number} taken back")
+
+    def exclude(self, number: int) -> None:
+        """Exclude a pose, or let it count again."""
+        pose = next((p for p in self._session.state.poses if p.number == number), None)
+        if pose is not None and pose.excluded:
+            self._session.include(number)
+            self._board.say(Level.INFO, f"pose {number} counts again")
+        else:
+            self._session.exclude(number, "by the operator")
+            self._board.say(Level.INFO, f"pose {number} excluded: it stays in the journal")
+        self.refresh()
+
+    def note(self, number: int, text: str) -> None:
+        """Attach a note."""
+        self._session.note(number, text)
+        self.refresh()
+
+    # -- 5 Calibrate -------------------------------------------------------------------------------
+
+    def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
+        """Calibrate; each iteration is published, and cancelling ends it at the next one."""
+        self._board.publish(iterations=(), solution=None, written=None, diff=(), receipt=None)
+        steps: list[Iteration] = []
+
+        def progress(number: int, cost: float) -> None:
+            self._raise_if_cancelled()
+            steps.append(Iteration(number=number, cost=cost))
+            self._board.publish(iterations=tuple(steps))
+
+        solution = self._session.calibrate(
+            progress, estimator=estimator, unsensed_joints=unsensed_joints
+        )
+        self._solution = solution
+        self._board.publish(solution=solution)
+        self.refresh()
+        verdict = "accepted" if solution.accepted else "not accepted"
+        self._board.say(
+            Level.INFO if solution.accepted else Level.WARNING,
+            f"calibrated from {solution.poses} poses: {verdict}",
+        )
+        if solution.accepted:
+            self._compare()
+
+    # -- 7 Export ----------------------------------------------------------------------------------
+
+    def _compare(self) -> None:
+        """Compare what would be written with what is active on the controller."""
+        session, solution = self._session, self._judged()
+        active_bytes = session.arm.active_parameters() if session.identity is not None else b""
+        active = parse_parameters(active_bytes, "active parameters") if active_bytes else None
+        self._board.publish(diff=diff_rows(session.document(solution), active))
+
+    def write(self) -> None:
+        """Write the session's files."""
+        self._export(upload_too=False)
+
+    def upload(self) -> None:
+        """Write the files, hold the arm, upload, read back."""
+        session = self._session
+        session.hold()
+        self._export(upload_too=True)
+
+    def _export(self, *, upload_too: bool) -> None:
+        exported = self._session.export(self._judged(), upload_too=upload_too)
+        digest = hashlib.sha256(exported.parameters.read_bytes()).hexdigest()
+        self._board.publish(
+            written=Written(
+                folder=exported.folder,
+                parameters=exported.parameters,
+                poses=exported.poses,
+                sha256=digest,
+            )
+        )
+        self.refresh()
+        if exported.receipt is None:
+            self._board.say(Level.INFO, f"written: {exported.parameters}")
+        else:
+            self._board.publish(receipt=exported.receipt)
+            self._board.say(
+                Level.INFO,
+                f"uploaded to slot {exported.receipt.slot} and read back: the same "
+                f"{exported.receipt.length} bytes",
+            )
+
+    def verify(self, poses: int) -> None:
+        """Take new poses beyond the plan's and judge them by the parameters as they are."""
+        session, solution = self._session, self._judged()
+        plan, readings = session.plan(), []
+        for waypoint in [k for k in range(len(plan)) if k not in session.state.visited][:poses]:
+            moved = session.go_to(plan[waypoint], self._ends)
+            self._raise_if_cancelled()
+            if moved.reached:
+                readings.append(session.read().mean_rad)
+        if not readings:
+            raise GuardError("No new pose could be reached", "Start a new session to verify")
+        error = closure_at_readings(solution.model, solution.estimate.x, np.array(readings))
+        sigmas = closure_sigmas(error.residual, error.rotation_rows)
+        found = Verification(
+            poses=len(readings),
+            position_m=sigmas.position_m.rms,
+            orientation_rad=sigmas.orientation_rad.rms,
+        )
+        session.record(
+            "verified",
+            {"poses": found.poses, "position_m": found.position_m, "orientation_rad": found.orientation_rad},
+        )  # fmt: skip
+        self._board.publish(verification=found)
+        self._board.say(
+            Level.INFO,
+            f"verified with {found.poses} new poses: {1e3 * found.position_m:.2f} mm rms",
+        )
+
+    # -- any time ----------------------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """Clear STOP; the drives stay disabled."""
+        self._session.arm.reset_stop()
+        self._board.publish(stop=None)
+        self._board.say(Level.INFO, "STOP reset: nothing moves; apply the modes again (step 3)")
+
+    def hold(self) -> None:
+        """All joints to position mode where they are."""
+        self._session.hold()
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Publish the session's state and what its poses are worth."""
+        session = self._session
+        state = session.state
+        used = state.used_poses
+        if used:
+            q = np.array([p.mean_rad for p in used])
+            numbers = tuple(p.number for p in used)
+            self._live = live_quality(session.model, self._model, q, numbers, earlier=self._live)
+        else:
+            self._live = None
+        if not state.solved:
+            self._solution = None
+        plan = self._plan
+        left = [k for k in range(len(plan)) if k not in state.visited]
+        best = None
+        if used and self._forecast is not None and left and self._live is not None:
+            best = most_telling(
+                session.model,
+                self._model,
+                self._live.x,
+                taken_rad=np.array([p.mean_rad for p in used]),
+                forecast=self._forecast,
+                open_waypoints=left,
+            )
+        self._board.publish(
+            state=state,
+            live=self._live,
+            next_waypoint=left[0] if left else None,
+            best_waypoint=best,
+            solution=self._solution,
+        )
+
+    # -- inside ------------------------------------------------------------------------------------
+
+    def _foresee(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
+        session, model = self._session, self._model
+        x = nominal_vector(model.parameters)
+        self._plan = plan
+        self._forecast = predict(
+            session.model,
+            model,
+            x,
+            start_rad=start_rad,
+            plan=plan,
+            poses=session.procedure.capture.poses,
+        )
+        self._board.publish(plan=plan, forecast=self._forecast)
+
+    @property
+    def _model(self) -> ClosureModel:
+        return self._session.fixture.model(self._session.model)
+
+    def _ends(self, snapshot: ArmSnapshot) -> str | None:
+        return ENDED if self._board.cancelled() else None
+
+    def _raise_if_cancelled(self) -> None:
+        if self._board.cancelled():
+            raise Cancelled
+
+    def _judged(self) -> Solution:
+        if self._solution is None:
+            raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
+        return self._solution

@@ -1,0 +1,223 @@
+"""What the session publishes for a screen: one immutable picture of arm, decisions and work in hand.
+
+Polled, never awaited. Knows no thread, no screen and no bus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+
+from fixtures.base import SetupCheck
+from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, UploadReceipt
+from operator_app.calibration import Solution
+from operator_app.config.procedure import Procedure
+from operator_app.session.forecast import Forecast
+from operator_app.session.live import LiveQuality
+from operator_app.session.state import SessionState
+from solver.design.drive_joints import RankedDrives
+
+STALE_S = 0.1
+"""Older data are marked, what is derived from them is blanked, and nothing is captured."""
+LOST_S = 1.0
+"""Older data are an alarm: the arm is stopped."""
+
+
+class DataState(Enum):
+    """How old the oldest joint's answer is."""
+
+    NONE = "no data"
+    FRESH = "ok"
+    STALE = "stale"
+    LOST = "lost"
+
+
+class Level(Enum):
+    """How much a message matters."""
+
+    INFO = "info"
+    WARNING = "warning"
+    ALARM = "alarm"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Message:
+    """Something that happened. `time` is UTC, HH:MM:SS; `number` counts from 1."""
+
+    number: int
+    time: str
+    level: Level
+    text: str
+
+
+class TaskKind(Enum):
+    """What the worker is doing."""
+
+    CONNECT = "connecting"
+    CHECK = "checking the fixture"
+    MODES = "setting the modes"
+    MOVE = "moving"
+    CAPTURE = "capturing"
+    AUTOMATIC = "capturing automatically"
+    WIGGLE = "trial wiggle"
+    CALIBRATE = "calibrating"
+    EXPORT = "writing"
+    UPLOAD = "uploading"
+    VERIFY = "verifying"
+    RESET = "resetting STOP"
+    HOLD = "holding"
+    NOTE = "noting"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """Work in hand. `moves`: the arm may move, and any key ends it."""
+
+    kind: TaskKind
+    text: str
+    moves: bool
+    started_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopReport:
+    """A software STOP.
+
+    When it was asked for (monotonic), how long sending took, after how long no drive was in operation
+    any more (None: not yet), how many are not, and why it could not be sent ("" if it was).
+    """
+
+    asked_s: float
+    sent_after_s: float
+    acknowledged_after_s: float | None
+    drives_stopped: int
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Iteration:
+    """One step of an estimator."""
+
+    number: int
+    cost: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Written:
+    """Where this calibration was written."""
+
+    folder: Path
+    parameters: Path
+    poses: Path
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiffRow:
+    """One parameter: the controller's active value (None: none there), the new one, unit."""
+
+    name: str
+    unit: str
+    active: float | None
+    new: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """New poses judged by parameters that were fixed before: rms of the closure at the readings."""
+
+    poses: int
+    position_m: float
+    orientation_rad: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionSnapshot:
+    """Everything a screen shows.
+
+    Attributes
+    ----------
+    arm
+        Latest state of the arm; None before there is one.
+    data, oldest_s, stale_joints
+        Age of the data: verdict, age of the oldest joint's answer, joints older than `STALE_S`.
+    simulated, bus
+        Whether nothing real can move, and which bus this is, in words.
+    stop_tested, ticked
+        What the operator has confirmed in this run: the hardware stop, the fixture's check list.
+    plan, forecast, next_waypoint, best_waypoint, at_waypoint
+        Waypoints, what the model says of them; the one that is next, that would tell most, that the
+        arm is at.
+    estimator, unsensed_joints
+        How the next calibration will be made.
+    """
+
+    now_s: float
+    procedure: Procedure
+    folder: Path
+    state: SessionState
+    simulated: bool
+    bus: str
+    mobility: int
+    estimator: str
+    unsensed_joints: tuple[int, ...]
+    arm: ArmSnapshot | None = None
+    identity: ArmIdentity | None = None
+    data: DataState = DataState.NONE
+    oldest_s: float = 0.0
+    stale_joints: tuple[int, ...] = ()
+    sync_rate_hz: float = 0.0
+    stop_tested: bool = False
+    checks: tuple[SetupCheck, ...] = ()
+    ticked: frozenset[int] = frozenset()
+    ranked: tuple[RankedDrives, ...] = ()
+    wiggle: str = ""
+    plan: tuple[Mapping[int, float], ...] = ()
+    forecast: Forecast | None = None
+    next_waypoint: int | None = None
+    best_waypoint: int | None = None
+    at_waypoint: int | None = None
+    live: LiveQuality | None = None
+    iterations: tuple[Iteration, ...] = ()
+    solution: Solution | None = None
+    written: Written | None = None
+    diff: tuple[DiffRow, ...] = ()
+    receipt: UploadReceipt | None = None
+    verification: Verification | None = None
+    stop: StopReport | None = None
+    task: Task | None = None
+    messages: tuple[Message, ...] = field(default=())
+
+    @property
+    def connected(self) -> bool:
+        """Whether an arm has answered and was checked."""
+        return self.identity is not None
+
+    @property
+    def stopped(self) -> bool:
+        """Whether STOP is latched."""
+        return self.arm is not None and self.arm.stopped
+
+    @property
+    def wanted_poses(self) -> int:
+        """How many poses the procedure asks for."""
+        return self.procedure.capture.poses
+
+    @property
+    def modes(self) -> tuple[JointMode, ...]:
+        """Modes as last confirmed; empty before."""
+        return tuple(JointMode(m) for m in self.state.modes)
+
+    @property
+    def drives_ready(self) -> bool:
+        """Whether every drive is enabled and in the mode that was confirmed."""
+        return (
+            self.arm is not None
+            and len(self.modes) == len(self.arm.joints)
+            and all(
+                joint.drive is DriveState.OPERATION_ENABLED and joint.mode is mode
+                for joint, mode in zip(self.arm.joints, self.modes, strict=True)
+            )
+        )

@@ -1,0 +1,72 @@
+"""Errors of arm, solver and disk as what happened and what to do now. Knows no screen.
+
+The one table of words for faults: both faces show these sentences.
+"""
+
+from __future__ import annotations
+
+from fixtures.errors import FixtureError
+from hardware.errors import (
+    BusError,
+    CommandRefused,
+    ControlDenied,
+    DriveFault,
+    HardwareError,
+    ModeNotReached,
+    NodeMissing,
+    Stopped,
+    UploadRefused,
+    WrongArm,
+)
+from operator_app.config.errors import ConfigError, WriteError
+from operator_app.session.errors import SessionError
+from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
+
+EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError, WriteError)
+"""What an operator, an arm or a disk can cause. Anything else is a defect of this program."""
+
+
+def words(error: BaseException) -> SessionError:
+    """Return what happened and what to do now."""
+    if isinstance(error, SessionError):
+        return error
+    return SessionError(_capital(str(error)), _remedy(error))
+
+
+def _remedy(error: BaseException) -> str:
+    match error:
+        case BusError():
+            return (
+                "The drives hold by themselves when the heartbeat is gone. Check cable and "
+                "interface, then connect again"
+            )
+        case NodeMissing():
+            return "Check that these nodes are powered and on the bus, then connect again"
+        case WrongArm():
+            return "Connect the arm that the arm file describes, or name its own arm file"
+        case ControlDenied():
+            return "Ask the other operator to give up control, then connect again"
+        case ModeNotReached():
+            return "Look at that drive's fault, reset it (R) and apply the modes again"
+        case DriveFault():
+            return "The arm holds. Find out what it met, reset (R) and apply the modes again"
+        case Stopped():
+            return "Reset STOP (R) when it is safe; nothing moves by itself"
+        case CommandRefused():
+            return "Nothing was sent to the drives"
+        case UploadRefused():
+            return "The parameters that were active before stay active"
+        case UnidentifiableError():
+            return "Take poses that differ more, or free a joint that stands still"
+        case TooFewPosesError():
+            return "Capture more poses (step 4)"
+        case FixtureError():
+            return "Remount the fixture as said, then check it again (step 2)"
+        case WriteError():
+            return "Free space or choose another folder; the journal is whole"
+        case _:
+            return "Nothing was changed"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

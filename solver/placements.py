@@ -67,6 +67,8 @@ class Placements:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Shared unknowns first, then each placement's own, with its number in the name."""
+        if len(self.numbers) == 1:
+            return self.models[0].parameters
         shared = set(self._shared_of(self.models[0]))
         found = [p for p in self.models[0].parameters if p.name in shared]
         for number, model in zip(self.numbers, self.models, strict=True):

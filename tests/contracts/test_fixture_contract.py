@@ -1,0 +1,405 @@
+"""What every fixture promises. A fixture inherits all of this by its line in `fixtures.registry`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fixtures.base import Severity
+from fixtures.mobility import mobility
+from fixtures.registry import FIXTURES
+from solver.arm_model import ArmModel, Joint
+from solver.chain import DhTable
+from solver.closing import close_loops
+from solver.closure import ClosureModel
+from solver.dropping import drop_unidentifiable
+from solver.identifiability import identifiability
+from solver.implicit_estimator import NoiseModel, estimate_implicit
+from solver.measured_closure import MeasuredClosure
+from solver.paper_estimator import estimate_paper
+from solver.parameters import DhEntry, DhKind, nominal_vector, wrap_angles
+from solver.placements import place
+from solver.sensors import Encoder
+
+SIGMA_RAD = Encoder(counts_per_rev=400_000).sigma_rad
+
+
+def arm(name: str, table: DhTable, home_deg: list[float]) -> ArmModel:
+    home = np.deg2rad(home_deg)
+    joint = Joint(
+        name="joint",
+        lower_rad=-10.0,
+        upper_rad=10.0,
+        sensor=Encoder(counts_per_rev=400_000),
+        max_speed_rad_per_s=1.0,
+        max_torque_nm=10.0,
+    )
+    return ArmModel(
+        name=name,
+        table=table,
+        joints=(joint,) * table.links,
+        free=tuple(DhEntry(DhKind.THETA_OFF, j) for j in range(1, table.links + 1)),
+        home_rad=home,
+    )
+
+
+def sarcos() -> ArmModel:
+    """Spherical shoulder and wrist, as in the paper."""
+    return arm(
+        "sarcos",
+        DhTable(
+            theta_off_rad=np.deg2rad([10, -120, -20, -10, 30, 120, 90]),
+            s_m=[0.27, 0.0, 0.355, 0.0, 0.320, 0.0, 0.04],
+            a_m=[0.0] * 6 + [-0.1],
+            alpha_rad=np.deg2rad([90, -90, 90, -90, 90, -90, 100]),
+        ),
+        [40.5311, 245.5792, 143.1309, -115.0631, -189.2465, -215.6707, 44.9482],
+    )
+
+
+def eight_joints() -> ArmModel:
+    """No two neighbouring axes meet: nothing about seven joints or spherical wrists is built in."""
+    return arm(
+        "eight",
+        DhTable(
+            theta_off_rad=np.deg2rad([5, 10, -20, 30, -10, 0, 20, 10]),
+            s_m=[0.3, 0.02, 0.25, -0.03, 0.2, 0.1, 0.02, 0.08],
+            a_m=[0.03, 0.1, -0.05, 0.08, 0.04, 0.06, 0.05, 0.0],
+            alpha_rad=np.deg2rad([-80, 85, 95, -70, 88, 60, -95, 0]),
+        ),
+        [10, -40, 20, -100, 30, 70, 40, -20],
+    )
+
+
+ARMS = {"sarcos": sarcos, "eight": eight_joints}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fixture on an arm, with a planted truth and poses that close there exactly."""
+
+    kind: str
+    arm: ArmModel
+    model: ClosureModel
+    truth: np.ndarray
+    q: np.ndarray
+
+
+def observed(model: ClosureModel, x: np.ndarray, q: np.ndarray) -> ClosureModel:
+    """Bind an open arm to what its instrument would see; a closed loop needs no instrument."""
+    if isinstance(model, MeasuredClosure):
+        position, rotation = model.predicted(x, q)
+        return model.with_endpoints(position, rotation if model.full_pose else None)
+    return model
+
+
+def near_home(arm: ArmModel, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Inner joints up to 60 deg from home, first and last anywhere: their zeros are the fixture's."""
+    q = arm.home_rad + rng.uniform(-1.0, 1.0, (count, arm.joint_count))
+    q[:, [0, -1]] = rng.uniform(-np.pi, np.pi, (count, 2))
+    return q
+
+
+def closed_poses(
+    model: ClosureModel,
+    x: np.ndarray,
+    arm: ArmModel,
+    seed: int,
+    *,
+    count: int = 30,
+    held: tuple[int, ...] = (),
+) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    q = near_home(arm, rng, 12 * count)
+    q[:, [j - 1 for j in held]] = arm.home_rad[[j - 1 for j in held]]
+    sigma = np.ones(arm.joint_count)
+    sigma[[j - 1 for j in held]] = 0.0
+    if isinstance(model, MeasuredClosure):
+        return q[:count]
+    poses = close_loops(model, x, q, sigma_rad=sigma, max_iterations=60)
+    # The shortest way to the manifold: what went far is another assembly of the arm.
+    good = poses.closed & ~model.reduced(x, poses.q).flipped
+    good &= np.abs(poses.q - q).max(-1) < 1.5
+    found = poses.q[good][:count]
+    assert len(found) == count, f"only {len(found)} of {count} poses close"
+    return found
+
+
+def perturbed(model: ClosureModel, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    size = np.where([p.is_angle for p in model.parameters], np.deg2rad(5.0), 0.02)
+    return nominal_vector(model.parameters) + size * rng.uniform(-1.0, 1.0, len(size))
+
+
+@cache
+def case(kind: str, arm_name: str) -> Case:
+    """What the poses cannot show is held first: a truth planted there would be nobody's to find."""
+    arm = ARMS[arm_name]()
+    model = FIXTURES[kind].example(arm).model(arm)
+    x = nominal_vector(model.parameters)
+    q = closed_poses(model, x, arm, seed=1)
+    model, _ = drop_unidentifiable(observed(model, x, q), x, q)
+    if isinstance(model, MeasuredClosure):
+        model = replace(model, endpoint_m=None, endpoint_rotation=None)
+    truth = perturbed(model, seed=2)
+    q = closed_poses(model, truth, arm, seed=3)
+    return Case(kind=kind, arm=arm, model=observed(model, truth, q), truth=truth, q=q)
+
+
+@pytest.fixture(params=[(kind, arm) for kind in sorted(FIXTURES) for arm in ARMS], ids="-".join)
+def planted(request) -> Case:
+    return case(*request.param)
+
+
+def freedoms(model: ClosureModel) -> int:
+    """How many joints may be driven: all of an open arm, else what the closure leaves."""
+    if isinstance(model, MeasuredClosure):
+        return model.joint_count
+    return model.joint_count - model.equations_per_pose
+
+
+def differences(function, point: np.ndarray, step: float = 1e-6) -> np.ndarray:
+    """Central differences by the last axis of `point`, as the last axis of the result."""
+    columns = []
+    for k in range(point.shape[-1]):
+        h = np.zeros(point.shape[-1])
+        h[k] = step
+        columns.append((function(point + h) - function(point - h)) / (2.0 * step))
+    return np.stack(columns, axis=-1)
+
+
+# Beside the manifold by tens of degrees, by little, by next to nothing, and exactly on it.
+@pytest.mark.parametrize("beside", [0.5, 1e-3, 1e-9, 0.0])
+@pytest.mark.parametrize("unsensed", [(), (2,), (6, 7)])
+def test_jacobians_are_the_derivatives(planted, beside, unsensed):
+    model = FIXTURES[planted.kind].example(planted.arm).model(planted.arm, unsensed_joints=unsensed)
+    rng = np.random.default_rng(5)
+    x = perturbed(model, seed=6)
+    q = planted.q[:4]
+    model = observed(model, x, q)
+    q = q + beside * rng.uniform(-1.0, 1.0, q.shape)
+    u = model.initial_unsensed(x, q)
+    error = model.loop(x, q, u)
+    tolerance = {"rtol": 1e-6, "atol": 2e-8}
+    np.testing.assert_allclose(
+        error.jac_x, differences(lambda y: model.loop(y, q, u).residual, x), **tolerance
+    )
+    np.testing.assert_allclose(
+        error.jac_q, differences(lambda y: model.loop(x, y, u).residual, q), **tolerance
+    )
+    if u.shape[-1]:
+        np.testing.assert_allclose(
+            error.jac_u, differences(lambda y: model.loop(x, q, y).residual, u), **tolerance
+        )
+    if not unsensed:
+        reduced = model.reduced(x, q)
+        np.testing.assert_allclose(
+            reduced.jac_x,
+            differences(lambda y: model.reduced(y, q).residual, x),
+            rtol=1e-5,
+            atol=1e-7,
+        )
+
+
+def test_shapes_and_names_agree(planted):
+    model, x, q = planted.model, planted.truth, planted.q
+    names = [p.name for p in model.parameters]
+    assert len(set(names)) == len(names) == len(x)
+    assert {*model.ground_side} <= set(names)
+    assert {*model.hand_side} <= set(names)
+    assert not {*model.ground_side} & {*model.hand_side}
+    assert model.joint_count == planted.arm.joint_count == q.shape[1]
+    u = model.initial_unsensed(x, q)
+    error, reduced = model.loop(x, q, u), model.reduced(x, q)
+    m, k = error.residual.shape
+    assert m == len(q)
+    assert error.jac_x.shape == (m, k, len(x))
+    assert error.jac_q.shape == (m, k, q.shape[1])
+    assert error.jac_u.shape == (m, k, u.shape[-1])
+    assert reduced.residual.shape == (m, model.equations_per_pose)
+    assert reduced.jac_x.shape == (m, model.equations_per_pose, len(x))
+    assert k - u.shape[-1] == model.equations_per_pose
+    assert not reduced.flipped.any()
+
+
+def test_many_starts_in_one_call(planted):
+    model, q = planted.model, planted.q
+    starts = np.stack([perturbed(model, seed) for seed in range(3)])
+    together = model.reduced(starts, q)
+    for k, x in enumerate(starts):
+        alone = model.reduced(x, q)
+        np.testing.assert_allclose(together.residual[k], alone.residual, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(together.jac_x[k], alone.jac_x, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("estimator", ["paper", "implicit"])
+def test_planted_truth_is_recovered(planted, estimator):
+    if estimator == "paper":
+        found = estimate_paper(planted.model, planted.q)
+    else:
+        found = estimate_implicit(planted.model, planted.q, noise(planted))
+    assert found.converged
+    off = wrap_angles(planted.model.parameters, found.x - planted.truth)
+    assert np.abs(off).max() < 1e-9
+    assert np.abs(found.residual).max() < 1e-10
+
+
+def noise(planted: Case) -> NoiseModel:
+    return NoiseModel(joint_variance=np.full(planted.q.shape[1], SIGMA_RAD**2))
+
+
+def test_noise_is_judged_as_what_it_is(planted):
+    rng = np.random.default_rng(7)
+    q = planted.q + SIGMA_RAD * rng.normal(size=planted.q.shape)
+    found = estimate_implicit(planted.model, q, noise(planted))
+    assert found.converged
+    # 3 to 5 equations a pose and 30 poses: 0.5 and 1.6 are four standard deviations away.
+    assert 0.5 < found.chi2_per_dof < 1.6
+    off = wrap_angles(planted.model.parameters, found.x - planted.truth)
+    assert np.abs(off / found.standard_deviation).max() < 5.0
+
+
+def test_the_order_of_poses_does_not_matter(planted):
+    rng = np.random.default_rng(8)
+    q = planted.q + SIGMA_RAD * rng.normal(size=planted.q.shape)
+    order = rng.permutation(len(q))
+    first = estimate_implicit(planted.model, q, noise(planted))
+    second = estimate_implicit(planted.model.at_poses(order), q[order], noise(planted))
+    # Relative to the parameter or, where that is small, to a radian or a metre.
+    scale = np.maximum(np.abs(first.x), 1.0)
+    assert np.abs((second.x - first.x) / scale).max() < 1e-12
+    assert second.chi2 == pytest.approx(first.chi2, rel=1e-8)
+    np.testing.assert_allclose(second.pose_chi2, first.pose_chi2[order], rtol=1e-6, atol=1e-9)
+
+
+def test_equal_descriptions_close_the_same_loops(planted):
+    found = planted.model.equivalents(planted.truth)
+    np.testing.assert_array_equal(found[0], planted.truth)
+    for x in found:
+        reduced = planted.model.reduced(x, planted.q)
+        assert np.abs(reduced.residual).max() < 1e-10
+        assert not reduced.flipped.any()
+
+
+def test_a_joint_that_does_not_move_is_reported(planted):
+    full = FIXTURES[planted.kind].example(planted.arm).model(planted.arm)
+    x = nominal_vector(full.parameters)
+    if freedoms(full) < 2:
+        # Holding a joint would leave no motion to learn from; the elbow stands still anyway.
+        still = 4
+        q = closed_poses(full, x, planted.arm, seed=9)
+        q = q[np.abs(q[:, 3] - np.median(q[:, 3])) < 1e-3]
+        assert len(q) > 8
+    else:
+        still = 3
+        q = closed_poses(full, x, planted.arm, seed=9, held=(still,))
+    model = observed(full, x, q)
+    found = identifiability(model, x, q)
+    named = [d for d in found.directions if f"theta_off_{still}" in d.parameters]
+    assert named, [str(d) for d in found.directions]
+    assert any(f"joint {still} does not move" in d.reason for d in named)
+    assert found.rank < len(x)
+    smaller, dropped = drop_unidentifiable(model, x, q)
+    assert f"theta_off_{still}" in dropped
+    assert not identifiability(smaller, nominal_vector(smaller.parameters), q).directions
+
+
+def test_a_held_parameter_is_gone_and_nothing_else(planted):
+    model, q = planted.model, planted.q
+    x = nominal_vector(model.parameters)
+    for k, parameter in enumerate(model.parameters):
+        smaller = model.without((parameter.name,))
+        assert [p.name for p in smaller.parameters] == [
+            p.name for p in model.parameters if p is not parameter and p.name != parameter.name
+        ]
+        kept = np.delete(np.arange(len(x)), k)
+        np.testing.assert_array_equal(
+            smaller.reduced(x[kept], q).jac_x, model.reduced(x, q).jac_x[..., kept]
+        )
+
+
+def test_an_unsensed_joint_is_not_read(planted):
+    fixture = FIXTURES[planted.kind].example(planted.arm)
+    model = fixture.model(planted.arm, unsensed_joints=(6, 7))
+    x = perturbed(model, seed=10)
+    model = observed(model, x, planted.q)
+    u = model.initial_unsensed(x, planted.q)
+    lied = planted.q.copy()
+    lied[:, [5, 6]] += 1.0
+    np.testing.assert_array_equal(
+        model.loop(x, lied, u).residual, model.loop(x, planted.q, u).residual
+    )
+    assert np.all(model.loop(x, planted.q, u).jac_q[..., [5, 6]] == 0.0)
+    names = {p.name for p in model.parameters}
+    assert not names & {"theta_off_6", "theta_off_7"}
+    assert {p.name for p in model.with_all_joints_sensed().parameters} == names | {
+        "theta_off_6",
+        "theta_off_7",
+    }
+    with pytest.raises(ValueError, match="unsensed"):
+        model.reduced(x, planted.q)
+
+
+def test_mobility_and_setup_checks(planted):
+    fixture = FIXTURES[planted.kind].example(planted.arm)
+    model = fixture.model(planted.arm)
+    x = nominal_vector(model.parameters)
+    pose = closed_poses(model, x, planted.arm, seed=11, count=5)[0]
+    checks = fixture.setup_checks(planted.arm, pose)
+    codes = [check.code for check in checks]
+    assert len(set(codes)) == len(codes)
+    assert all(check.remedy for check in checks if check.severity is not Severity.OK)
+    found = next(check for check in checks if check.code == "MOBILITY")
+    if not isinstance(model, MeasuredClosure):
+        assert mobility(model, x, pose).degrees == freedoms(model)
+    assert found.severity is Severity.OK
+    assert str(freedoms(model)) in found.text
+    refused = {check.code for check in checks if check.severity is Severity.REFUSED}
+    # The elbow of a spherical arm is the one joint that does not move when the hand is bolted down.
+    assert refused == (
+        {"IMMOBILE_4"} if (planted.kind, planted.arm.name) == ("rigid", "sarcos") else set()
+    )
+
+
+def test_what_the_fixture_hides_is_warned_of_and_dropped(planted):
+    """The set-up check and the Jacobian know of each other's findings without sharing code."""
+    fixture = FIXTURES[planted.kind].example(planted.arm)
+    model = fixture.model(planted.arm)
+    x = nominal_vector(model.parameters)
+    hidden = {
+        check.code.removeprefix("HIDDEN_")
+        for check in fixture.placement_checks(planted.arm, x)
+        if check.code.startswith("HIDDEN_")
+    }
+    q = closed_poses(model, x, planted.arm, seed=12)
+    _, dropped = drop_unidentifiable(observed(model, x, q), x, q)
+    assert hidden == set(dropped) - {"theta_off_4"}
+
+
+def test_placements_are_the_single_loops_side_by_side(planted):
+    fixture = FIXTURES[planted.kind].example(planted.arm)
+    q = planted.q[:7]
+    number = np.array([1, 2, 2, 1, 2, 1, 1])
+    single = fixture.model(planted.arm)
+    values = [perturbed(single, 13), perturbed(single, 14)]
+    single = observed(single, values[0], q)
+    for same_hand in (False, True):
+        whole = place(single, number, same_hand=same_hand)
+        own = {*single.ground_side} | (set() if same_hand else {*single.hand_side})
+        names = [p.name for p in whole.parameters]
+        assert set(names) == {p.name for p in single.parameters if p.name not in own} | {
+            f"{name}[{k}]" for name in own for k in (1, 2)
+        }
+        x = np.zeros(len(names))
+        for k in (2, 1):  # what is shared takes the first one's value
+            x[whole.columns(k)] = values[k - 1]
+        for k in (1, 2):
+            here = number == k
+            alone = single.at_poses(np.flatnonzero(here)).reduced(x[whole.columns(k)], q[here])
+            together = whole.reduced(x, q)
+            np.testing.assert_array_equal(together.residual[here], alone.residual)
+            np.testing.assert_array_equal(together.jac_x[here][..., whole.columns(k)], alone.jac_x)
+        assert place(single.at_poses(np.arange(3)), np.full(3, 4)).parameters == single.parameters

@@ -230,6 +230,19 @@ def test_everything_wrong_is_listed_at_once_in_file_order() -> None:
     assert str(error).count("\n") == 6
 
 
+def test_joints_and_rows_belong_together() -> None:
+    start = GOOD.index("  - joint: 7")
+    text = GOOD[:start] + GOOD[GOOD.index("# What a calibration") :]
+    error = complaint(text)
+    assert [p.key for p in error.problems] == ["joints", "home_deg"]
+    assert "6 joints for 7 D-H rows" in error.problems[0].text
+    (problem,) = complaint(GOOD.replace("- joint: 2", "- joint: 3", 1)).problems
+    assert problem.key == "joints[joint 3].joint"
+    assert "joint 2 belongs" in problem.text
+    (problem,) = complaint(GOOD.replace("free: [theta_off_1", "free: [theta_off_01", 1)).problems
+    assert (problem.key, problem.remedy) == ("free[1]", "write theta_off_1")
+
+
 def test_unsensed_joint_has_no_offset_to_free() -> None:
     sensor = "{kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2}"
     text = GOOD.replace(sensor, "{kind: none}", 1)

@@ -8,12 +8,16 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from fixtures.ball import Ball
 from fixtures.base import Severity
 from fixtures.hinge import Hinge
+from fixtures.measured import Measured
+from fixtures.registry import FIXTURES
 from fixtures.rigid import Rigid
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import load_fixture, parse_fixture
+from operator_app.config.fixture_models import MODELS
 
 GOOD = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 
@@ -52,6 +56,71 @@ def test_stiffness_is_read_where_it_is_known() -> None:
     assert load_fixture("hinge").stiffness_n_per_m is None
 
 
+def test_every_kind_there_is_has_a_file_format() -> None:
+    assert set(MODELS) == set(FIXTURES)
+    for name in ("hinge", "rigid", "ball"):
+        spec = load_fixture(name)
+        assert spec.kind == name
+        assert type(spec.fixture) is FIXTURES[name]
+
+
+def test_ball_finds_its_socket_on_the_panda() -> None:
+    spec = load_fixture("ball")
+    assert spec.fixture == Ball(tip_m=(0.0, 0.0, 0.13), ground_m=(0.38, 0.0, 0.0))
+    assert spec.fixture.stays_on_hand
+
+
+MEASURED = """schema: sarcal/fixture/1
+name: tracker
+kind: measured
+measures: pose
+instrument_sigma_mm: 0.02
+instrument_sigma_deg: 0.003
+placement:
+  base_mm: [1500, -400, 200]
+  base_turn_deg: [10, -20, 120]
+  tip_mm: [30, 20, 50]
+tolerance_mm: 50
+tolerance_deg: 10
+checklist: [The instrument has warmed up.]
+"""
+
+
+def test_measured_endpoint() -> None:
+    fixture = parse_fixture(MEASURED.encode(), "f.yaml").fixture
+    assert isinstance(fixture, Measured)
+    assert fixture.full_pose
+    assert fixture.base_m == (1.5, -0.4, 0.2)
+    assert fixture.base_turn_rad == pytest.approx(np.deg2rad([10.0, -20.0, 120.0]))
+    assert fixture.tip_turn_rad == (0.0, 0.0, 0.0)
+    assert fixture.sigma_m == pytest.approx(2e-5)
+    assert fixture.sigma_rad == pytest.approx(math.radians(0.003))
+    assert not fixture.base_known
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "says"),
+    [
+        ("measures: pose", "measures: poses", "measures", "did you mean pose?"),
+        (
+            "instrument_sigma_deg: 0.003",
+            "instrument_sigma_deg: 0",
+            "instrument_sigma_deg",
+            "angular",
+        ),
+        ("[1500, -400, 200]", "[1500, -400]", "placement.base_mm[3]", "is missing"),
+        ("[1500, -400, 200]", "[1500, -400, 200, 1]", "placement.base_mm", "4 items"),
+        ("[1500, -400, 200]", "[1500, x, 200]", "placement.base_mm[2]", "must be a number"),
+        ("[10, -20, 120]", "[0, 0, 3.1416]", "placement.base_turn_deg[3]", "radians where degrees"),
+    ],
+)
+def test_one_mistake_in_a_measured_fixture(old: str, new: str, key: str, says: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_fixture(MEASURED.replace(old, new, 1).encode(), "f.yaml")
+    assert [p.key for p in caught.value.problems] == [key], str(caught.value)
+    assert says in str(caught.value)
+
+
 # Old text, new text; the key of the one complaint; what it says.
 BAD = [
     ("a_0_mm: 200", "a_0_m: -38.5", "placement.a_0_m", "degrees where metres belong?"),
@@ -65,9 +134,9 @@ BAD = [
     ("a_0_mm: 200", "a_0_mm: .nan", "placement.a_0_mm", "not a finite number"),
     ("a_0_mm: 200\n", "a_0_mm: 200\n  a_0_mm: 210\n", "placement.a_0_mm", "given twice"),
     ("  s_1_mm: 270\n", "", "placement.s_1_mm", "is missing"),
-    ("kind: hinge", "kind: henge", "kind", "did you mean hinge? one of: hinge, rigid"),
-    ("kind: hinge\n", "", "kind", "one of: hinge, rigid"),
-    ("kind: hinge", "kind: 7", "kind", "one of: hinge, rigid"),
+    ("kind: hinge", "kind: henge", "kind", "did you mean hinge? one of: hinge, rigid, ball, measured"),
+    ("kind: hinge\n", "", "kind", "one of: hinge, rigid, ball, measured"),
+    ("kind: hinge", "kind: 7", "kind", "one of: hinge, rigid, ball, measured"),
     ("tolerance_mm: 30", "tolerance_mm: 0", "tolerance_mm", "greater than 0"),
     ("name: hinge", "name: 12", "name", "must be text"),
     ("name: hinge", "name: a b", "name", "right form"),

@@ -15,7 +15,26 @@ from operator_app.config.procedure_file import load_procedure, parse_procedure
 from operator_app.config.resources import Resource, builtin_names
 from solver.sensors import NoSensor
 
-GOOD = (files("operator_app") / "data" / "procedures" / "hinge.yaml").read_text("utf-8")
+GOOD = """schema: sarcal/procedure/1
+name: hinge
+arm: sarcos_dextrous
+fixture: hinge
+bus: {interface: virtual}
+modes: {position: [1, 5]}
+capture:
+  poses: 40
+  exploration:
+    - {joint: 1, from_deg: -30, to_deg: 48}
+    - {joint: 5, from_deg: -70, to_deg: 0}
+  speed_deg_per_s: 20
+  settle: {window_syncs: 20, spread_sigmas: 8, spread_min_deg: 0.002, timeout_syncs: 1000}
+  samples_per_pose: 32
+  seed: 1
+estimator: paper
+acceptance:
+  scaled_condition_number: 100
+export: {upload: true}
+"""
 
 
 def parse(text: str, folder: Path | None = None):  # type: ignore[no-untyped-def]
@@ -58,7 +77,7 @@ def test_settle_rule_follows_the_sensors() -> None:
 
 def test_auto_needs_no_exploration() -> None:
     text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
-    start, end = text.index("  # How far"), text.index("  speed_deg_per_s")
+    start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
     procedure = parse(text[:start] + text[end:])
     assert procedure.position_joints is None
     assert procedure.capture.exploration == ()

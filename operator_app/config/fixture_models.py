@@ -1,0 +1,223 @@
+"""What a fixture file holds, kind by kind, and the fixture each makes. Knows no arm and no reading.
+
+An operator measures a fixture with a rule, so its lengths are in millimetres. D-H entries carry the
+paper's names; ``a_n_mm``, ``s_n_mm`` and ``alpha_n_deg`` belong to the last link, from the arm's last
+joint to the hinge axis (a_7, s_7, alpha_7 of the paper). Turns are rotation vectors.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from fixtures.ball import Ball
+from fixtures.base import Fixture
+from fixtures.hinge import Hinge
+from fixtures.measured import Measured
+from fixtures.rigid import Rigid
+from operator_app.config.quantities import (
+    LengthMm,
+    Name,
+    NonNegativeNumber,
+    PositiveNumber,
+    Text,
+    TwistDeg,
+    Yes,
+)
+from operator_app.config.schema import StrictModel, report
+
+PointMm = tuple[LengthMm, LengthMm, LengthMm]
+TurnVectorDeg = tuple[TwistDeg, TwistDeg, TwistDeg]
+Triple = tuple[float, float, float]
+
+SMALLEST_MM = 5.0
+"""A placement without any dimension of this size was written in metres."""
+
+
+class StiffnessModel(StrictModel):
+    """Stiffness of the fixture, where it is known."""
+
+    n_per_m: PositiveNumber
+    nm_per_rad: PositiveNumber
+
+
+class CommonFields(StrictModel):
+    """What every fixture file has."""
+
+    name: Name
+    tolerance_mm: Annotated[PositiveNumber, Field(le=1000.0)]
+    tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)]
+    stiffness: StiffnessModel | None = None
+    checklist: Annotated[tuple[Text, ...], Field(min_length=1)]
+
+    @field_validator("placement", check_fields=False)
+    @classmethod
+    def _in_millimetres(cls, value: StrictModel, info: ValidationInfo) -> StrictModel:
+        lengths = {}
+        for name, entry in value.model_dump().items():
+            if name.endswith("_mm"):
+                numbers = entry if isinstance(entry, tuple) else (entry,)
+                lengths[name] = max(numbers, key=abs)
+        largest = max((abs(v) for v in lengths.values()), default=0.0)
+        if 0.0 < largest < SMALLEST_MM:
+            shown = ", ".join(f"{k} {v:g}" for k, v in lengths.items() if v)
+            text = f"no dimension reaches {SMALLEST_MM:g} mm ({shown})"
+            doubt = f"{text}: metres where millimetres belong?"
+            report(info, ("placement",), doubt, "write millimetres")
+        return value
+
+    def fixture(self) -> Fixture:
+        """Domain object."""
+        raise NotImplementedError
+
+
+class HingePlacement(StrictModel):
+    """Nominal placement of a hinge."""
+
+    a_0_mm: LengthMm
+    s_0_mm: LengthMm
+    alpha_0_deg: TwistDeg
+    s_1_mm: LengthMm
+    a_n_mm: LengthMm
+    s_n_mm: LengthMm
+    alpha_n_deg: TwistDeg
+
+
+class HingeModel(CommonFields):
+    """A hinge, as `fixtures.hinge.Hinge`."""
+
+    kind: Literal["hinge"]
+    placement: HingePlacement
+    stays_on_hand: Yes = False
+
+    def fixture(self) -> Hinge:
+        """Domain object."""
+        p = self.placement
+        return Hinge(
+            a_0_m=p.a_0_mm / 1e3,
+            s_0_m=p.s_0_mm / 1e3,
+            alpha_0_rad=math.radians(p.alpha_0_deg),
+            s_1_m=p.s_1_mm / 1e3,
+            a_n_m=p.a_n_mm / 1e3,
+            s_n_m=p.s_n_mm / 1e3,
+            alpha_n_rad=math.radians(p.alpha_n_deg),
+            stays_on_hand=self.stays_on_hand,
+        )
+
+
+class RigidPlacement(StrictModel):
+    """Nominal placement of a rigid attachment."""
+
+    a_0_mm: LengthMm
+    s_0_mm: LengthMm
+    alpha_0_deg: TwistDeg
+    s_1_mm: LengthMm
+
+
+class RigidModel(CommonFields):
+    """A rigid attachment, as `fixtures.rigid.Rigid`."""
+
+    kind: Literal["rigid"]
+    placement: RigidPlacement
+    stays_on_hand: Yes = False
+
+    def fixture(self) -> Rigid:
+        """Domain object."""
+        p = self.placement
+        return Rigid(
+            a_0_m=p.a_0_mm / 1e3,
+            s_0_m=p.s_0_mm / 1e3,
+            alpha_0_rad=math.radians(p.alpha_0_deg),
+            s_1_m=p.s_1_mm / 1e3,
+            stays_on_hand=self.stays_on_hand,
+        )
+
+
+class BallPlacement(StrictModel):
+    """Nominal centres of the ball (in the last frame) and of the socket (in the base frame)."""
+
+    tip_mm: PointMm
+    ground_mm: PointMm
+
+
+class BallModel(CommonFields):
+    """A ball in a socket, as `fixtures.ball.Ball`."""
+
+    kind: Literal["ball"]
+    placement: BallPlacement
+    stays_on_hand: Yes = True
+
+    def fixture(self) -> Ball:
+        """Domain object."""
+        return Ball(
+            tip_m=_metres(self.placement.tip_mm),
+            ground_m=_metres(self.placement.ground_mm),
+            stays_on_hand=self.stays_on_hand,
+        )
+
+
+class MeasuredPlacement(StrictModel):
+    """Nominal place of the arm's base in the instrument's frame, and of the target on the hand."""
+
+    base_mm: PointMm
+    base_turn_deg: TurnVectorDeg
+    tip_mm: PointMm
+    tip_turn_deg: TurnVectorDeg = (0.0, 0.0, 0.0)
+
+
+class MeasuredModel(CommonFields):
+    """An instrument that sees the endpoint, as `fixtures.measured.Measured`."""
+
+    kind: Literal["measured"]
+    measures: Literal["pose", "position"]
+    instrument_sigma_mm: PositiveNumber
+    instrument_sigma_deg: NonNegativeNumber = 0.0
+    placement: MeasuredPlacement
+    base_known: Yes = False
+    tip_known: Yes = False
+    stays_on_hand: Yes = True
+
+    @field_validator("instrument_sigma_deg")
+    @classmethod
+    def _needed_for_a_pose(cls, value: float, info: ValidationInfo) -> float:
+        if info.data.get("measures") == "pose" and value == 0.0:
+            text = "an instrument that measures poses has an angular noise"
+            report(info, ("instrument_sigma_deg",), text, "give it, or write measures: position")
+        return value
+
+    def fixture(self) -> Measured:
+        """Domain object."""
+        p = self.placement
+        return Measured(
+            full_pose=self.measures == "pose",
+            base_m=_metres(p.base_mm),
+            base_turn_rad=_radians(p.base_turn_deg),
+            tip_m=_metres(p.tip_mm),
+            tip_turn_rad=_radians(p.tip_turn_deg),
+            sigma_m=self.instrument_sigma_mm / 1e3,
+            sigma_rad=math.radians(self.instrument_sigma_deg),
+            base_known=self.base_known,
+            tip_known=self.tip_known,
+            stays_on_hand=self.stays_on_hand,
+        )
+
+
+MODELS: dict[str, type[CommonFields]] = {
+    "hinge": HingeModel,
+    "rigid": RigidModel,
+    "ball": BallModel,
+    "measured": MeasuredModel,
+}
+"""One line a kind; the kinds are those of `fixtures.registry`."""
+
+
+def _metres(point_mm: Triple) -> Triple:
+    x, y, z = point_mm
+    return (x / 1e3, y / 1e3, z / 1e3)
+
+
+def _radians(turn_deg: Triple) -> Triple:
+    x, y, z = turn_deg
+    return (math.radians(x), math.radians(y), math.radians(z))

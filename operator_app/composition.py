@@ -23,10 +23,12 @@ from hardware.description import (
     JointDescription,
     RvdtDescription,
 )
+from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
+from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
+from hardware.virtual.parameters import ValidatedParameters
 from hardware.virtual.scenarios import Scenario, scenario
-from hardware.virtual.slots import FolderSlots, MemorySlots
-from hardware.virtual.supervisor_node import ValidatedParameters
+from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.commands.options import DEFAULT_SCENARIO
 from operator_app.config.errors import ConfigError
 from operator_app.config.parameters_file import parse_parameters
@@ -38,6 +40,9 @@ from solver.sensors import Encoder, NoSensor, Rvdt
 
 SWITCH_INTERVAL_S = 0.0005
 """How long one thread may keep the interpreter: a SYNC must not wait for a solver or a repaint."""
+
+SERIAL_NUMBER = "SDA-0001"
+"""Of every virtual arm."""
 
 _channels = count(1)
 
@@ -117,9 +122,10 @@ def run_controller(
     controller = VirtualController(
         bus,
         plant,
-        describe(carried),
-        validate=validate_parameters(carried),
-        slots=MemorySlots() if slots is None else FolderSlots(slots),
+        axes=arm_axes(carried),
+        arm=ArmLabel(model=arm.name, serial_number=SERIAL_NUMBER),
+        validate=validated_parameters,
+        store=ParameterStore(MemoryDisk() if slots is None else FolderDisk(slots)),
     )
     controller.start()
     try:
@@ -144,6 +150,20 @@ def describe(arm: ArmModel) -> ArmDescription:
             )
             for joint in arm.joints
         ),
+    )
+
+
+def validated_parameters(data: bytes) -> ValidatedParameters:
+    """Parse a document for the virtual supervisor; ValueError with words when it is not strict."""
+    try:
+        document = parse_parameters(data)
+    except ConfigError as error:
+        raise ValueError(str(error)) from error
+    counts = [joint.home_offset_counts for joint in document.joints]
+    return ValidatedParameters(
+        arm_serial=document.arm_serial,
+        home_offset_counts=tuple(0 if c is None else c for c in counts),
+        theta_off_rad=tuple(document.theta_off_rad.tolist()),
     )
 
 

@@ -1,0 +1,205 @@
+"""`sarcal run` over the bus: the whole way, in this process and in processes of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from operator_app.cli import main
+from operator_app.config.parameters_file import parse_parameters
+from operator_app.config.resources import resolve
+from operator_app.session.journal import read_journal
+
+TRUTH = {
+    "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,
+    "theta_off_5": 27.1, "theta_off_6": 116.3, "theta_off_7": 89.3, "a_0": 0.202, "s_0": 0.014,
+    "alpha_0": -38.5, "s_1": 0.273, "a_7": -0.101, "s_7": 0.038, "alpha_7": 99.8,
+}  # fmt: skip
+SARCAL = [sys.executable, "-m", "operator_app.cli"]
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict]:
+    code = main(["run", *arguments, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def far_off_procedure(folder: Path) -> Path:
+    """The packaged procedure with every nominal value 10 deg or 30 mm from the truth, signs mixed."""
+    signs = iter(np.random.default_rng(5).choice([-1.0, 1.0], 14).tolist())
+    arm = yaml.safe_load(resolve("arm", "sarcos_dextrous").data)
+    fixture = yaml.safe_load(resolve("fixture", "hinge").data)
+    procedure = yaml.safe_load(resolve("procedure", "hinge").data)
+    for row in arm["dh"]:
+        row["theta_off_deg"] = TRUTH[f"theta_off_{row['row']}"] + 10.0 * next(signs)
+    for key in fixture["placement"]:
+        name = key.replace("_n_", "_7_").rsplit("_", 1)[0]
+        scale, off = (1.0, 10.0) if key.endswith("_deg") else (1e3, 30.0)
+        fixture["placement"][key] = TRUTH[name] * scale + off * next(signs)
+    procedure["arm"], procedure["fixture"] = "arm.yaml", "fixture.yaml"
+    for name, document in (("arm", arm), ("fixture", fixture), ("procedure", procedure)):
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    return folder / "procedure.yaml"
+
+
+def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    procedure = far_off_procedure(tmp_path)
+    sessions = tmp_path / "sessions"
+    code, found = run_json(
+        capsys, str(procedure), "--scenario", "exact", "--sessions", str(sessions)
+    )
+    assert code == 0
+    assert set(found["parameters"]) == set(TRUTH)
+    for name, value in TRUTH.items():
+        # The only error is the rounding of 400,000-count encoders. It is uniform, count^2/12, and
+        # the estimator's own sigma follows from it: five of them are the bound. Along the weakest
+        # direction that is 7e-5 rad and 3e-5 m.
+        error = abs(found["parameters"][name] - value)
+        assert error < 5.0 * found["sigma"][name], name
+        angle = name.startswith(("theta", "alpha"))
+        assert error < (np.rad2deg(7e-5) if angle else 3e-5), name
+    assert found["rank"] == 14
+    assert found["scaled_condition_number"] < 60
+
+    folder = Path(found["session"]["folder"])
+    document = (folder / "parameters.yaml").read_bytes()
+    assert found["session"]["uploaded"]
+    assert parse_parameters(document).arm_serial == found["session"]["serial_number"]
+    assert {"journal.jsonl", "poses.csv", "parameters.yaml"} <= {p.name for p in folder.iterdir()}
+    assert not read_journal(folder).torn
+
+    # The poses file alone gives the same answer, bit for bit; `paper`, because the arm file says
+    # RVDT where this arm carries encoders, and weights would differ.
+    files = ["--arm", str(tmp_path / "arm.yaml"), "--fixture", str(tmp_path / "fixture.yaml")]
+    csv = str(folder / "poses.csv")
+    assert main(["solve", csv, *files, "--estimator", "paper", "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)["parameters"]
+    assert again == found["paper"]["parameters"]
+
+
+def test_as_reported_lands_where_the_paper_did(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, found = run_json(capsys, "hinge", "--scenario", "as_reported", "--sessions", str(tmp_path))
+    paper = found["paper"]
+    assert paper["sigma_pos_mm"]["rms"] == pytest.approx(2.7, rel=0.3)
+    assert paper["sigma_ori_mrad"]["rms"] == pytest.approx(6.6, rel=0.3)
+    assert found["scaled_condition_number"] < 60
+    assert found["poses"] == 40
+    assert any(w["code"].startswith("RVDT") for w in found["warnings"])
+
+
+def test_a_run_is_the_same_for_a_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ("hinge", "--poses", "4", "--seed", "3", "--sessions", str(tmp_path))
+    _, one = run_json(capsys, *options)
+    _, two = run_json(capsys, *options)
+    assert one["parameters"] == two["parameters"]
+    _, other = run_json(capsys, *options[:-3], "4", "--sessions", str(tmp_path))
+    assert other["parameters"] != one["parameters"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere.yaml"], "nowhere.yaml"),
+        (["hing"], "did you mean hinge"),
+        (["hinge", "--poses", "2"], "at least 3 poses"),
+        (["hinge", "--poses", "0"], "at least 1"),
+        (["hinge", "--unsensed", "8"], "no joint 8"),
+        (["--resume", "nowhere"], "nowhere"),
+        (["hinge", "--seed", "-1"], "seed"),
+    ],
+)
+def test_bad_input_says_what_to_do_and_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    assert main(["run", *arguments, "--sessions", str(tmp_path / "s")]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert words in said.err
+    assert not (tmp_path / "s").exists()
+
+
+def test_rigid_is_refused_by_naming_joint_4(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "rigid", "--sessions", str(tmp_path)]) == 5
+    assert "joint 4 does not move" in capsys.readouterr().err
+
+
+def start(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*SARCAL, *arguments],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def wait_for_poses(sessions: Path, wanted: int, process: subprocess.Popen[str]) -> Path:
+    """Poll the journal of the one session until it holds `wanted` poses."""
+    while process.poll() is None:
+        for journal in sessions.glob("*/journal.jsonl"):
+            if journal.read_bytes().count(b'"event":"pose"') >= wanted:
+                return journal.parent
+    raise AssertionError(process.communicate()[1])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_it_holds_the_arm_and_resumes(tmp_path: Path, number: signal.Signals) -> None:
+    process = start(tmp_path, "run", "hinge", "--poses", "30")
+    folder = wait_for_poses(tmp_path / "sessions", 3, process)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130, said
+    assert "the arm is held" in said
+    assert "--resume" in said
+    assert "Traceback" not in said
+    contents = read_journal(folder)
+    assert not contents.torn
+    assert contents.events[-1].name == "closed"
+    kept = sum(e.name == "pose" for e in contents.events)
+    assert kept >= 3
+
+    process = start(tmp_path, "run", "--resume", "latest", "--json")
+    out, said = process.communicate(timeout=120)
+    assert process.returncode == 0, said
+    assert json.loads(out)["poses"] == 30
+    numbers = [e.data["number"] for e in read_journal(folder).events if e.name == "pose"]
+    assert numbers == list(range(1, 31))
+
+
+def test_a_controller_in_its_own_process(tmp_path: Path) -> None:
+    channel = f"test-{os.getpid()}"
+    controller = start(tmp_path, "controller", "-i", "loopback", "-c", channel)
+    try:
+        assert controller.stderr is not None
+        assert channel in controller.stderr.readline()
+        runner = start(
+            tmp_path, "run", "hinge", "-i", "loopback", "-c", channel, "--poses", "4", "--json"
+        )
+        out, said = runner.communicate(timeout=120)
+        assert runner.returncode in (0, 4), said
+        assert json.loads(out)["poses"] == 4
+    finally:
+        controller.send_signal(signal.SIGINT)
+        _, said = controller.communicate(timeout=30)
+    assert controller.returncode == 130, said
+    assert "Traceback" not in said
+
+
+def test_no_controller_is_a_bus_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["-i", "loopback", "-c", f"empty-{os.getpid()}", "--sessions", str(tmp_path / "s")]
+    assert main(["run", "hinge", *arguments]) == 3
+    assert "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in capsys.readouterr().err

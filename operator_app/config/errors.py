@@ -37,7 +37,9 @@ class Problem:
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
         head = f"{place}: {self.key}: " if self.key else f"{place}: "
-        return f"{head}{self.text}; {self.remedy}" if self.remedy else f"{head}{self.text}"
+        line = f"{head}{self.text}; {self.remedy}" if self.remedy else f"{head}{self.text}"
+        # One line whatever the file holds, and nothing in it that a terminal would obey.
+        return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
 
 
 class ConfigError(Exception):

@@ -10,7 +10,6 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
 
 COMMANDS = {
     "run": "calibrate an arm from start to finish, without questions",
@@ -53,7 +52,7 @@ def _dispatch(argv: Sequence[str]) -> int:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"sarcal {version('sarcal')}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
     wanted = next((word for word in argv if word in COMMANDS), None)
     for name, summary in COMMANDS.items():
@@ -75,6 +74,22 @@ def _dispatch(argv: Sequence[str]) -> int:
     except EXPECTED_ERRORS as error:
         print(f"sarcal: {error}", file=sys.stderr)
         return int(exit_code(error))
+
+
+class _Version(argparse.Action):
+    """Looks the version up when it is asked for: that import takes as long as all others here."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: object,
+        option_string: str | None = None,
+    ) -> None:
+        from importlib.metadata import version
+
+        print(f"sarcal {version('sarcal')}")
+        parser.exit()
 
 
 if __name__ == "__main__":

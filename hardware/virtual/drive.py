@@ -97,6 +97,7 @@ class Drive:
             self._take_up()
         else:
             self._holding = False
+            self._end(EmergencyCode.REFERENCE_LIMIT)
 
     def ask_for_mode(self, mode_code: int) -> None:
         """Act on 6060h: the switch takes a few control periods, 6061h tells when it is done."""
@@ -113,8 +114,8 @@ class Drive:
         ):
             return
         if target_counts == self.target_counts:
-            return
-        if refuse_target(self.axis.limits, target_counts, self.target_counts) is None:
+            self._end(EmergencyCode.REFERENCE_LIMIT)
+        elif refuse_target(self.axis.limits, target_counts, self.target_counts) is None:
             self.target_counts = target_counts
             self._command = None
             self._end(EmergencyCode.REFERENCE_LIMIT)

@@ -1,0 +1,362 @@
+"""The controller as a stranger on the bus sees it: hand-built frames against the standards' numbers."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+import can
+import pytest
+
+from hardware.arm import JointMode
+from hardware.virtual.controller import VirtualController
+from hardware.virtual.supervisor_node import ArmLabel
+from oracles.raw_can import RawAbort
+from oracles.virtual_rig import Rig, TrivialPlant, axes, rig
+
+NODES = (*range(1, 8), 16)
+ENABLED, QUICK_STOPPED, DISABLED = 0x0237, 0x0217, 0x0250  # with remote and voltage bits
+STATE = 0x006F
+
+
+@pytest.fixture
+def arm() -> Iterator[Rig]:
+    with rig() as made:
+        for node in NODES:
+            made.peer.wait_for(lambda number, _, node=node: number == 0x700 + node)
+        yield made
+
+
+# ---- boot, NMT, heartbeat ----------------------------------------------------------------------------
+
+
+def test_every_node_boots_once_then_waits_for_nmt() -> None:
+    with rig() as made:
+        for node in NODES:
+            assert made.peer.wait_for(lambda number, _: number > 0x700) == (0x700 + node, b"\0")
+        made.peer.send(0x080)  # a SYNC that nobody answers yet
+        made.peer.read(1, 0x1000)
+        assert not [number for number, _ in made.peer.log if 0x180 <= number < 0x200]
+
+
+@pytest.mark.parametrize(("command", "state"), [(1, 5), (2, 4), (128, 127)])
+def test_heartbeats_tell_the_nmt_state(arm: Rig, command: int, state: int) -> None:
+    arm.peer.nmt(command)
+    arm.clock.time_s += 0.11
+    for node in NODES:
+        arm.peer.wait_for(
+            lambda number, data, node=node: (number, data) == (0x700 + node, bytes([state]))
+        )
+
+
+def test_heartbeats_come_every_100_ms_of_the_controllers_own_clock(arm: Rig) -> None:
+    arm.peer.log.clear()
+    for _ in range(3):
+        arm.clock.time_s += 0.1
+        for node in NODES:
+            arm.peer.wait_for(lambda number, _, node=node: number == 0x700 + node)
+    arm.clock.time_s += 0.09
+    arm.settled(lambda: None)
+    arm.peer.quiet()
+    assert [len(arm.peer.seen(0x700 + node)) for node in NODES] == [3] * 8
+
+
+def test_nmt_can_speak_to_one_node(arm: Rig) -> None:
+    arm.peer.nmt(1, 3)
+    arm.peer.send(0x080)
+    number, data = arm.peer.wait_for(lambda number, _: 0x180 < number < 0x190)
+    assert (number, len(data)) == (0x183, 8)
+    arm.peer.read(16, 0x1000)
+    assert len([n for n, _ in arm.peer.log if 0x180 < n < 0x190]) == 1
+
+
+def test_a_stopped_node_answers_neither_sdo_nor_sync(arm: Rig) -> None:
+    arm.peer.start()
+    arm.peer.nmt(2, 3)
+    arm.peer.send(0x603, struct.pack("<BHB4x", 0x40, 0x1000, 0))
+    arm.peer.send(0x080)
+    arm.peer.read(4, 0x1000)  # answered after everything before it
+    assert arm.peer.seen(0x583) == []
+    assert arm.peer.seen(0x183) == []
+    assert len(arm.peer.seen(0x184)) == 1
+    arm.peer.nmt(128, 3)
+    assert arm.peer.unsigned(3, 0x1000) == 0x00020192
+
+
+@pytest.mark.parametrize("command", [129, 130])
+def test_reset_boots_again(arm: Rig, command: int) -> None:
+    arm.peer.start()
+    arm.peer.log.clear()
+    arm.peer.nmt(command, 5)
+    assert arm.peer.wait_for(lambda number, _: number == 0x705) == (0x705, b"\0")
+    arm.settled(lambda: None)
+    assert arm.peer.seen(0x704) == []
+
+
+def test_reset_node_takes_power_away_and_reset_communication_holds(arm: Rig) -> None:
+    arm.operational()
+    arm.peer.nmt(130, 2)
+    arm.peer.nmt(129, 3)
+    arm.peer.nmt(1)
+    states = arm.peer.sync()
+    assert states[1][0] & STATE == 0x07
+    assert states[2][0] & 0x4F == 0x40
+    assert arm.settled(lambda: [c.mode for c in arm.plant.commands[1:3]]) == [
+        JointMode.POSITION,
+        None,
+    ]
+
+
+@pytest.mark.parametrize("command", [2, 128])
+def test_drives_that_pdos_cannot_reach_any_more_stop_and_hold(arm: Rig, command: int) -> None:
+    arm.operational([10] * 7)
+    arm.peer.nmt(command)
+    arm.peer.send(0x080)
+    modes = arm.settled if command == 128 else None
+    arm.peer.nmt(1)
+    states = arm.peer.sync()
+    assert all(word & STATE == 0x07 for word, _, _ in states)
+    assert modes is None or {c.mode for c in arm.plant.commands} == {JointMode.POSITION}
+
+
+@pytest.mark.parametrize("data", [b"", b"\x01", b"\x01\x00\x00", b"\x63\x00"])
+def test_nmt_frames_that_are_none_change_nothing(arm: Rig, data: bytes) -> None:
+    arm.peer.send(0x000, data)
+    arm.peer.send(0x080)
+    arm.peer.read(1, 0x1000)
+    assert arm.peer.seen(0x181) == []
+
+
+# ---- SYNC and PDOs -------------------------------------------------------------------------------------
+
+
+def test_one_sync_is_one_plant_step_and_one_tpdo1_of_every_joint(arm: Rig) -> None:
+    arm.peer.start()
+    before = arm.settled(lambda: arm.plant.steps)
+    for _ in range(20):
+        arm.peer.sync()  # asserts the order of the joints
+    assert arm.settled(lambda: arm.plant.steps) == before + 20
+    assert arm.settled(lambda: arm.controller.sync_count) == 20
+
+
+def test_tpdo1_carries_statusword_counts_and_torque(arm: Rig) -> None:
+    arm.peer.start()
+
+    def dictate() -> None:
+        arm.plant.angles_rad[0], arm.plant.torque_nm[0] = -1.0, -12.34
+        arm.plant.torque_nm[1] = 1e9
+
+    arm.settled(dictate)
+    states = arm.peer.sync()
+    assert states[0] == (0x0050, -5730, -123)  # 36000 counts a turn; 100 N m rated
+    assert states[1][2] == 32767
+
+
+def test_rpdo1_is_acted_on_without_waiting_for_a_sync(arm: Rig) -> None:
+    arm.peer.start()
+    arm.peer.take_control()
+    for word, state in ((0x06, 0x21), (0x07, 0x23), (0x0F, 0x27), (0x02, 0x07)):
+        arm.peer.command(4, word, 0, 8)
+        assert arm.peer.unsigned(4, 0x6041) & STATE == state
+
+
+def test_position_mode_follows_and_free_mode_drifts(arm: Rig) -> None:
+    states = arm.operational([8, 10, 10, 10, 8, 10, 10])
+    assert [word & STATE for word, _, _ in states] == [0x27] * 7
+    assert [arm.peer.signed(j, 0x6061) for j in range(1, 8)] == [8, 10, 10, 10, 8, 10, 10]
+    start, drift = states[0][1], states[1][1]
+
+    def let_drift() -> None:
+        arm.plant.drift_rad[1] = 10 / 36000 * 6.283185307179586
+
+    arm.settled(let_drift)
+    for step in range(1, 11):
+        arm.peer.command(1, 0x0F, start + 50 * step, 8)
+        states = arm.peer.sync()
+    assert states[0][1] == start + 500
+    assert states[1][1] == drift + 100
+
+
+@pytest.mark.parametrize("data", [b"", bytes(6), bytes(8)])
+def test_rpdo1_of_a_wrong_length_is_not_obeyed(arm: Rig, data: bytes) -> None:
+    arm.operational()
+    arm.peer.send(0x201, data)
+    assert arm.peer.sync()[0][0] & STATE == 0x27
+
+
+def test_rpdo1_before_operational_is_not_obeyed(arm: Rig) -> None:
+    arm.peer.take_control()
+    arm.peer.command(1, 0x06, 0, 8)
+    assert arm.peer.unsigned(1, 0x6041) & STATE == 0x40
+
+
+def test_frames_of_other_kinds_are_left_alone(arm: Rig) -> None:
+    arm.operational()
+    for message in (
+        can.Message(arbitration_id=0x201, data=bytes(7), is_extended_id=True),
+        can.Message(arbitration_id=0x80, is_extended_id=True),
+        can.Message(arbitration_id=0x80, is_remote_frame=True, is_extended_id=False),
+        can.Message(arbitration_id=0x7E5, data=bytes(8), is_extended_id=False),
+        can.Message(arbitration_id=0x123, data=b"\xff" * 8, is_extended_id=False),
+    ):
+        arm.peer.bus.send(message)
+    count = arm.settled(lambda: arm.controller.sync_count)
+    assert arm.peer.sync()[0][0] & STATE == 0x27
+    assert arm.settled(lambda: arm.controller.sync_count) == count + 1
+
+
+def test_a_target_beyond_a_limit_raises_8612h_until_a_good_one_comes(arm: Rig) -> None:
+    states = arm.operational()
+    here = states[2][1]
+    arm.peer.command(3, 0x0F, here + 1000, 8)
+    states = arm.peer.sync()
+    assert states[2][1] == here
+    assert states[2][0] & 1 << 11
+    assert [d[:3] for d in arm.peer.seen(0x083)] == [b"\x12\x86\x21"]
+    assert arm.peer.unsigned(3, 0x603F) == 0x8612
+    assert arm.peer.unsigned(3, 0x1001) == 0x21
+    arm.peer.command(3, 0x0F, here + 100, 8)
+    assert arm.peer.sync()[2][1] == here + 100
+    assert [d[:3] for d in arm.peer.seen(0x083)] == [b"\x12\x86\x21", bytes(3)]
+    assert arm.peer.unsigned(3, 0x1001) == 0
+
+
+# ---- objects ---------------------------------------------------------------------------------------------
+
+
+def test_identity_of_every_node(arm: Rig) -> None:
+    for node in range(1, 8):
+        assert arm.peer.unsigned(node, 0x1000) == 0x00020192
+        assert arm.peer.unsigned(node, 0x1018, 4) == 700 + node
+        assert arm.peer.read(node, 0x1008) == b"sarcal virtual joint drive"
+    assert arm.peer.unsigned(16, 0x1000) == 0
+    assert arm.peer.unsigned(16, 0x1018, 4) == 7
+    assert arm.peer.read(16, 0x2020, 1) == b"test_arm"
+    assert arm.peer.read(16, 0x2020, 2) == b"SDA-0007"
+    assert arm.peer.unsigned(16, 0x2020, 3) == 7
+
+
+def test_what_a_joint_says_about_itself(arm: Rig) -> None:
+    peer = arm.peer
+    assert (peer.unsigned(1, 0x608F, 1), peer.unsigned(1, 0x608F, 2)) == (36_000, 1)
+    assert (peer.signed(1, 0x607D, 1), peer.signed(1, 0x607D, 2)) == (-6000, 6000)
+    assert peer.unsigned(1, 0x607F) == 18_000
+    assert peer.unsigned(1, 0x6076) == 100_000
+    assert peer.unsigned(1, 0x6502) == 1 << 7 | 1 << 9
+    assert peer.signed(1, 0x605A) == 6
+    assert [peer.unsigned(1, 0x2100, sub) for sub in (1, 2, 3)] == [1, 360_000_000, 0]
+    assert [peer.unsigned(7, 0x2100, sub) for sub in (1, 2, 3)] == [2, 144_000_000, 12]
+    assert peer.unsigned(1, 0x60C2, 1) * 10.0 ** peer.signed(1, 0x60C2, 2) == 0.01
+    assert peer.unsigned(3, 0x1800, 1) == 0x183
+    assert peer.unsigned(3, 0x1A00, 2) == 0x60640020
+    assert peer.unsigned(3, 0x1600, 3) == 0x60600008
+    assert peer.unsigned(3, 0x1016, 1) == 127 << 16 | 500
+    assert peer.unsigned(3, 0x1017) == 100
+
+
+@pytest.mark.parametrize(
+    ("node", "index", "sub", "data", "code"),
+    [
+        (1, 0x6040, 0, b"\x06", 0x06070010),
+        (1, 0x6041, 0, b"\x06\x00", 0x06010002),
+        (1, 0x6064, 0, bytes(4), 0x06010002),
+        (1, 0x607C, 0, bytes(4), 0x06010002),
+        (1, 0x1017, 0, b"\x0a\x00", 0x06010002),
+        (1, 0x6071, 0, b"\x01\x00", 0x06090031),
+        (1, 0x6071, 0, b"\xff\xff", 0x06090032),
+        (1, 0x5000, 0, b"\x00", 0x06020000),
+        (1, 0x6040, 1, bytes(2), 0x06090011),
+        (1, 0x607D, 3, bytes(4), 0x06090011),
+        (1, 0x1003, 0, b"\x01", 0x06090030),
+        (16, 0x2002, 0, b"\x00", 0x06090032),
+        (16, 0x2002, 0, b"\x04", 0x06090031),
+        (16, 0x2010, 0, b"\x80\x00\x00\x00", 0x06090031),
+    ],
+)
+def test_writes_that_are_refused(
+    arm: Rig, node: int, index: int, sub: int, data: bytes, code: int
+) -> None:
+    with pytest.raises(RawAbort) as refused:
+        arm.peer.write(node, index, sub, data)
+    assert refused.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("node", "index", "sub", "code"),
+    [
+        (1, 0x5000, 0, 0x06020000),
+        (1, 0x1018, 9, 0x06090011),
+        (1, 0x1003, 1, 0x08000024),
+        (16, 0x2002, 0, 0x06010001),
+        (16, 0x2000, 0, 0x08000024),
+        (16, 0x2004, 0, 0x08000024),
+    ],
+)
+def test_reads_that_are_refused(arm: Rig, node: int, index: int, sub: int, code: int) -> None:
+    with pytest.raises(RawAbort) as refused:
+        arm.peer.read(node, index, sub)
+    assert refused.value.code == code
+
+
+def test_the_arm_can_be_driven_by_sdo_too(arm: Rig) -> None:
+    arm.peer.start()
+    arm.peer.take_control()
+    arm.peer.write(2, 0x6060, 0, b"\x08")
+    for word in (0x06, 0x07, 0x0F):
+        arm.peer.write(2, 0x6040, 0, struct.pack("<H", word))
+    for _ in range(4):
+        here = arm.peer.sync()[1][1]
+    arm.peer.write(2, 0x607A, 0, struct.pack("<i", here - 7))
+    assert arm.peer.signed(2, 0x607A) == here - 7
+    assert arm.peer.sync()[1][1] == here - 7
+    assert arm.peer.signed(2, 0x6064) == here - 7
+
+
+# ---- life ------------------------------------------------------------------------------------------------
+
+
+def test_close_twice_leaves_the_bus_to_its_owner(arm: Rig) -> None:
+    arm.controller.close()
+    arm.controller.close()
+    arm.peer.send(0x080)
+    assert arm.controller.failure is None
+
+
+def test_axes_and_plant_have_to_agree() -> None:
+    with (
+        can.Bus("axes-and-plant", interface="virtual") as bus,
+        pytest.raises(ValueError, match="6 axes for a plant of 7"),
+    ):
+        VirtualController(
+            bus,
+            TrivialPlant([1.0] * 7),
+            axes=axes()[:6],
+            arm=ArmLabel(model="m", serial_number="1"),
+        )
+
+
+def test_a_bus_that_goes_away_is_remembered_as_the_failure() -> None:
+    bus = can.Bus("goes-away", interface="virtual")
+    controller = VirtualController(
+        bus, TrivialPlant([a.scale.counts_per_rad for a in axes()]), axes=axes(),
+        arm=ArmLabel(model="m", serial_number="1"),
+    )  # fmt: skip
+    controller.start()
+    bus.shutdown()
+    controller._loop.join(5.0)
+    controller.close()
+    assert isinstance(controller.failure, can.CanError)
+
+
+def test_a_run_is_the_same_every_time() -> None:
+    def run() -> list[list[tuple[int, int, int]]]:
+        with rig() as made:
+            for node in NODES:
+                made.peer.wait_for(lambda number, _, node=node: number == 0x700 + node)
+            seen = [made.operational([8, 10, 8, 10, 8, 10, 10])]
+            for k in range(60):
+                made.peer.command(1 + k % 5, 0x0F, seen[-1][k % 5][1] + 30, 8 if k % 7 else 10)
+                seen.append(made.peer.sync())
+            return seen
+
+    assert run() == run()

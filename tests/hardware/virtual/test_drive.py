@@ -1,0 +1,405 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from hardware.arm import DriveState, JointMode
+from hardware.cia402 import StatusBit
+from hardware.objects import EmergencyCode
+from hardware.virtual.drive import Drive
+from oracles.virtual_rig import axes
+
+S, E = DriveState, EmergencyCode
+SHUTDOWN, SWITCH_ON, ENABLE, QUICK_STOP, DISABLE, RESET = 0x06, 0x07, 0x0F, 0x02, 0x00, 0x80
+CSP, CST = 8, 10
+ENCODER, RVDT = axes()[0], axes()[6]
+STEP = ENCODER.limits.max_step_counts
+
+
+class Bench:
+    """A drive with its errors written down; `run` lets control periods pass."""
+
+    def __init__(self, axis=ENCODER, *, counts: int = 100) -> None:  # type: ignore[no-untyped-def]
+        self.said: list[EmergencyCode] = []
+        self.drive = Drive(
+            axis, on_error=self.said.append, on_all_clear=lambda: self.said.append(E.NONE)
+        )
+        self.counts, self.torque_nm, self.speed = counts, 0.0, 0.0
+        self.drive.in_control = True
+        self.run()
+
+    def run(self, periods: int = 1) -> None:
+        for _ in range(periods):
+            self.drive.read(self.counts, self.torque_nm, self.speed)
+
+    def enabled(self, mode: int = CSP) -> Drive:
+        for word in (SHUTDOWN, SWITCH_ON, ENABLE):
+            self.drive.obey(word, self.counts, mode)
+        self.run(4)
+        assert self.drive.state is S.OPERATION_ENABLED
+        return self.drive
+
+
+def test_a_drive_that_was_switched_on_does_nothing() -> None:
+    drive = Bench().drive
+    assert drive.state is S.SWITCH_ON_DISABLED
+    assert drive.command().mode is None
+
+
+def test_enabling_needs_the_token_and_disabling_does_not() -> None:
+    bench = Bench()
+    bench.drive.in_control = False
+    for word in (SHUTDOWN, SWITCH_ON, ENABLE):
+        bench.drive.obey(word, bench.counts, CSP)
+    assert bench.drive.state is S.SWITCH_ON_DISABLED
+    bench.drive.in_control = True
+    drive = bench.enabled()
+    drive.in_control = False
+    drive.obey(DISABLE, bench.counts, CSP)
+    assert drive.state is S.SWITCH_ON_DISABLED
+
+
+@pytest.mark.parametrize("word", [QUICK_STOP, DISABLE, SHUTDOWN, SWITCH_ON])
+def test_stopping_never_needs_the_token(word: int) -> None:
+    drive = Bench().enabled()
+    drive.in_control = False
+    drive.obey(word, 100, CSP)
+    assert drive.state is not S.OPERATION_ENABLED
+
+
+def test_targets_are_refused_without_the_token() -> None:
+    drive = Bench().enabled()
+    drive.in_control = False
+    drive.obey(ENABLE, 101, CSP)
+    assert drive.target_counts == 100
+
+
+def test_a_mode_is_reached_after_its_cycles_and_not_before() -> None:
+    bench = Bench()
+    drive = bench.enabled(CSP)
+    drive.obey(ENABLE, 100, CST)
+    bench.run(ENCODER.mode_switch_cycles - 1)
+    assert drive.mode is JointMode.POSITION
+    assert drive.command().mode is JointMode.POSITION
+    bench.run()
+    assert drive.mode is JointMode.FREE
+    assert drive.command().mode is JointMode.FREE
+
+
+def test_a_change_of_mind_starts_the_switch_again() -> None:
+    bench = Bench()
+    drive = bench.enabled(CSP)
+    drive.obey(ENABLE, 100, CST)
+    bench.run(ENCODER.mode_switch_cycles - 1)
+    drive.obey(ENABLE, 100, CSP)
+    drive.obey(ENABLE, 100, CST)
+    bench.run(ENCODER.mode_switch_cycles - 1)
+    assert drive.mode is JointMode.POSITION
+
+
+@pytest.mark.parametrize("code", [0, 1, 3, 9, -1])
+def test_a_mode_the_drive_has_not_is_never_reached(code: int) -> None:
+    bench = Bench()
+    drive = bench.enabled(CSP)
+    drive.obey(ENABLE, 100, code)
+    bench.run(50)
+    assert drive.mode is JointMode.POSITION
+
+
+def test_entering_position_mode_starts_where_the_joint_is() -> None:
+    bench = Bench()
+    drive = bench.enabled(CST)
+    bench.counts = 900
+    bench.run()
+    drive.obey(ENABLE, 100, CSP)  # an old target, 800 counts away
+    bench.run(3)
+    assert drive.mode is JointMode.POSITION
+    assert drive.target_counts == 900
+
+
+def test_enabling_starts_where_the_joint_is() -> None:
+    bench = Bench()
+    bench.enabled()
+    bench.drive.obey(DISABLE, 100, CSP)
+    bench.counts = 700
+    bench.run()
+    drive = bench.drive
+    for word in (SHUTDOWN, SWITCH_ON, ENABLE):
+        drive.obey(word, 100, CSP)
+    assert drive.target_counts == 700
+    assert bench.said == [E.REFERENCE_LIMIT]
+
+
+def test_targets_up_to_the_largest_step_are_taken() -> None:
+    bench = Bench()
+    drive = bench.enabled()
+    drive.obey(ENABLE, 100 + STEP, CSP)
+    assert drive.target_counts == 100 + STEP
+    assert drive.command().target_rad == pytest.approx((100 + STEP) / 36000 * math.tau)
+    drive.obey(ENABLE, 100 + 2 * STEP + 1, CSP)
+    assert drive.target_counts == 100 + STEP
+    assert bench.said == [E.REFERENCE_LIMIT]
+    assert drive.flags & StatusBit.INTERNAL_LIMIT
+    assert drive.state is S.OPERATION_ENABLED
+    drive.obey(ENABLE, 100 + 2 * STEP, CSP)
+    assert drive.target_counts == 100 + 2 * STEP
+    assert bench.said == [E.REFERENCE_LIMIT, E.NONE]
+    assert not drive.flags & StatusBit.INTERNAL_LIMIT
+
+
+@pytest.mark.parametrize(("word", "target"), [(ENABLE, 100), (DISABLE, 9000), (SWITCH_ON, 9000)])
+def test_a_refused_target_is_forgiven_when_taken_back(word: int, target: int) -> None:
+    bench = Bench()
+    drive = bench.enabled()
+    drive.obey(ENABLE, 9000, CSP)
+    assert bench.said == [E.REFERENCE_LIMIT]
+    drive.obey(word, target, CSP)
+    assert bench.said == [E.REFERENCE_LIMIT, E.NONE]
+    assert drive.errors == []
+
+
+def test_the_range_ends_where_607dh_says() -> None:
+    bench = Bench(counts=5999)
+    drive = bench.enabled()
+    drive.obey(ENABLE, 6000, CSP)
+    assert drive.target_counts == 6000
+    drive.obey(ENABLE, 6001, CSP)
+    assert drive.target_counts == 6000
+
+
+def test_quick_stop_holds_where_the_joint_is_in_either_mode() -> None:
+    for mode in (CSP, CST):
+        bench = Bench()
+        drive = bench.enabled(mode)
+        bench.counts = 140
+        bench.run()
+        drive.obey(QUICK_STOP, 5000, mode)
+        assert drive.state is S.QUICK_STOP_ACTIVE
+        assert drive.mode is JointMode.POSITION
+        assert drive.command().mode is JointMode.POSITION
+        assert drive.command().target_rad == pytest.approx(140 / 36000 * math.tau)
+        drive.obey(ENABLE, 150, mode)  # a command that was under way when STOP was pressed
+        bench.run(10)
+        assert drive.state is S.QUICK_STOP_ACTIVE
+        assert drive.target_counts == 140
+        assert drive.mode is JointMode.POSITION
+
+
+def test_a_lost_heartbeat_holds_until_reset_and_enabled() -> None:
+    bench = Bench()
+    drive = bench.enabled(CST)
+    bench.counts = 160
+    bench.run()
+    drive.lose_heartbeat()
+    assert bench.said == [E.HEARTBEAT_LOST]
+    for _ in range(5):
+        drive.obey(ENABLE, 170, CST)  # a stream that goes on as if nothing had happened
+        bench.run()
+    assert drive.state is S.FAULT
+    assert drive.command().mode is JointMode.POSITION
+    assert drive.target_counts == 160
+    drive.obey(RESET, 160, CSP)
+    assert drive.state is S.SWITCH_ON_DISABLED
+    assert bench.said == [E.HEARTBEAT_LOST, E.NONE]
+    assert drive.command().mode is None
+
+
+def test_a_lost_heartbeat_does_not_power_a_drive_that_was_off() -> None:
+    bench = Bench()
+    bench.drive.lose_heartbeat()
+    bench.run(2)
+    assert bench.drive.state is S.FAULT
+    assert bench.drive.command().mode is None
+
+
+def test_a_lost_heartbeat_does_not_close_the_servo_of_a_tripped_drive() -> None:
+    bench = Bench()
+    drive = bench.enabled()
+    drive.trip(E.EXCESS_TORQUE)
+    drive.lose_heartbeat()
+    bench.run(2)
+    assert drive.command().mode is None
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_excess_torque_trips_after_its_cycles_just_above_the_limit(sign: int) -> None:
+    bench = Bench()
+    drive = bench.enabled()
+    bench.torque_nm = sign * 100.0
+    bench.run(20)
+    assert drive.state is S.OPERATION_ENABLED
+    bench.torque_nm = sign * math.nextafter(100.0, math.inf)
+    bench.run(ENCODER.trip_cycles - 1)
+    assert drive.state is S.OPERATION_ENABLED
+    bench.run()
+    assert drive.state is S.FAULT_REACTION_ACTIVE
+    assert drive.command().mode is None
+    bench.run()
+    assert drive.state is S.FAULT
+    assert bench.said == [E.EXCESS_TORQUE]
+
+
+def test_torque_that_comes_and_goes_does_not_trip() -> None:
+    bench = Bench()
+    drive = bench.enabled()
+    for _ in range(10):
+        bench.torque_nm = 150.0
+        bench.run(ENCODER.trip_cycles - 1)
+        bench.torque_nm = 0.0
+        bench.run()
+    assert drive.state is S.OPERATION_ENABLED
+
+
+def test_following_error_trips_just_outside_its_window() -> None:
+    bench = Bench()
+    drive = bench.enabled()
+    bench.counts = 100 + ENCODER.following_window_counts
+    bench.run(20)
+    assert drive.state is S.OPERATION_ENABLED
+    bench.counts += 1
+    bench.run(ENCODER.trip_cycles)
+    assert bench.said == [E.FOLLOWING]
+    assert drive.flags & StatusBit.FOLLOWING_ERROR
+
+
+def test_a_free_joint_has_no_following_error() -> None:
+    bench = Bench()
+    drive = bench.enabled(CST)
+    for _ in range(50):
+        bench.counts += 100
+        bench.run()
+    assert drive.state is S.OPERATION_ENABLED
+
+
+@pytest.mark.parametrize("mode", [CSP, CST])
+def test_overspeed_trips_at_once_in_either_mode(mode: int) -> None:
+    bench = Bench()
+    drive = bench.enabled(mode)
+    limit = ENCODER.limits.max_speed_rad_per_s
+    bench.speed = -limit
+    bench.run(5)
+    assert drive.state is S.OPERATION_ENABLED
+    bench.speed = -math.nextafter(limit, math.inf)
+    bench.run()
+    assert bench.said == [E.OVERSPEED]
+
+
+def test_a_drive_that_is_off_minds_neither_torque_nor_speed() -> None:
+    bench = Bench()
+    bench.torque_nm, bench.speed = 1e4, 1e4
+    bench.run(10)
+    assert bench.drive.state is S.SWITCH_ON_DISABLED
+
+
+@pytest.mark.parametrize("end", [RVDT.lowest_counts, RVDT.highest_counts])
+def test_a_converter_at_its_end_is_a_failed_sensor(end: int) -> None:
+    bench = Bench(RVDT)
+    inside = end + (1 if end == RVDT.lowest_counts else -1)
+    bench.counts = inside
+    bench.run()
+    assert bench.said == []
+    bench.counts = end
+    bench.run()
+    assert bench.said == [E.SENSOR]
+
+
+def test_faults_stay_while_their_cause_does() -> None:
+    bench = Bench()
+    drive = bench.drive
+    drive.sensor_failed = True
+    bench.run()
+    drive.obey(RESET, 0, CSP)
+    assert drive.state is S.FAULT
+    drive.obey(DISABLE, 0, CSP)
+    drive.sensor_failed = False
+    drive.obey(RESET, 0, CSP)
+    assert drive.state is S.SWITCH_ON_DISABLED
+    assert bench.said == [E.SENSOR, E.NONE]
+
+
+def test_a_reset_word_that_stays_set_resets_once() -> None:
+    bench = Bench()
+    drive = bench.drive
+    drive.trip(E.EXCESS_TORQUE)
+    drive.obey(RESET, 0, CSP)
+    assert drive.state is S.SWITCH_ON_DISABLED
+    drive.trip(E.EXCESS_TORQUE)
+    drive.obey(RESET, 0, CSP)
+    assert drive.state is S.FAULT
+
+
+class AnyDrive(RuleBasedStateMachine):
+    """Whatever arrives and happens, a powered drive only ever goes where it was allowed to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.bench = Bench()
+        self.last_target = self.bench.drive.target_counts
+
+    @rule(
+        word=st.sampled_from([0x00, 0x02, 0x06, 0x07, 0x0F, 0x80, 0x8F]) | st.integers(0, 0xFFFF),
+        aim=st.integers(-7000, 7000) | st.integers(60, 140),
+        mode=st.sampled_from([0, 1, 8, 10]),
+    )
+    def rpdo(self, word: int, aim: int, mode: int) -> None:
+        self.bench.drive.obey(word, aim, mode)
+
+    @rule(torque=st.sampled_from([0.0, 50.0, 120.0]), drift=st.integers(-20, 20))
+    def period(self, torque: float, drift: int) -> None:
+        command = self.bench.drive.command()
+        if command.mode is JointMode.POSITION:
+            self.bench.counts = round(command.target_rad * 36000 / math.tau)
+        elif command.mode is JointMode.FREE:
+            self.bench.counts += drift
+        self.bench.torque_nm = torque
+        self.bench.run()
+
+    @rule(token=st.booleans())
+    def token(self, token: bool) -> None:
+        self.bench.drive.in_control = token
+        if not token:
+            self.bench.drive.quick_stop()
+
+    @rule()
+    def heartbeat_lost(self) -> None:
+        self.bench.drive.lose_heartbeat()
+
+    @rule()
+    def neighbour_tripped(self) -> None:
+        self.bench.drive.quick_stop()
+
+    @invariant()
+    def nothing_moves_unless_enabled_or_holding(self) -> None:
+        drive, command = self.bench.drive, self.bench.drive.command()
+        if command.mode is JointMode.FREE:
+            assert drive.state is S.OPERATION_ENABLED
+        if drive.state in (
+            S.SWITCH_ON_DISABLED,
+            S.READY_TO_SWITCH_ON,
+            S.SWITCHED_ON,
+        ):
+            assert command.mode is None
+
+    @invariant()
+    def targets_move_by_allowed_steps_from_where_the_joint_was(self) -> None:
+        drive = self.bench.drive
+        jump = abs(drive.target_counts - self.last_target)
+        assert jump <= STEP or drive.target_counts == drive.counts
+        self.last_target = drive.target_counts
+
+    @invariant()
+    def errors_and_state_agree(self) -> None:
+        drive = self.bench.drive
+        in_fault = drive.state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
+        assert drive.faulted == in_fault
+        assert len(drive.errors) == len(set(drive.errors))
+        if drive.errors:
+            assert self.bench.said[-1] is not E.NONE
+
+
+TestAnyDrive = AnyDrive.TestCase
+TestAnyDrive.settings = settings(max_examples=60, stateful_step_count=40)

@@ -14,15 +14,12 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.batched_least_squares import BatchFit, minimise_batch
-from solver.chain import DhTable
-from solver.closure import ClosureModel, DhLoop, nearest_equivalent
-from solver.endpoint_geometry import HeldAxis, held_frame_entries
+from solver.closure import ClosureModel, nearest_equivalent
 from solver.estimate import require_enough_poses
-from solver.inner_search import Hold, InnerProblem, spread_poses
+from solver.inner_parts import projectable_parts
+from solver.inner_search import InnerProblem, spread_poses
 from solver.least_squares import Progress, solve_damped
-from solver.parameters import DhKind, nominal_vector, wrap_angle, wrap_angles
-from solver.placements import Placements
-from solver.point_closure import PointClosure
+from solver.parameters import nominal_vector, wrap_angle, wrap_angles
 
 STARTS = 400
 SEARCH_EQUATIONS = 72
@@ -30,6 +27,11 @@ SEARCH_EQUATIONS = 72
 
 POLISHED = 6
 """Basins that are polished: the true one's cost is orders below the next, so it is among the first."""
+
+FIRST_POLISH = 12
+HOPELESS = 100.0
+"""A basin whose cost is this many times the best after the first polish is not polished further: no
+rival comes from ten times the rms closure. Its `rms` is then an upper bound."""
 
 SAME_BASIN = 0.02
 """Starts that end within this of each other (rad) ended in one basin."""
@@ -143,8 +145,12 @@ def global_start(
         return error.residual.reshape(-1), error.jac_x.reshape(-1, len(nominal))
 
     found: list[tuple[FloatArray, Basin]] = []
+    best = np.inf
     for x0, count in search.candidates():
-        fit = solve_damped(problem, x0)
+        fit = solve_damped(problem, x0, max_iterations=FIRST_POLISH)
+        if not fit.converged and fit.cost < HOPELESS * max(best, 0.5 * q.size * CLOSED**2):
+            fit = solve_damped(problem, fit.x)
+        best = min(best, fit.cost)
         x = nearest_equivalent(sensed, fit.x, nominal)
         error = sensed.reduced(x, q)
         basin = Basin(
@@ -187,7 +193,7 @@ class _Search:
         progress: Progress | None,
     ) -> None:
         self.model, self.q = model, q
-        self.parts = _parts(model, q)
+        self.parts = projectable_parts(model, q)
         self._progress = progress
         self._nominal = nominal_vector(model.parameters)
         if self.parts and self.parts[0].problem.searched:
@@ -260,98 +266,3 @@ def _basins(fit: BatchFit, angles: list[int]) -> list[IntArray]:
         found.append(left[same])
         left = left[~same]
     return found
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Part:
-    """One placement: its loop, its poses, and the inner problem they make."""
-
-    model: DhLoop | PointClosure
-    columns: IntArray
-    q: FloatArray
-    problem: InnerProblem
-
-    def filled(self, offsets: FloatArray) -> FloatArray:
-        """Parameters (P,) of this placement's loop for inner offsets (K,)."""
-        held = self.problem.held(offsets)
-        n = self.model.joint_count
-        values = {
-            f"theta_off_{j}": float(wrap_angle(v))
-            for j, v in zip(self.problem.searched, offsets, strict=True)
-        }
-        if isinstance(self.model, PointClosure):
-            values |= _point_entries(self.model, held.point_m, held.ground_point_m)
-        elif self.model.hinge:
-            values |= HeldAxis(
-                ground_direction=held.ground_direction,
-                ground_point_m=held.ground_point_m,
-                hand_direction=held.direction,
-                hand_point_m=held.point_m,
-            ).entries(n)
-        else:
-            values |= held_frame_entries(held.rotation, held.ground_point_m, n)
-        return np.array([values.get(p.name, p.nominal) for p in self.model.parameters])
-
-
-def _point_entries(
-    model: PointClosure, hand_m: FloatArray, ground_m: FloatArray
-) -> dict[str, float]:
-    """Ball and socket from points of the frames without theta_off_1, s_1, theta_off_n and row n."""
-    table = model.chain.table
-    # The ends of the arm as a chain of their own: links n and 1 at their nominal values.
-    c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
-    ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
-    x, y, z = hand_m
-    along, across, up = (
-        c[-1] * x + s[-1] * y - table.a_m[-1],
-        c[-1] * y - s[-1] * x,
-        z - table.s_m[-1],
-    )
-    tip = (along, ca * across + sa * up, ca * up - sa * across)
-    x, y, z = ground_m
-    ground = (c[0] * x - s[0] * y, s[0] * x + c[0] * y, z + table.s_m[0])
-    names = ("tip_x", "tip_y", "tip_z", "ground_x", "ground_y", "ground_z")
-    return dict(zip(names, map(float, (*tip, *ground)), strict=True))
-
-
-def _parts(model: ClosureModel, q: FloatArray) -> list[_Part]:
-    """Placements whose fixture can be projected out; none if there is one whose cannot."""
-    everything = np.arange(len(model.parameters))
-    pieces = (
-        model.parts()
-        if isinstance(model, Placements)
-        else ((model, everything, np.arange(len(q))),)
-    )
-    parts = []
-    for piece, columns, poses in pieces:
-        if not isinstance(piece, DhLoop | PointClosure):
-            return []
-        here = q[poses]
-        parts.append(_Part(model=piece, columns=columns, q=here, problem=_inner(piece, here)))
-    return parts
-
-
-def _inner(model: DhLoop | PointClosure, q: FloatArray) -> InnerProblem:
-    n = model.joint_count
-    if isinstance(model, PointClosure):
-        stacked, hold, entries = model.chain.table.stacked(), Hold.POINT, model.chain.entries
-    else:
-        stacked = model.table.stacked()[:, 1:]
-        hold, entries = (Hold.AXIS if model.hinge else Hold.FRAME), model.entries
-    stacked = stacked.copy()
-    stacked[[DhKind.THETA_OFF, DhKind.S], 0] = 0.0
-    stacked[:, -1] = 0.0
-    reach = float(np.abs(stacked[[DhKind.S, DhKind.A]]).sum())
-    return InnerProblem(
-        table=DhTable(
-            theta_off_rad=stacked[DhKind.THETA_OFF],
-            s_m=stacked[DhKind.S],
-            a_m=stacked[DhKind.A],
-            alpha_rad=stacked[DhKind.ALPHA],
-        ),
-        searched=tuple(e.row for e in entries if e.kind is DhKind.THETA_OFF and 1 < e.row < n),
-        hold=hold,
-        q=q,
-        # Half an arm's length counts as one radian.
-        per_m=2.0 / reach if reach > 0.0 else 1.0,
-    )

@@ -15,7 +15,7 @@ sockets change), `same_hand` shares that side too, theta_off_n included.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from math import prod
 
@@ -48,6 +48,9 @@ class Placements:
     models: tuple[ClosureModel, ...]
     placement: IntArray
     same_hand: bool
+    # Worked out once: estimators ask for them at every step.
+    _parameters: tuple[Parameter, ...] = field(init=False, repr=False)
+    _columns: tuple[IntArray, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         placement = np.array(self.placement, dtype=np.int64)
@@ -63,21 +66,18 @@ class Placements:
         }
         if len(facts) != 1:
             raise ValueError("all placements must have the same arm and the same kind of fixture")
+        object.__setattr__(self, "_parameters", self._listed())
+        names = [p.name for p in self._parameters]
+        columns = tuple(
+            np.array([names.index(self._name(p.name, number)) for p in model.parameters])
+            for number, model in zip(self.numbers, self.models, strict=True)
+        )
+        object.__setattr__(self, "_columns", columns)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Shared unknowns first, then each placement's own, with its number in the name."""
-        if len(self.numbers) == 1:
-            return self.models[0].parameters
-        shared = set(self._shared_of(self.models[0]))
-        found = [p for p in self.models[0].parameters if p.name in shared]
-        for number, model in zip(self.numbers, self.models, strict=True):
-            found += [
-                replace(p, name=self._name(p.name, number))
-                for p in model.parameters
-                if p.name not in shared
-            ]
-        return tuple(found)
+        return self._parameters
 
     @property
     def joint_count(self) -> int:
@@ -96,16 +96,7 @@ class Placements:
 
     def columns(self, number: int) -> IntArray:
         """Where the parameters of one placement's own model are in the whole vector (P_own,)."""
-        names = [p.name for p in self.parameters]
-        model = self.models[self.numbers.index(number)]
-        shared = set(self._shared_of(model))
-        return np.array(
-            [
-                names.index(p.name if p.name in shared else self._name(p.name, number))
-                for p in model.parameters
-            ],
-            dtype=np.int64,
-        )
+        return self._columns[self.numbers.index(number)]
 
     def poses_of(self, number: int) -> IntArray:
         """Indices of the poses taken in one placement."""
@@ -230,16 +221,11 @@ class Placements:
 
     def without(self, names: Collection[str]) -> Placements:
         """Return the same loops with the named unknowns held at their nominal values."""
-        shared = set(self._shared_of(self.models[0]))
         return replace(
             self,
             models=tuple(
                 model.without(
-                    {
-                        p.name
-                        for p in model.parameters
-                        if (p.name if p.name in shared else self._name(p.name, number)) in names
-                    }
+                    {p.name for p in model.parameters if self._name(p.name, number) in names}
                 )
                 for number, model in zip(self.numbers, self.models, strict=True)
             ),
@@ -263,17 +249,28 @@ class Placements:
         return tuple(p.name for p in model.parameters if p.name not in own)
 
     def _name(self, name: str, number: int) -> str:
-        return name if len(self.numbers) == 1 else f"{name}[{number}]"
+        """What a placement's parameter is called here."""
+        if len(self.numbers) == 1 or name in self._shared_of(self.models[0]):
+            return name
+        return f"{name}[{number}]"
+
+    def _listed(self) -> tuple[Parameter, ...]:
+        if len(self.numbers) == 1:
+            return self.models[0].parameters
+        shared = self._shared_of(self.models[0])
+        found = [p for p in self.models[0].parameters if p.name in shared]
+        for number, model in zip(self.numbers, self.models, strict=True):
+            own = [p for p in model.parameters if p.name not in shared]
+            found += [replace(p, name=self._name(p.name, number)) for p in own]
+        return tuple(found)
 
     def _side(self, side: str) -> tuple[str, ...]:
-        shared = set(self._shared_of(self.models[0]))
-        names: list[str] = []
-        for number, model in zip(self.numbers, self.models, strict=True):
-            for name in getattr(model, side):
-                whole = name if name in shared else self._name(name, number)
-                if whole not in names:
-                    names.append(whole)
-        return tuple(names)
+        names = [
+            self._name(name, number)
+            for number, model in zip(self.numbers, self.models, strict=True)
+            for name in getattr(model, side)
+        ]
+        return tuple(dict.fromkeys(names))
 
     def _check(self, q: FloatArray) -> None:
         if q.shape[-2] != len(self.placement):

@@ -1,0 +1,40 @@
+"""The real arm of ../shared/data/panda_ball: its nominal table by the maker, converted, and the readings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "panda_ball"
+
+# Maker's table (modified D-H): the link before joint j in row j.
+A_BEFORE_M = [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088]
+ALPHA_BEFORE_DEG = [0.0, -90.0, 90.0, 90.0, -90.0, 90.0, 90.0]
+D_M = [0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.107]
+TRAINING = (1, 2)
+"""Placements to fit; 3 to 6 are for testing."""
+
+
+def panda_columns() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """s, a (m) and alpha (rad) of rows 1..7 in the distal convention: row j holds the link after joint j."""
+    return (
+        np.array(D_M),
+        np.array([*A_BEFORE_M[1:], 0.0]),
+        np.deg2rad([*ALPHA_BEFORE_DEG[1:], 0.0]),
+    )
+
+
+def panda_readings() -> tuple[np.ndarray, np.ndarray]:
+    """Placement of each pose (m,) and joint angles (m, 7), rad."""
+    rows = np.loadtxt(FOLDER / "panda_1.csv", delimiter=",", skiprows=1)
+    return rows[:, 0].astype(int), np.deg2rad(rows[:, 2:9])
+
+
+def scatter_mm(centres: np.ndarray, placement: np.ndarray) -> float:
+    """Mean distance of the ball's centre (m, 3) from its placement's mean, mm: the README's measure."""
+    distances = [
+        np.linalg.norm(centres[placement == k] - centres[placement == k].mean(axis=0), axis=1)
+        for k in np.unique(placement)
+    ]
+    return float(np.concatenate(distances).mean() * 1e3)

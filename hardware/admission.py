@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hardware.arm import JointMode
+from hardware.cia402 import CONTROLWORD_ENABLE_OPERATION
 from hardware.cyclic import Command, Commands, Sample
-from hardware.errors import CommandRefused
-from hardware.limits import JointLimits, Refusal, Situation, refuse_command, refuse_target
+from hardware.errors import CommandRefused, Stopped
+from hardware.limits import JointLimits, Reason, Refusal, Situation, refuse_command, refuse_target
 from hardware.objects import CYCLIC_POSITION
 from hardware.steps import state_of
 
@@ -31,6 +32,8 @@ def admit(
     ------
     CommandRefused
         With the reason in words.
+    Stopped
+        If STOP was pressed since the commands were made.
     """
     if before is commands:
         return
@@ -38,6 +41,8 @@ def admit(
         last = None if before is None else before[joint]
         if command.mode != CYCLIC_POSITION or command == last:
             continue
+        if command.controlword != CONTROLWORD_ENABLE_OPERATION:
+            continue  # no drive moves by any other
         refusal = _refusal(
             limit,
             Situation(
@@ -50,6 +55,8 @@ def admit(
             last,
             sample.counts[joint],
         )
+        if refusal is not None and refusal.reason is Reason.STOPPED:
+            raise Stopped(refusal.text)
         if refusal is not None:
             raise CommandRefused(refusal.text)
 
@@ -61,12 +68,13 @@ def _refusal(
     last: Command | None,
     measured_counts: int,
 ) -> Refusal | None:
-    if last is None or last.mode != CYCLIC_POSITION:
-        if abs(command.target_counts - measured_counts) <= limits.max_step_counts:
-            return None
-        return refuse_target(limits, command.target_counts, measured_counts)
-    if command.target_counts == last.target_counts:
+    target = command.target_counts
+    before = last.target_counts if last is not None and last.mode == CYCLIC_POSITION else None
+    if target == before:
         return None
-    return refuse_command(limits, situation) or refuse_target(
-        limits, command.target_counts, last.target_counts
-    )
+    entering = before is None or situation.mode is not JointMode.POSITION
+    if entering and abs(target - measured_counts) <= limits.max_step_counts:
+        return None
+    if before is None:
+        return refuse_target(limits, target, measured_counts)
+    return refuse_command(limits, situation) or refuse_target(limits, target, before)

@@ -51,6 +51,10 @@ SWITCH_INTERVAL_S = 0.0005
 """Python's default of 5 ms would let a busy thread of this process delay a SYNC by as much."""
 
 
+SYNCS_AFTER_STOP = 20
+"""In fast forward, so that the drives come to rest and say that they have stopped."""
+
+
 class Pace(Enum):
     """When the next SYNC goes out."""
 
@@ -150,6 +154,7 @@ class ControlLoop:
         self._sent: list[Command | None] = [None] * joints
         self._tasks: deque[_Task] = deque()
         self._syncing = False
+        self._syncs_owed = SYNCS_AFTER_STOP
         self._beating = False
         self._next_beat_s = 0.0
         self._next_tick_s = 0.0
@@ -240,7 +245,7 @@ class ControlLoop:
             while not self._closing:
                 if self._tasks:
                     self._advance(self._tasks[0])
-                elif self._syncing and self._pace is Pace.REAL_TIME:
+                elif self._syncing and (self._pace is Pace.REAL_TIME or self._owes_sync()):
                     self._cycle()
                 else:
                     self._receive_one(self._timing.idle_poll_s)
@@ -252,6 +257,15 @@ class ControlLoop:
                 self.failure = BusError("The connection to the arm is closed.")
             while self._tasks:
                 self._finish(error=self.failure)
+
+    def _owes_sync(self) -> bool:
+        """Whether a simulated arm still has to live through the moments after STOP."""
+        if not self.stop_latched:
+            self._syncs_owed = SYNCS_AFTER_STOP
+        elif self._syncs_owed > 0:
+            self._syncs_owed -= 1
+            return True
+        return False
 
     def _advance(self, task: _Task) -> None:
         """Run the first task until its next SYNC has been answered, or to its end."""

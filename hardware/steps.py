@@ -17,6 +17,7 @@ import numpy as np
 from hardware.arm import ArmSnapshot, DriveState, JointMode, MoveResult, Reading, Watch
 from hardware.cia402 import (
     CONTROLWORD_ENABLE_OPERATION,
+    StatusBit,
     Wish,
     drive_state,
     next_controlword,
@@ -57,6 +58,11 @@ def state_of(statusword: int) -> DriveState:
         return DriveState.NOT_READY_TO_SWITCH_ON
 
 
+def follows_command(statusword: int) -> bool:
+    """Whether the drive is in position mode and follows its target (bit 12)."""
+    return bool(statusword & StatusBit.FOLLOWS_COMMAND)
+
+
 def look(desk: Desk, *, syncs: int) -> Generator[Commands | None, Sample, Sample]:
     """Exchange a few SYNCs without a command and return the last sample."""
     sample = desk.sample
@@ -75,22 +81,19 @@ def drive_to(desk: Desk, wish: Wish) -> Generator[Commands | None, Sample, tuple
     """
     sample = yield None
     targets = sample.counts
-    previous = [0] * len(targets)
+    words = [0] * len(targets)
     for _ in range(TRANSITION_SYNCS):
         _raise_alarm(desk)
-        if not _lagging(sample, wish):
-            break
-        for joint, status in enumerate(sample.statuswords):
-            if reached(state_of(status), wish):
-                # A wish that is met is kept; for a cleared fault that must not be another reset.
-                keep = Wish.DISABLED if wish is Wish.FAULT_CLEARED else wish
-                previous[joint] = next_controlword(status, keep)
-            else:
-                previous[joint] = _next_controlword(status, wish, previous[joint])
+        words = [
+            _next_controlword(status, wish, word)
+            for status, word in zip(sample.statuswords, words, strict=True)
+        ]
         sample = yield tuple(
             Command(word, target, CYCLIC_POSITION)
-            for word, target in zip(previous, targets, strict=True)
+            for word, target in zip(words, targets, strict=True)
         )
+        if not _lagging(sample, wish):
+            break
     return _lagging(sample, wish)
 
 
@@ -112,21 +115,25 @@ def change_modes(
 ) -> Generator[Commands | None, Sample, None]:
     """Ask for one mode per joint, and give the drives `syncs` SYNCs to follow.
 
-    A joint that enters position mode gets the position it has; one that is in it keeps its target.
+    A joint that enters position mode is given the position it has until its drive says that it
+    follows; one that is in position mode already keeps its target.
     """
     sample = yield None
-    _raise_alarm(desk)
-    commands = _given(desk)
     wanted = [MODE_CODE[mode] for mode in modes]
-    commands = tuple(
-        command
-        if command.mode == mode == CYCLIC_POSITION
-        else Command(CONTROLWORD_ENABLE_OPERATION, counts, mode)
-        for command, mode, counts in zip(commands, wanted, sample.counts, strict=True)
-    )
+    entering = [
+        command.mode != CYCLIC_POSITION and mode == CYCLIC_POSITION
+        for command, mode in zip(_given(desk), wanted, strict=True)
+    ]
     for _ in range(syncs):
-        yield commands
         _raise_alarm(desk)
+        commands = list(_given(desk))
+        for at, (command, mode) in enumerate(zip(commands, wanted, strict=True)):
+            if mode != CYCLIC_POSITION:
+                commands[at] = Command(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
+            elif entering[at] and not follows_command(sample.statuswords[at]):
+                commands[at] = replace(command, target_counts=sample.counts[at], mode=mode)
+        sample = yield tuple(commands)
+    _raise_alarm(desk)
 
 
 def move(
@@ -164,14 +171,15 @@ def move(
             if sample.complete or path.braking:
                 point = path.next().tolist()
                 for joint, angle in zip(joints, point, strict=True):
-                    target = scales[joint - 1].to_counts(angle)
-                    commands = _with_target(commands, joint, target)
+                    if _enabled(sample, joint):  # a tripped drive is not led any further
+                        target = scales[joint - 1].to_counts(angle)
+                        commands = _with_target(commands, joint, target)
             sample = yield commands
+            if desk.stop_latched:
+                _raise_alarm(desk)
             if path.braking:
-                if desk.stop_latched:
-                    _raise_alarm(desk)
                 continue
-            ending = desk.alarm()
+            ending = desk.alarm() or _not_enabled(sample, joints)
             if isinstance(ending, Stopped):
                 raise ending
             if ending is None and watch is not None:
@@ -266,6 +274,19 @@ def _given(desk: Desk) -> Commands:
     if desk.commands is None:
         raise CommandRefused("the drives are not enabled: take control first")
     return desk.commands
+
+
+def _enabled(sample: Sample, joint: int) -> bool:
+    return state_of(sample.statuswords[joint - 1]) is DriveState.OPERATION_ENABLED
+
+
+def _not_enabled(sample: Sample, joints: Sequence[int]) -> CommandRefused | None:
+    """Why joints cannot move on: a drive among them is not enabled any more."""
+    for joint in joints:
+        if not _enabled(sample, joint):
+            state = state_of(sample.statuswords[joint - 1])
+            return CommandRefused(f"joint {joint}: the drive is in {state.value}")
+    return None
 
 
 def _with_target(commands: Commands, joint: int, counts: int) -> Commands:

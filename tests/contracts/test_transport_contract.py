@@ -1,35 +1,17 @@
-"""What every CAN transport must do. A new transport joins by one line in TRANSPORTS.
-
-``socketcan`` takes part where there is a vcan0; `test_socketcan_uml` brings one along.
-"""
+"""What every CAN transport must do."""
 
 from __future__ import annotations
 
-import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import can
 import pytest
 
 from hardware.buses import BusSettings, open_bus, open_sender
-
-_numbers = itertools.count()
-
-
-def _own_channel() -> str:
-    return f"contract-{time.monotonic_ns()}-{next(_numbers)}"
-
-
-TRANSPORTS: dict[str, Callable[[], str]] = {
-    "virtual": _own_channel,
-    "loopback": _own_channel,
-}
-if Path("/sys/class/net/vcan0").exists():
-    TRANSPORTS["socketcan"] = lambda: "vcan0"
+from tests.contracts.transports import TRANSPORTS
 
 Opener = Callable[..., can.BusABC]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -90,14 +91,18 @@ class Rig:
     """Controller, plant, clock, and a raw peer on the same bus."""
 
     def __init__(
-        self, controller: VirtualController, plant: TrivialPlant, clock: FakeClock, peer: RawPeer
+        self,
+        controller: VirtualController,
+        plant: TrivialPlant,
+        clock: FakeClock,
+        peer: RawPeer,
+        channel: str,
     ) -> None:
         self.controller, self.plant, self.clock, self.peer = controller, plant, clock, peer
+        self.channel = channel
 
     def settled(self, reader: Callable[[], Any]) -> Any:
         """Run something in the control loop, after everything sent so far; return its result."""
-        import threading
-
         done = threading.Event()
         result: list[Any] = []
 
@@ -149,6 +154,6 @@ def rig(**options: Any) -> Iterator[Rig]:
             **{"axes": settings, "arm": ARM, "validate": parse, "clock": clock, **options},
         )
         with controller:
-            yield Rig(controller, plant, clock, RawPeer(near))
+            yield Rig(controller, plant, clock, RawPeer(near), channel)
         if controller.failure is not None:
             raise controller.failure

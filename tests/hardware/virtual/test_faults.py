@@ -1,0 +1,263 @@
+"""Everything that can be broken on purpose, seen from the bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from hardware.arm import JointMode
+from hardware.virtual.faults import ScriptedFault
+from oracles.virtual_rig import Rig, rig
+
+STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
+
+
+@pytest.fixture
+def arm() -> Iterator[Rig]:
+    with rig() as made:
+        yield made
+
+
+def codes(arm: Rig, node: int) -> list[int]:
+    return [int.from_bytes(data[:2], "little") for data in arm.peer.seen(0x80 + node)]
+
+
+def expect_trip(arm: Rig, joint: int, code: int) -> None:
+    """The joint trips with the code, its valve blocked; all others quick stop and hold."""
+    for _ in range(8):
+        states = arm.peer.sync()
+    assert codes(arm, joint) == [code]
+    for j, (word, _, _) in enumerate(states, start=1):
+        if j == joint:
+            assert word & 0x4F == FAULT
+        else:
+            assert word & STATE == QUICK_STOPPED
+            assert codes(arm, j) == []
+    modes = [command.mode for command in arm.plant.commands]
+    assert modes[joint - 1] is None
+    assert {m for k, m in enumerate(modes) if k != joint - 1} == {JointMode.POSITION}
+
+
+def test_excess_torque_trips_8311h_and_stops_the_neighbours(arm: Rig) -> None:
+    arm.operational([8, 10, 10, 10, 8, 10, 10])
+    arm.settled(lambda: arm.plant.torque_nm.__setitem__(4, -150.0))
+    expect_trip(arm, 5, 0x8311)
+    assert arm.peer.unsigned(5, 0x1001) == 0x21
+    assert arm.peer.unsigned(5, 0x603F) == 0x8311
+
+
+def test_a_runaway_free_joint_trips_its_speed_limit(arm: Rig) -> None:
+    arm.operational([8, 10, 10, 10, 8, 10, 10])
+    arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 3.2))
+    expect_trip(arm, 3, 0x8400)
+
+
+def test_a_joint_that_does_not_follow_trips_8611h(arm: Rig) -> None:
+    states = arm.operational()
+    arm.settled(lambda: arm.plant.stuck.add(1))
+    target = states[0][1]
+    for _ in range(4):
+        target += 90
+        arm.peer.command(1, 0x0F, target, 8)
+        arm.peer.sync()
+    expect_trip(arm, 1, 0x8611)
+
+
+def test_a_frozen_sensor_is_found_by_the_following_error(arm: Rig) -> None:
+    states = arm.operational()
+    arm.controller.faults.freeze_sensor(2)
+    target = states[1][1]
+    for _ in range(4):
+        target += 90
+        arm.peer.command(2, 0x0F, target, 8)
+        assert arm.peer.sync()[1][1] == states[1][1]
+    expect_trip(arm, 2, 0x8611)
+    arm.controller.faults.thaw_sensor(2)
+    arm.settled(lambda: None)
+    assert arm.peer.sync()[1][1] != states[1][1]
+
+
+def test_a_broken_sensor_trips_7305h_and_cannot_be_reset_while_broken(arm: Rig) -> None:
+    arm.operational()
+    arm.controller.faults.break_sensor(7)
+    arm.settled(lambda: None)
+    expect_trip(arm, 7, 0x7305)
+    arm.peer.command(7, 0x80, 0, 8)
+    assert arm.peer.sync()[6][0] & 0x4F == FAULT
+    arm.controller.faults.break_sensor(7, broken=False)
+    arm.settled(lambda: None)
+    arm.peer.command(7, 0x00, 0, 8)
+    arm.peer.command(7, 0x80, 0, 8)
+    assert arm.peer.sync()[6][0] & 0x4F == 0x40
+    assert codes(arm, 7) == [0x7305, 0]
+
+
+def test_an_rvdt_at_the_end_of_its_converter_trips_7305h(arm: Rig) -> None:
+    arm.operational([8, 10, 10, 10, 8, 10, 10])
+    arm.settled(lambda: arm.plant.angles_rad.__setitem__(5, 1.3))
+    expect_trip(arm, 6, 0x7305)
+
+
+def test_no_drive_moves_while_one_is_in_a_fault(arm: Rig) -> None:
+    arm.operational()
+    arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 9.9))
+    arm.peer.sync()
+    for joint in (1, 2, 4, 5, 6, 7):
+        arm.peer.command(joint, 0x00, 0, 8)
+    states = arm.peer.enable([8] * 7)
+    assert all(word & STATE != 0x27 for word, _, _ in states)
+
+
+def test_external_stop_trips_all_and_stays_while_pressed(arm: Rig) -> None:
+    arm.operational()
+    arm.controller.faults.external_stop()
+    arm.settled(lambda: None)
+    states = arm.peer.sync()
+    assert [word & 0x4F for word, _, _ in states] == [FAULT] * 7
+    assert {c.mode for c in arm.plant.commands} == {None}
+    assert [codes(arm, node) for node in (*range(1, 8), 16)] == [[0x5441]] * 8
+    for joint in range(1, 8):
+        arm.peer.command(joint, 0x80, 0, 8)
+    assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [FAULT] * 7
+    arm.controller.faults.external_stop(pressed=False)
+    arm.settled(lambda: None)
+    for joint in range(1, 8):
+        arm.peer.command(joint, 0x00, 0, 8)
+        arm.peer.command(joint, 0x80, 0, 8)
+    assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [0x40] * 7
+    assert codes(arm, 16) == [0x5441, 0]
+
+
+def test_a_silent_node_neither_sends_nor_hears(arm: Rig) -> None:
+    arm.operational()
+    arm.controller.faults.silence(4)
+    arm.settled(lambda: None)
+    arm.peer.log.clear()
+    arm.peer.send(0x604, b"\x40\x00\x10\x00\x00\x00\x00\x00")
+    arm.peer.command(4, 0x00, 0, 8)
+    arm.peer.send(0x080)
+    arm.settled(lambda: None)
+    arm.clock.time_s += 0.2
+    arm.peer.beat()
+    arm.peer.wait_for(lambda number, _: number == 0x710)
+    assert [n for n, _ in arm.peer.log if n & 0x7F == 4] == []
+    assert len([n for n, _ in arm.peer.log if 0x180 < n < 0x190]) == 6
+    arm.controller.faults.reconnect(4)
+    arm.settled(lambda: None)
+    assert arm.peer.sync()[3][0] & STATE == 0x27
+
+
+def test_a_cut_off_drive_holds_when_the_heartbeat_cannot_reach_it(arm: Rig) -> None:
+    arm.operational([10] * 7)
+    arm.controller.faults.silence(4)
+    arm.settled(lambda: None)
+    for _ in range(6):
+        arm.clock.time_s += 0.1
+        arm.peer.beat()
+        arm.settled(lambda: None)
+    arm.peer.send(0x080)
+    arm.settled(lambda: None)
+    modes = [command.mode for command in arm.plant.commands]
+    assert modes[3] is JointMode.POSITION
+    arm.controller.faults.reconnect(4)
+    arm.settled(lambda: None)
+    states = arm.peer.sync()
+    assert states[3][0] & 0x4F == FAULT
+    assert {word & STATE for k, (word, _, _) in enumerate(states) if k != 3} == {QUICK_STOPPED}
+    assert arm.peer.unsigned(4, 0x1003, 1) == 0x8130
+
+
+def test_lost_tpdos_are_lost_and_then_come_again(arm: Rig) -> None:
+    arm.peer.start()
+    arm.controller.faults.lose_tpdos(3, 2)
+    arm.settled(lambda: None)
+    for _ in range(3):
+        arm.peer.send(0x080)
+    arm.settled(lambda: None)
+    arm.peer.quiet()
+    assert [len(arm.peer.seen(0x180 + j)) for j in range(1, 8)] == [3, 3, 1, 3, 3, 3, 3]
+
+
+def test_stopped_heartbeats_of_one_node(arm: Rig) -> None:
+    arm.controller.faults.stop_heartbeat(2)
+    arm.settled(lambda: None)
+    arm.peer.log.clear()
+    for _ in range(3):
+        arm.clock.time_s += 0.1
+        arm.peer.wait_for(lambda number, _: number == 0x710)
+    assert len(arm.peer.seen(0x701)) == 3
+    assert arm.peer.seen(0x702) == []
+    arm.controller.faults.resume_heartbeat(2)
+    arm.settled(lambda: None)
+    arm.clock.time_s += 0.1
+    arm.peer.wait_for(lambda number, _: number == 0x702)
+
+
+def test_a_refused_mode_switch_never_shows_in_6061h(arm: Rig) -> None:
+    arm.operational()
+    arm.controller.faults.refuse_modes(3)
+    arm.settled(lambda: None)
+    for joint in (2, 3):
+        arm.peer.command(joint, 0x0F, 0, 10)
+    for _ in range(20):
+        arm.peer.sync()
+    assert [arm.peer.signed(joint, 0x6061) for joint in (1, 2, 3)] == [8, 10, 8]
+    arm.controller.faults.refuse_modes(3, refuse=False)
+    arm.settled(lambda: None)
+    arm.peer.sync()
+    assert arm.peer.signed(3, 0x6061) == 10
+
+
+def test_a_restart_forgets_everything_but_the_slots(arm: Rig) -> None:
+    arm.operational()
+    arm.peer.log.clear()
+    arm.controller.faults.restart()
+    for node in (*range(1, 8), 16):
+        arm.peer.wait_for(lambda n, data, node=node: (n, data) == (0x700 + node, b"\0"))
+    assert arm.peer.unsigned(16, 0x2010) == 0
+    arm.peer.send(0x080)
+    arm.peer.read(1, 0x1000)
+    assert arm.peer.seen(0x181) == []
+    arm.peer.start()
+    assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [0x40] * 7
+    assert {command.mode for command in arm.plant.commands} == {None}
+
+
+def test_a_hanging_loop_is_heard_to_hang(arm: Rig) -> None:
+    arm.peer.start()
+    arm.settled(lambda: None)
+    arm.controller.faults.hang()
+    arm.peer.send(0x080)  # taken off the bus, then the loop hangs
+    arm.clock.time_s += 1.0
+    assert arm.peer.receive(0.1) is None
+    arm.controller.faults.unhang()
+    arm.peer.wait_for(lambda number, _: number == 0x710)
+
+
+def test_scripted_faults_happen_at_their_sync() -> None:
+    def script() -> list[ScriptedFault]:
+        return [
+            ScriptedFault(at_sync=12, happen=lambda faults: faults.break_sensor(2)),
+            ScriptedFault(at_sync=10, happen=lambda faults: faults.lose_tpdos(5, 1)),
+        ]
+
+    def run() -> list[tuple[int, bytes]]:
+        with rig(script=script()) as arm:
+            arm.peer.start()
+            for _ in range(14):
+                arm.peer.send(0x080)
+            arm.settled(lambda: None)
+            return [f for f in arm.peer.log if f[0] < 0x200]
+
+    first = run()
+    assert first == run()
+    fives = [k for k, (number, _) in enumerate(first) if number == 0x185]
+    assert len(fives) == 13
+    trip = next(k for k, (number, _) in enumerate(first) if number == 0x82)
+    assert len([n for n, _ in first[:trip] if n == 0x181]) == 11
+
+
+def test_there_is_no_joint_8(arm: Rig) -> None:
+    with pytest.raises(ValueError, match="joint 8"):
+        arm.controller.faults.break_sensor(8)

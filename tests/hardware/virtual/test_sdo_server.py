@@ -1,0 +1,206 @@
+"""SDO by hand: segments out of step, frames cut short, floods; and the canopen package as a client."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import canopen
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import hardware.eds
+from hardware.virtual.sdo_server import LONGEST_DOCUMENT
+from oracles.raw_can import RawAbort
+from oracles.virtual_rig import Rig, rig
+
+EDS = Path(hardware.eds.__file__).parent
+WRITE_2000 = struct.Struct("<BHBI")
+
+
+@pytest.fixture
+def arm() -> Iterator[Rig]:
+    with rig() as made:
+        made.peer.take_control()
+        yield made
+
+
+@pytest.fixture(scope="module")
+def sturdy() -> Iterator[Rig]:
+    with rig() as made:
+        yield made
+
+
+def ask(arm: Rig, data: bytes, node: int = 16) -> bytes:
+    arm.peer.send(0x600 + node, data)
+    return arm.peer.wait_for(lambda number, _: number == 0x580 + node)[1]
+
+
+def abort_code(answer: bytes) -> int | None:
+    return struct.unpack_from("<I", answer, 4)[0] if answer[0] == 0x80 else None
+
+
+@pytest.mark.parametrize("size", [1, 4, 5, 6, 7, 8, 13, 14, 15, 4096])
+def test_documents_of_every_length_come_back(arm: Rig, size: int) -> None:
+    data = bytes(k * 7 % 256 for k in range(size))
+    arm.peer.write(16, 0x2000, 0, data)
+    assert arm.peer.read(16, 0x2000) == data
+
+
+def test_an_unannounced_length_is_taken_as_it_comes(arm: Rig) -> None:
+    assert ask(arm, WRITE_2000.pack(0x20, 0x2000, 0, 0))[0] == 0x60
+    assert ask(arm, b"\x00" + b"abcdefg")[0] == 0x20
+    assert ask(arm, b"\x1b" + b"hi" + bytes(5))[0] == 0x30
+    assert arm.peer.read(16, 0x2000) == b"abcdefghi"
+
+
+def test_a_length_that_was_announced_differently_is_refused(arm: Rig) -> None:
+    ask(arm, WRITE_2000.pack(0x21, 0x2000, 0, 8))
+    assert abort_code(ask(arm, b"\x01" + b"abcdefg")) == 0x06070010
+    with pytest.raises(RawAbort):
+        arm.peer.read(16, 0x2000)
+
+
+def test_a_toggle_that_does_not_alternate_ends_the_transfer(arm: Rig) -> None:
+    ask(arm, WRITE_2000.pack(0x21, 0x2000, 0, 20))
+    ask(arm, b"\x00" + b"abcdefg")
+    answer = ask(arm, b"\x00" + b"abcdefg")
+    assert abort_code(answer) == 0x05030000
+    assert answer[1:4] == b"\x00\x20\x00"
+    assert abort_code(ask(arm, b"\x10" + b"abcdefg")) == 0x05040001
+
+
+def test_a_document_that_is_too_long_is_refused_before_it_is_sent(arm: Rig) -> None:
+    answer = ask(arm, WRITE_2000.pack(0x21, 0x2000, 0, LONGEST_DOCUMENT + 1))
+    assert abort_code(answer) == 0x06070012
+
+
+def test_a_read_only_object_is_refused_before_it_is_sent(arm: Rig) -> None:
+    assert abort_code(ask(arm, WRITE_2000.pack(0x21, 0x2004, 0, 100))) == 0x06010002
+
+
+@pytest.mark.parametrize("head", [0x00, 0x60, 0x70, 0x11, 0xC0, 0xE0])
+def test_answers_without_a_question_are_refused(arm: Rig, head: int) -> None:
+    assert abort_code(ask(arm, bytes([head]) + bytes(7))) == 0x05040001
+
+
+def test_block_upload_is_answered_as_a_normal_one(arm: Rig) -> None:
+    answer = ask(arm, struct.pack("<BHB4x", 0xA0, 0x1000, 0), node=1)
+    assert answer == struct.pack("<BHBI", 0x43, 0x1000, 0, 0x00020192)
+
+
+def test_a_new_question_ends_the_transfer_before_it(arm: Rig) -> None:
+    ask(arm, WRITE_2000.pack(0x21, 0x2000, 0, 20))
+    assert arm.peer.unsigned(16, 0x1000) == 0
+    assert abort_code(ask(arm, b"\x00" + b"abcdefg")) == 0x05040001
+
+
+def test_an_abort_of_the_client_has_no_answer_and_ends_the_transfer(arm: Rig) -> None:
+    ask(arm, WRITE_2000.pack(0x21, 0x2000, 0, 20))
+    arm.peer.send(0x610, WRITE_2000.pack(0x80, 0x2000, 0, 0x05040000))
+    assert abort_code(ask(arm, b"\x00" + b"abcdefg")) == 0x05040001
+
+
+def test_a_command_given_up_by_its_client_is_not_answered_later(arm: Rig) -> None:
+    arm.peer.write(16, 0x2000, 0, b"SDA-0007 1 2 3 4 5 6 7")
+    arm.controller.hang()  # so that both frames are taken in before the work is done
+    arm.peer.send(0x610, b"\x2f\x02\x20\x00\x01\x00\x00\x00")
+    arm.peer.send(0x610, struct.pack("<BHB4x", 0x40, 0x1000, 0))
+    arm.controller.unhang()
+    answer = arm.peer.wait_for(lambda n, data: n == 0x590 and data[1:3] == b"\x00\x10")[1]
+    assert answer[0] == 0x43
+    assert arm.peer.unsigned(16, 0x1018, 4) == 7
+
+
+@pytest.mark.parametrize("length", range(8))
+def test_short_frames_get_no_answer(arm: Rig, length: int) -> None:
+    arm.peer.quiet()
+    arm.peer.log.clear()
+    arm.peer.send(0x601, bytes([0x40, 0, 0x10, 0, 0, 0, 0])[:length])
+    assert arm.peer.unsigned(1, 0x1000) == 0x00020192
+    assert len(arm.peer.seen(0x581)) == 1
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0x600, 0x611)
+            | st.integers(0x200, 0x210)
+            | st.integers(0x700, 0x77F)
+            | st.sampled_from([0x000, 0x080]),
+            st.binary(max_size=8)
+            | st.builds(
+                lambda head, index, rest: bytes([head]) + index + rest,
+                st.integers(0, 255),
+                st.sampled_from(
+                    [b"\x00\x20\x00", b"\x02\x20\x00", b"\x10\x20\x00", b"\x03\x10\x01"]
+                ),
+                st.binary(min_size=4, max_size=4),
+            ),
+        ),
+        max_size=30,
+    )
+)
+def test_no_frames_at_all_bring_the_controller_down(
+    sturdy: Rig, frames: list[tuple[int, bytes]]
+) -> None:
+    for identifier, data in frames:
+        sturdy.peer.send(identifier, data)
+    sturdy.peer.send(0x610, WRITE_2000.pack(0x80, 0, 0, 0))
+    sturdy.peer.nmt(1)
+    sturdy.peer.send(0x610, struct.pack("<BHB4x", 0x40, 0x2020, 3))
+    answer = sturdy.peer.wait_for(
+        lambda n, data: n == 0x590 and data == b"\x4f\x20\x20\x03\x07\0\0\0"
+    )
+    assert answer
+    assert sturdy.controller.failure is None
+
+
+def test_the_canopen_package_reads_and_writes_through_the_eds(arm: Rig) -> None:
+    """Its client, its EDS reader and its PDO decoding against our server and our packing."""
+    network = canopen.Network(arm.peer.bus)
+    arm.peer.start()
+    network.NOTIFIER_CYCLE = 0.01
+    network.connect()
+    try:
+        joint = canopen.RemoteNode(3, str(EDS / "joint.eds"))
+        supervisor = canopen.RemoteNode(16, str(EDS / "supervisor.eds"))
+        for node in (joint, supervisor):
+            network.add_node(node)
+            node.sdo.RESPONSE_TIMEOUT = 5.0
+        assert joint.sdo[0x1000].raw == 0x00020192
+        assert joint.sdo["Identity object"]["Serial number"].raw == 703
+        assert joint.sdo["Software position limit"]["Max position limit"].raw == 6000
+        joint.tpdo.read()
+        joint.rpdo.read()
+        assert [v.name for v in joint.tpdo[1].map] == [
+            "Statusword",
+            "Position actual value",
+            "Torque actual value",
+        ]
+        assert [v.name for v in joint.rpdo[1].map] == [
+            "Controlword",
+            "Target position",
+            "Modes of operation",
+        ]
+        document = b"SDA-0007 1 2 3 4 5 6 7" + b"\n" * 1000
+        supervisor.sdo[0x2000].raw = document
+        supervisor.sdo[0x2002].raw = 1
+        supervisor.sdo[0x2002].raw = 2
+        assert supervisor.sdo[0x2000].raw == document
+        assert joint.sdo[0x607C].raw == 3
+        with pytest.raises(canopen.SdoAbortedError) as refused:
+            supervisor.sdo[0x2002].raw = 2
+        assert refused.value.code == 0x08000022
+        assert supervisor.sdo[0x2004].raw == "nothing is staged to commit"
+        with joint.tpdo[1].receive_condition:
+            network.sync.transmit()
+            joint.tpdo[1].receive_condition.wait(5.0)
+        assert joint.tpdo["Position actual value"].raw == 172
+        assert joint.tpdo["Statusword"].raw == 0x0250
+    finally:
+        assert network.notifier is not None
+        network.notifier.stop()

@@ -74,9 +74,12 @@ class Estimate:
         return float(self.x[[p.name for p in self.parameters].index(name)])
 
 
-def require_enough_poses(model: ClosureModel, poses: int) -> int:
-    """Degrees of freedom of `poses` poses; TooFewPosesError when none is left."""
-    count = len(model.parameters)
+def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> int:
+    """Degrees of freedom of `poses` poses; TooFewPosesError when none is left.
+
+    `known` parameters are not counted: a prior brings one equation for each of them.
+    """
+    count = len(model.parameters) - known
     dof = poses * model.equations_per_pose - count
     if dof <= 0:
         raise TooFewPosesError(

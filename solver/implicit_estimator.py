@@ -52,6 +52,22 @@ class NoiseModel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterPrior:
+    """What is known of parameters beforehand, e.g. lengths from the maker's table with a tolerance.
+
+    Attributes
+    ----------
+    mean
+        (P,), rad and m.
+    precision
+        One over the variance of that knowledge (P,); 0 where nothing is known.
+    """
+
+    mean: FloatArray
+    precision: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LinearisedPoses:
     """The reduced linear system of all poses at one iterate (see the module's derivation).
 
@@ -111,11 +127,17 @@ def fit_implicit(
     noise: NoiseModel,
     x0: FloatArray,
     *,
+    prior: ParameterPrior | None = None,
     max_iterations: int = MAX_ITERATIONS,
     progress: Progress | None = None,
 ) -> ImplicitFit:
-    """Fit parameters and joint corrections to measured joint angles `q` (m, n), rad, from `x0` (P,)."""
-    dof = require_enough_poses(model, len(q))
+    """Fit parameters and joint corrections to measured joint angles `q` (m, n), rad, from `x0` (P,).
+
+    Parameters under a `prior` bring as many equations as unknowns: they cost no degree of freedom,
+    and how far they end from the prior's mean is not in `pose_chi2`.
+    """
+    known = 0 if prior is None else int(np.count_nonzero(prior.precision))
+    dof = require_enough_poses(model, len(q), known=known)
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     give = np.zeros(6) if noise.fixture_variance is None else noise.fixture_variance
     x = np.array(x0, dtype=np.float64)
@@ -128,7 +150,7 @@ def fit_implicit(
         system = _linearise(
             error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give
         )
-        step, multipliers, chi2 = _solve(system)
+        step, multipliers, chi2 = _solve(system, x, prior)
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers[..., None])[..., 0]
         slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers[..., None])[..., 0]
         rest = (
@@ -142,13 +164,15 @@ def fit_implicit(
             if u.shape[-1]
             else np.zeros_like(u)
         )
-        # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
-        shrink = min(1.0, 1.0 / max(float(np.abs(step).max(initial=0.0)), 1e-300))
         largest = max(
             float(np.abs(step).max(initial=0.0)),
             float(np.abs(e_new - e).max(initial=0.0)),
             float(np.abs(du).max(initial=0.0)),
         )
+        if not np.isfinite(largest):
+            break
+        # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
+        shrink = min(1.0, 1.0 / max(largest, 1e-300))
         x, e, u = x + shrink * step, e + shrink * (e_new - e), u + shrink * du
         if progress is not None:
             progress(iterations, chi2)
@@ -160,9 +184,12 @@ def fit_implicit(
     pose_chi2 = np.einsum(
         "mi,mi->m", system.w, np.linalg.solve(system.V, system.w[..., None])[..., 0]
     )
+    seen = information(system)
+    if prior is not None:
+        seen = seen + np.diag(prior.precision)
     return ImplicitFit(
         x=x,
-        covariance=np.asarray(np.linalg.pinv(information(system), hermitian=True)),
+        covariance=np.asarray(np.linalg.pinv(seen, hermitian=True)),
         corrections=e,
         unsensed=u,
         system=system,
@@ -246,14 +273,20 @@ def _linearise(
     return LinearisedPoses(w=w, A=Et @ jac_x, B=B, V=B @ (variance[..., :, None] * Bt) + F, E=E)
 
 
-def _solve(system: LinearisedPoses) -> tuple[FloatArray, FloatArray, float]:
+def _solve(
+    system: LinearisedPoses, x: FloatArray, prior: ParameterPrior | None
+) -> tuple[FloatArray, FloatArray, float]:
     """Step of the parameters (P,), multipliers (m, r) and the chi2 the step leads to."""
     L = np.linalg.cholesky(system.V)
     white_A = np.linalg.solve(L, system.A)
     white_w = np.linalg.solve(L, system.w[..., None])[..., 0]
-    J = white_A.reshape(-1, white_A.shape[-1])
+    J, c = white_A.reshape(-1, white_A.shape[-1]), white_w.reshape(-1)
+    if prior is not None:
+        root = np.sqrt(prior.precision)
+        J = np.concatenate((J, np.diag(root)))
+        c = np.concatenate((c, root * (x - prior.mean)))
     scale = column_scale(J)
-    step = np.asarray(-np.linalg.lstsq(J / scale, white_w.reshape(-1), rcond=1e-12)[0] / scale)
+    step = np.asarray(-np.linalg.lstsq(J / scale, c, rcond=1e-12)[0] / scale)
     left = white_w + white_A @ step
     multipliers = np.asarray(np.linalg.solve(np.swapaxes(L, -1, -2), left[..., None])[..., 0])
     return step, multipliers, float(np.sum(left**2))

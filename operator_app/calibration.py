@@ -13,19 +13,25 @@ import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.errors import FixtureError
+from operator_app.loop_of_poses import instrument_variance, loop_of_poses
 from solver.arm_model import ArmModel
 from solver.arrays import BoolArray, FloatArray
 from solver.closure import ClosureModel
+from solver.component_model import ComponentPlan
+from solver.dropping import drop_unidentifiable
 from solver.errors import UnidentifiableError
 from solver.estimate import Estimate, require_enough_poses
+from solver.global_start import GlobalStart, global_start
 from solver.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.identifiability import Identifiability, identifiability
-from solver.implicit_estimator import NoiseModel, estimate_implicit
+from solver.implicit_estimator import NoiseModel
 from solver.least_squares import Progress
 from solver.paper_estimator import estimate_paper
 from solver.parameters import nominal_vector
+from solver.placements import Placements
 from solver.poses import PoseSet
-from solver.sensors import Rvdt
+from solver.sensors import NoSensor, Rvdt
+from solver.variance_components import VarianceComponents, estimate_implicit_with_components
 
 ESTIMATORS = ("implicit", "paper")
 
@@ -77,6 +83,12 @@ class Solution:
         Closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
     dropped_flipped
         Indices (into the poses given) left out because they lie on the flipped branch.
+    held
+        Unknowns that were dropped on request: held at their nominal values.
+    components
+        Noise of the RVDTs and flexure of the fixture as found with the parameters.
+    search
+        The global start, where one was asked for.
     reasons
         Why it is not accepted; empty when it is.
     """
@@ -88,6 +100,9 @@ class Solution:
     before: ClosureSigmas
     poses: int
     dropped_flipped: tuple[int, ...]
+    held: tuple[str, ...]
+    components: VarianceComponents | None
+    search: GlobalStart | None
     warnings: tuple[Notice, ...]
     reasons: tuple[str, ...]
 
@@ -108,51 +123,67 @@ def calibrate(
     *,
     estimator: str = "implicit",
     unsensed_joints: tuple[int, ...] = (),
+    search: bool = False,
+    drop: bool = False,
     limits: AcceptanceLimits | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Calibrate `arm` in `fixture` from measured poses.
 
+    Parameters
+    ----------
+    search
+        Start from everywhere (global start) instead of from the nominal values.
+    drop
+        Hold at their nominal values what the poses cannot see, instead of refusing.
+
     Raises
     ------
-    TooFewPosesError, UnidentifiableError, FixtureRefusedError
+    TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError
         The data cannot give what is asked for; each says what is missing.
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
     limits = AcceptanceLimits() if limits is None else limits
     unsensed_joints = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
-    model = fixture.model(arm, unsensed_joints=unsensed_joints)
+    if estimator == "paper" and unsensed_joints:
+        raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
+    model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
     require_enough_poses(model, len(poses))
-    nominal = nominal_vector(model.parameters)
-    _refuse(fixture.placement_checks(arm, nominal, unsensed_joints=unsensed_joints))
+    _refuse(fixture, arm, model, unsensed_joints)
 
     kept, flipped = _on_branch(model, poses.q_rad)
-    q = poses.q_rad[kept]
+    model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
     require_enough_poses(model, len(q))
-    paper = None if unsensed_joints else estimate_paper(model, q)
     sigma = arm.sigma_rad()
+    found = global_start(model, q, progress=progress) if search else None
+    held: tuple[str, ...] = ()
+    if drop:
+        model, held = drop_unidentifiable(
+            model, None if found is None else found.x, q, sigma_rad=sigma
+        )
+    x0 = None if found is None or held else found.x
+    paper = None if unsensed_joints else estimate_paper(model, q, x0=x0)
     if paper is not None:
         # Before anything is weighted: an estimate along a blind direction is worth nothing.
         _require_identifiable(model, paper.x, q, sigma)
-    if estimator == "paper":
-        if paper is None:
-            raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
+        x0 = paper.x
+    components = None
+    if estimator == "paper" and paper is not None:
         estimate = paper
     else:
-        noise = NoiseModel(joint_variance=sigma**2)
-        x0 = None if paper is None else paper.x
-        estimate = estimate_implicit(model, q, noise, x0=x0, progress=progress)
+        estimate, components = estimate_implicit_with_components(
+            model,
+            q,
+            noise_model(arm, fixture, poses, kept),
+            component_plan(arm, unsensed_joints, fixture),
+            x0=x0,
+            progress=progress,
+        )
     seen = _require_identifiable(model, estimate.x, q, sigma)
-    checks = fixture.placement_checks(arm, estimate.x, unsensed_joints=unsensed_joints)
-    _refuse(checks)
+    nominal = nominal_vector(model.parameters)
     at_nominal = closure_at_readings(model, nominal, q)
-    warnings = (
-        *_setup_warnings(checks),
-        *_flipped_warnings(flipped, poses.label),
-        *_rvdt_warnings(arm, estimate, unsensed_joints),
-    )
-    return Solution(
+    solution = Solution(
         model=model,
         estimate=estimate,
         paper=paper,
@@ -160,9 +191,50 @@ def calibrate(
         before=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
         poses=len(q),
         dropped_flipped=flipped,
-        warnings=warnings,
+        held=held,
+        components=components,
+        search=found,
+        warnings=(),
+        reasons=(),
+    )
+    return replace(
+        solution,
+        warnings=(
+            *_setup_warnings(_checks(fixture, arm, model, estimate.x, unsensed_joints)),
+            *_flipped_warnings(flipped, poses.label),
+            *_held_warnings(held),
+            *_rival_warnings(found),
+            *_rvdt_warnings(arm, estimate, unsensed_joints),
+        ),
         reasons=_reasons(estimate, seen, limits),
     )
+
+
+def noise_model(arm: ArmModel, fixture: Fixture, poses: PoseSet, kept: BoolArray) -> NoiseModel:
+    """Return what the sensors' specifications say of the mean readings of the kept poses."""
+    samples = np.ones(len(poses), dtype=np.int64) if poses.samples is None else poses.samples
+    variance = np.array(
+        [
+            [
+                0.0 if isinstance(j.sensor, NoSensor) else j.sensor.variance_of_mean_rad2(int(n))
+                for j in arm.joints
+            ]
+            for n in samples[kept]
+        ]
+    )
+    return NoiseModel(joint_variance=variance, fixture_variance=instrument_variance(fixture))
+
+
+def component_plan(
+    arm: ArmModel, unsensed_joints: tuple[int, ...], fixture: Fixture
+) -> ComponentPlan:
+    """Return which variances to estimate: each used RVDT's, and the flexure of what holds the hand."""
+    noisy = tuple(
+        j
+        for j, joint in enumerate(arm.joints, 1)
+        if isinstance(joint.sensor, Rvdt) and j not in unsensed_joints
+    )
+    return ComponentPlan(noisy_joints=noisy, flexure=fixture.kind != "measured")
 
 
 def _require_identifiable(
@@ -174,10 +246,40 @@ def _require_identifiable(
     return seen
 
 
-def _refuse(checks: tuple[SetupCheck, ...]) -> None:
+def _refuse(
+    fixture: Fixture, arm: ArmModel, model: ClosureModel, unsensed_joints: tuple[int, ...]
+) -> None:
+    """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
+    checks = fixture.placement_checks(
+        arm, nominal_vector(fixture.model(arm, unsensed_joints=unsensed_joints).parameters),
+        unsensed_joints=unsensed_joints,
+    )  # fmt: skip
     refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
-    if refused:
+    if refused and model.parameters:
         raise FixtureRefusedError(refused)
+
+
+def _checks(
+    fixture: Fixture,
+    arm: ArmModel,
+    model: ClosureModel,
+    x: FloatArray,
+    unsensed_joints: tuple[int, ...],
+) -> tuple[SetupCheck, ...]:
+    """Judge the geometry of every placement at the identified parameters `x` of `model`."""
+    parts = (
+        [(part, x[columns]) for part, columns, _ in model.parts()]
+        if isinstance(model, Placements)
+        else [(model, x)]
+    )
+    found: dict[tuple[str, str], SetupCheck] = {}
+    for part, values in parts:
+        known = {p.name: float(v) for p, v in zip(part.parameters, values, strict=True)}
+        whole = fixture.model(arm, unsensed_joints=unsensed_joints).parameters
+        here = np.array([known.get(p.name, p.nominal) for p in whole])
+        for check in fixture.placement_checks(arm, here, unsensed_joints=unsensed_joints):
+            found.setdefault((check.code, check.text), check)
+    return tuple(found.values())
 
 
 def _on_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple[int, ...]]:
@@ -188,14 +290,16 @@ def _on_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple[int
     flipped = set(estimate_paper(model, q).flipped)
     if not flipped:
         return everything, ()
+    whole = model
     # With poses of both branches mixed in, the first fit is not to be believed; the branch most
     # poses are on is fitted alone and every pose judged by that.
     keep = np.array([k not in flipped for k in range(len(q))])
     if 2 * keep.sum() < len(q):
         keep = ~keep
+    model = whole.at_poses(np.flatnonzero(keep))
     require_enough_poses(model, int(keep.sum()))
     x = estimate_paper(model, q[keep]).x
-    judged = model.reduced(x, q).flipped
+    judged = whole.reduced(x, q).flipped
     return ~judged, tuple(int(k) for k in np.flatnonzero(judged))
 
 
@@ -203,7 +307,31 @@ def _setup_warnings(checks: tuple[SetupCheck, ...]) -> tuple[Notice, ...]:
     return tuple(
         Notice(code=c.code, text=f"{c.text}: {c.remedy}")
         for c in checks
-        if c.severity is Severity.WARNING
+        if c.severity is not Severity.OK and not c.code.startswith("HIDDEN")
+    )
+
+
+def _held_warnings(held: tuple[str, ...]) -> tuple[Notice, ...]:
+    if not held:
+        return ()
+    return (
+        Notice(
+            code="HELD",
+            text=f"{', '.join(held)} cannot be seen in these poses and "
+            f"{'was' if len(held) == 1 else 'were'} held at nominal values",
+        ),
+    )
+
+
+def _rival_warnings(found: GlobalStart | None) -> tuple[Notice, ...]:
+    if found is None or not found.rivals:
+        return ()
+    return (
+        Notice(
+            code="SECOND_SOLUTION",
+            text=f"{len(found.rivals)} distinct solution{'s fit' if len(found.rivals) > 1 else ' fits'}"
+            " these poses as well: take more poses that differ, or give nominal values nearer the truth",
+        ),
     )
 
 

@@ -15,6 +15,7 @@ COMMANDS = {
     "run": "calibrate an arm from start to finish, without questions",
     "solve": "calibrate from a file of poses, without an arm",
     "export": "write, show or upload the parameters of a session",
+    "report": "write an HTML report of a session",
     "session": "list sessions or show one",
     "controller": "run the virtual controller as its own process",
 }
@@ -34,6 +35,8 @@ exit codes: 0 accepted; 2 usage or bad input; 3 bus or arm fault; 4 solved but n
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
+    # Our matrices are small: more threads only fight each other and the bus for two cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         return _dispatch(sys.argv[1:] if argv is None else list(argv))
     except KeyboardInterrupt:

@@ -8,7 +8,7 @@ from fixtures.errors import FixtureError
 from hardware.errors import HardwareError
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.session.errors import SessionError
-from solver.errors import TooFewPosesError, UnidentifiableError
+from solver.errors import SolverError, UnidentifiableError
 
 
 class ExitCode(IntEnum):
@@ -33,8 +33,7 @@ EXPECTED_ERRORS = (
     SessionError,
     HardwareError,
     FixtureError,
-    TooFewPosesError,
-    UnidentifiableError,
+    SolverError,
 )
 """Everything a user can cause. Anything else is a defect of this program and shows its traceback."""
 

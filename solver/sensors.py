@@ -6,6 +6,16 @@ import math
 from dataclasses import dataclass
 
 
+DITHER = 0.5
+"""Noise (rms, in counts) from which rounding errors of repeated readings average out too."""
+
+
+def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) -> float:
+    """Without dither every reading of a still joint is rounded alike, and stays so on average."""
+    rounding = 1.0 / 12.0 / (samples if noise_counts >= DITHER else 1)
+    return resolution_rad**2 * (rounding + noise_counts**2 / samples)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Encoder:
     """Incremental encoder: `counts_per_rev` counts, noise in counts (rms)."""
@@ -22,6 +32,10 @@ class Encoder:
     def sigma_rad(self) -> float:
         """Standard deviation of one reading: count^2/12 and the stated noise."""
         return self.resolution_rad * math.sqrt(1.0 / 12.0 + self.noise_counts**2)
+
+    def variance_of_mean_rad2(self, samples: int) -> float:
+        """Variance of the mean of `samples` readings of a joint that stands still."""
+        return _variance_of_mean(self.resolution_rad, self.noise_counts, samples)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +60,10 @@ class Rvdt:
     def sigma_rad(self) -> float:
         """Standard deviation of one reading: LSB^2/12 and the stated noise, without the curve."""
         return self.resolution_rad * math.sqrt(1.0 / 12.0 + self.noise_lsb**2)
+
+    def variance_of_mean_rad2(self, samples: int) -> float:
+        """Variance of the mean of `samples` readings of a joint that stands still."""
+        return _variance_of_mean(self.resolution_rad, self.noise_lsb, samples)
 
     @property
     def linearity_rad(self) -> float:

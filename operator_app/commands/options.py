@@ -91,11 +91,14 @@ def choices_from(args: argparse.Namespace) -> Choices:
 
 
 def parse_joints(text: str) -> tuple[int, ...]:
-    """Read ``6,7`` into joint numbers; UsageError when it is anything else."""
-    if not text:
-        return ()
+    """Read the value of ``--unsensed``."""
+    return parse_numbers(text, "--unsensed") if text else ()
+
+
+def parse_numbers(text: str, option: str) -> tuple[int, ...]:
+    """Read ``6,7`` into ascending numbers; UsageError when it is anything else."""
     if not re.fullmatch(r"[1-9]\d*(,[1-9]\d*)*", text.replace(" ", "")):
-        raise UsageError(f"--unsensed {text!r}: write joint numbers with commas, e.g. 6,7")
+        raise UsageError(f"{option} {text!r}: write numbers with commas, e.g. 6,7")
     return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))
 
 

@@ -9,6 +9,7 @@ from operator_app.commands.options import (
     estimator_options,
     json_option,
     parse_joints,
+    parse_numbers,
     require_joints,
 )
 from operator_app.exit_codes import ExitCode, UsageError
@@ -21,6 +22,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("poses", metavar="POSES.csv", help="captured poses, angles in deg")
     parser.add_argument("--arm", default="sarcos_dextrous", help="arm file or built-in name")
     parser.add_argument("--fixture", default="hinge", help="fixture file or built-in name")
+    parser.add_argument(
+        "--placements", metavar="NUMBERS", default="", help="use these placements only, e.g. 1,2"
+    )
+    parser.add_argument(
+        "--global-start",
+        action="store_true",
+        help="search everywhere instead of starting from the nominal values",
+    )
+    parser.add_argument(
+        "--drop-unidentifiable",
+        action="store_true",
+        help="hold at its nominal value what the poses cannot see, instead of refusing",
+    )
     estimator_options(parser)
     json_option(parser)
 
@@ -31,6 +45,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
+    from operator_app.loop_of_poses import loop_of_poses, pick_placements
     from operator_app.report.json_result import solution_json, unidentifiable_json
     from operator_app.report.text import solution_text, unidentifiable_text
     from solver.errors import UnidentifiableError
@@ -40,6 +55,12 @@ def execute(args: argparse.Namespace) -> int:
     unsensed = parse_joints(args.unsensed)
     require_joints(unsensed, arm.joint_count)
     loaded = load_poses(args.poses, joint_count=arm.joint_count)
+    poses = loaded.poses
+    if args.placements:
+        try:
+            poses = pick_placements(poses, parse_numbers(args.placements, "--placements"))
+        except ValueError as error:
+            raise UsageError(f"--placements: {error}") from error
     estimator = args.estimator or "implicit"
     if estimator == "paper" and unsensed:
         raise UsageError(
@@ -48,12 +69,20 @@ def execute(args: argparse.Namespace) -> int:
         )
     try:
         solution = calibrate(
-            arm, fixture, loaded.poses, estimator=estimator, unsensed_joints=unsensed
+            arm,
+            fixture,
+            poses,
+            estimator=estimator,
+            unsensed_joints=unsensed,
+            search=args.global_start,
+            drop=args.drop_unidentifiable,
         )
     except UnidentifiableError as error:
-        count = len(fixture.model(arm, unsensed_joints=unsensed).parameters)
+        loop = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
         if args.json:
-            found = unidentifiable_json(error.directions, parameters=count, poses=len(loaded.poses))
+            found = unidentifiable_json(
+                error.directions, parameters=len(loop.parameters), poses=len(poses)
+            )
             print(json.dumps(found, indent=2, allow_nan=False))
         else:
             print(unidentifiable_text(error.directions))

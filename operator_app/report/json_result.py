@@ -15,6 +15,7 @@ from solver.errors import UnidentifiableDirection
 from solver.estimate import Estimate
 from solver.goodness import TwoReadings
 from solver.parameters import Parameter
+from solver.variance_components import VarianceComponents
 
 ACCEPTED = "accepted"
 NOT_ACCEPTED = "not accepted"
@@ -26,6 +27,9 @@ def solution_json(solution: Solution) -> dict[str, Any]:
     estimate = solution.estimate
     return {
         **estimate_json(estimate),
+        **components_json(solution.components),
+        "held": list(solution.held),
+        "global_start": _search_json(solution),
         "rank": solution.seen.rank,
         "unidentifiable": [],
         "scaled_condition_number": _finite(solution.seen.scaled_condition_number),
@@ -59,6 +63,40 @@ def estimate_json(estimate: Estimate) -> dict[str, Any]:
         "dof": estimate.dof,
         "iterations": estimate.iterations,
         "converged": estimate.converged,
+    }
+
+
+def components_json(found: VarianceComponents | None) -> dict[str, Any]:
+    """Return noise and flexure found with the parameters, in mrad and mm, with 95 % intervals."""
+    if found is None:
+        return {"variance_components": {}}
+    names = {
+        c.name: f"fixture_{'mrad' if c.unit == 'rad' else 'mm'}"
+        if c.name.startswith("fixture")
+        else f"{c.name}_mrad"
+        for c in found.components
+    }
+    values = {names[c.name]: 1e3 * c.sd for c in found.components}
+    if found.flexure is not None:
+        # Kept at zero unless the data ask for it: said as zero, not left out.
+        values = {"fixture_mm": 0.0, "fixture_mrad": 0.0, **values}
+    return {
+        "variance_components": values,
+        "variance_components_interval": {
+            names[c.name]: [1e3 * c.low, 1e3 * c.high] for c in found.components
+        },
+        "flexure_p_value": None if found.flexure is None else found.flexure.p_value,
+    }
+
+
+def _search_json(solution: Solution) -> dict[str, Any] | None:
+    found = solution.search
+    if found is None:
+        return None
+    return {
+        "starts": found.starts,
+        "starts_in_best": found.best.starts,
+        "distinct_solutions": 1 + len(found.rivals),
     }
 
 

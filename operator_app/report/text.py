@@ -14,6 +14,7 @@ from solver.errors import UnidentifiableDirection
 from solver.estimate import Estimate
 from solver.goodness import TwoReadings
 from solver.parameters import DhEntry, DhKind
+from solver.variance_components import VarianceComponents
 
 WIDTH = 80
 CONDITION_ACCEPTABLE = 100
@@ -170,7 +171,25 @@ def _quality(solution: Solution) -> str:
             f"chi2/dof {estimate.chi2_per_dof:.2f} "
             "(1 when sensors and fixture are as good as stated)"
         )
-    return "\n".join(blocks)
+    if solution.components is not None:
+        blocks.append(_components(solution.components))
+    return "\n".join(block for block in blocks if block)
+
+
+def _components(found: VarianceComponents) -> str:
+    """Noise and flexure found with the parameters, with 95 % intervals."""
+    rows = []
+    for c in found.components:
+        name = c.name.replace("rvdt_", "RVDT noise, joint ").replace("curve_", "RVDT curve, joint ")
+        name = {"fixture_m": "fixture gives", "fixture_rad": "fixture turns"}.get(name, name)
+        unit = "mm" if c.unit == "m" else "mrad"
+        rows.append([name, unit, f"{1e3 * c.sd:.3f}", f"{1e3 * c.low:.3f} to {1e3 * c.high:.3f}"])
+    if found.flexure is not None and not found.flexure.gives:
+        rows.append(["fixture", "", "rigid", f"p {found.flexure.p_value:.2f}"])
+    if not rows:
+        return ""
+    head = ["", "unit", "rms", "95 % interval"]
+    return "Found with the parameters\n" + aligned([head, *rows])
 
 
 def _sigma_row(name: str, unit: str, before: TwoReadings, after: TwoReadings) -> list[str]:

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from hardware.arm import JointMode
+from hardware.arm import DriveState, JointMode
 from hardware.cia402 import CONTROLWORD_ENABLE_OPERATION
 from hardware.cyclic import Command, Commands, Sample
 from hardware.errors import CommandRefused, Stopped
-from hardware.limits import JointLimits, Reason, Refusal, Situation, refuse_command, refuse_target
+from hardware.limits import (
+    JointLimits,
+    Reason,
+    Refusal,
+    Situation,
+    refuse_command,
+    refuse_move,
+    refuse_target,
+)
 from hardware.objects import CYCLIC_POSITION
+from hardware.scale import JointScale
 from hardware.steps import state_of
 
 
@@ -59,6 +68,57 @@ def admit(
             raise Stopped(refusal.text)
         if refusal is not None:
             raise CommandRefused(refusal.text)
+
+
+def admit_move(
+    limits: Sequence[JointLimits],
+    scales: Sequence[JointScale],
+    modes: Sequence[JointMode | None],
+    targets_rad: Mapping[int, float],
+    *,
+    speed_rad_per_s: float,
+    in_control: bool,
+    sample: Sample,
+) -> None:
+    """Let a whole move begin or say why not, before anything moves.
+
+    Raises
+    ------
+    CommandRefused
+        With the reason in words.
+    ValueError
+        If there is no such joint.
+    """
+    for joint, target in targets_rad.items():
+        if not 1 <= joint <= len(limits):
+            raise ValueError(f"there is no joint {joint}")
+        at = joint - 1
+        situation = Situation(
+            stopped=False,
+            in_control=in_control,
+            drive=state_of(sample.statuswords[at]),
+            mode=modes[at],
+        )
+        counts = target * scales[at].counts_per_rad
+        refusal = refuse_command(limits[at], situation) or refuse_move(
+            limits[at], counts, speed_rad_per_s
+        )
+        if refusal is not None:
+            raise CommandRefused(refusal.text)
+
+
+def admit_modes(sample: Sample) -> None:
+    """Let a change of modes begin: all drives have to be enabled.
+
+    Raises
+    ------
+    CommandRefused
+        Naming the first that is not.
+    """
+    for joint, status in enumerate(sample.statuswords, 1):
+        state = state_of(status)
+        if state is not DriveState.OPERATION_ENABLED:
+            raise CommandRefused(f"joint {joint}: the drive is in {state.value}")
 
 
 def _refusal(

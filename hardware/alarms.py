@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from hardware.errors import BusError, ControlDenied, DriveFault, HardwareError, Stopped
+from hardware.errors import (
+    BusError,
+    CommandRefused,
+    ControlDenied,
+    DriveFault,
+    HardwareError,
+    Stopped,
+)
 from hardware.node_watch import NodeWatch
-from hardware.objects import OPERATOR_NODE, SUPERVISOR_NODE
+from hardware.objects import OPERATOR_NODE, SUPERVISOR_NODE, EmergencyCode
 
 
 def find_alarm(
@@ -23,9 +30,18 @@ def find_alarm(
         if fault.node == SUPERVISOR_NODE:
             if Stopped not in despite:
                 return Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
+        elif fault.code == EmergencyCode.REFERENCE_LIMIT:
+            if CommandRefused not in despite:
+                return CommandRefused(f"joint {fault.node}: {fault.text}")
         elif DriveFault not in despite:
             return DriveFault(fault.node, fault.code, fault.text)
     if BusError not in despite:
+        down = nodes.not_operational()
+        if down:
+            numbers = ", ".join(map(str, down))
+            return BusError(
+                f"Node {numbers} has left operation, as after a loss of power. Reconnect."
+            )
         silence = _silence(nodes.silent(now_s, heartbeat_timeout_s), lost_joints)
         if silence is not None:
             return BusError(silence)

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from hardware import steps, uploading
+from hardware import reading_steps, steps, uploading
+from hardware.admission import admit_modes, admit_move
 from hardware.arm import (
     ArmIdentity,
     ArmSnapshot,
@@ -33,7 +34,6 @@ from hardware.errors import (
     SdoRefused,
     Stopped,
 )
-from hardware.limits import Situation, refuse_command, refuse_move
 from hardware.objects import (
     ERROR_CODE,
     OPERATOR_NODE,
@@ -187,7 +187,7 @@ class CanopenArm:
             raise ValueError(f"{self._n} joints need {self._n} modes, not {len(modes)}")
         link = self._link
         self._raise_if_stopped(link)
-        self._require_enabled(link)
+        admit_modes(link.loop.sample)
         for _ in range(MODE_ATTEMPTS):
             link.loop.run(steps.change_modes(link.loop, modes, syncs=MODE_SYNCS))
             link.read_modes()
@@ -216,23 +216,15 @@ class CanopenArm:
         """
         link = self._link
         self._raise_if_stopped(link)
-        sample = link.loop.view.sample
-        for joint, target in targets_rad.items():
-            if not 1 <= joint <= self._n:
-                raise ValueError(f"there is no joint {joint}")
-            limits = link.limits[joint - 1]
-            situation = Situation(
-                stopped=link.loop.stop_latched,
-                in_control=link.in_control,
-                drive=steps.state_of(sample.statuswords[joint - 1]),
-                mode=link.modes[joint - 1],
-            )
-            counts = target * link.scales[joint - 1].counts_per_rad
-            refusal = refuse_command(limits, situation) or refuse_move(
-                limits, counts, speed_rad_per_s
-            )
-            if refusal is not None:
-                raise CommandRefused(refusal.text)
+        admit_move(
+            link.limits,
+            link.scales,
+            link.modes,
+            targets_rad,
+            speed_rad_per_s=speed_rad_per_s,
+            in_control=link.in_control,
+            sample=link.loop.sample,
+        )
         result: MoveResult = link.loop.run(
             steps.move(
                 link.loop,
@@ -253,7 +245,7 @@ class CanopenArm:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
         settled: bool = link.loop.run(
-            steps.settle(
+            reading_steps.settle(
                 link.loop,
                 link.scales,
                 window=window,
@@ -268,7 +260,9 @@ class CanopenArm:
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         link = self._link
-        reading: Reading = link.loop.run(steps.capture(link.loop, link.scales, samples=samples))
+        reading: Reading = link.loop.run(
+            reading_steps.capture(link.loop, link.scales, samples=samples)
+        )
         return reading
 
     def hold(self) -> None:
@@ -342,17 +336,10 @@ class CanopenArm:
             raise Stopped("STOP is latched: reset it before anything moves again")
 
     @staticmethod
-    def _require_enabled(link: Connection) -> None:
-        for joint, status in enumerate(link.loop.view.sample.statuswords, 1):
-            state = steps.state_of(status)
-            if state is not DriveState.OPERATION_ENABLED:
-                raise CommandRefused(f"joint {joint}: the drive is in {state.value}")
-
-    @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], wanted: str) -> None:
         """Raise for the first of the joints that did not get where it should."""
         for joint in joints:
-            state = steps.state_of(link.loop.view.sample.statuswords[joint - 1])
+            state = steps.state_of(link.loop.sample.statuswords[joint - 1])
             if state is DriveState.FAULT:
                 code = link.access.read_unsigned(joint_node(joint), ERROR_CODE)
                 raise DriveFault(joint, code, emergency_text(code))

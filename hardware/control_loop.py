@@ -1,15 +1,15 @@
 """The one thread that owns all cyclic traffic: SYNC, samples, commands, heartbeat. Knows no calibration.
 
 It also receives every frame, so that nothing hops between threads: SDO answers are handed on to the
-callers that wait for them. What the arm is to do comes as a `Steps` generator that yields the
-commands of the next SYNC and is sent the sample of that SYNC; the loop runs one at a time.
+callers that wait for them. What the arm is to do comes as steps (`hardware.tasks.Steps`), one at a
+time.
 
 Two paces. `REAL_TIME`: a SYNC every control period, always. `FAST_FORWARD`: SYNCs only while steps
 are being run, each as soon as all joints have answered the one before; the number of SYNCs then
 depends on nothing but the samples, so a run on a seeded virtual arm is the same every time.
 
-The next SYNC never overtakes a late answer: a sample is closed when all joints have answered or
-after `answer_timeout_s`.
+The next SYNC does not overtake a late answer: a sample is closed when all joints have answered, or
+when their time is up and nothing more has come.
 
 STOP does not come through here. It sets `stop_latched` and sends its frames by itself; the loop looks
 at the latch before and after the commands it sends, so that the last word on the bus is quick stop.
@@ -20,8 +20,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Protocol
@@ -43,9 +42,7 @@ from hardware.objects import (
     NmtState,
 )
 from hardware.sampling import Sampler, View
-
-Steps = Generator[Commands | None, Sample, Any]
-"""Yields commands for the next SYNC (None: as before), is sent its sample, returns its result."""
+from hardware.tasks import Steps, Task, TaskQueue
 
 SWITCH_INTERVAL_S = 0.0005
 """Python's default of 5 ms would let a busy thread of this process delay a SYNC by as much."""
@@ -76,25 +73,20 @@ class Link(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """Periods and patience of the loop: seconds, `patience` in SYNCs."""
+    """Periods and patience of the loop: seconds, `patience` in SYNCs.
+
+    A joint has `answer_timeouts_s` for its answer. Simulated time does not pass meanwhile, so that in
+    fast forward a slow machine may take longer.
+    """
 
     period_s: float = CONTROL_PERIOD_S
     heartbeat_period_s: float = HEARTBEAT_PERIOD_S
     heartbeat_timeout_s: float = 1.0
-    answer_timeout_s: float = 0.5
+    answer_timeouts_s: Mapping[Pace, float] = field(
+        default_factory=lambda: {Pace.REAL_TIME: 0.05, Pace.FAST_FORWARD: 0.5}
+    )
     patience: int = 3
     idle_poll_s: float = 0.002
-
-
-@dataclass(slots=True)
-class _Task:
-    steps: Steps
-    despite: tuple[type[HardwareError], ...]
-    done: threading.Event = field(default_factory=threading.Event)
-    started: bool = False
-    abandoned: bool = False
-    result: Any = None
-    error: BaseException | None = None
 
 
 class ControlLoop:
@@ -150,16 +142,17 @@ class ControlLoop:
         self._wire, self._joints, self._pace = wire, joints, pace
         self._on_sdo, self._allow, self._quick_stop = on_sdo, allow, quick_stop
         self._timing, self._clock = timing, clock
+        self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(joints, patience=timing.patience, now_s=clock())
         self._sent: list[Command | None] = [None] * joints
-        self._tasks: deque[_Task] = deque()
+        self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
+        self._tasks = TaskQueue(self._thread.is_alive, self._gone)
         self._syncing = False
         self._syncs_owed = SYNCS_AFTER_STOP
         self._beating = False
         self._next_beat_s = 0.0
         self._next_tick_s = 0.0
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
 
     # ---- for other threads -----------------------------------------------------------------------
 
@@ -198,23 +191,7 @@ class ControlLoop:
         HardwareError
             What ended the steps early.
         """
-        task = _Task(steps, despite)
-        try:
-            self._tasks.append(task)
-            self._wait_for(task)
-        except BaseException:
-            task.abandoned = True
-            self._wait_for(task)
-            raise
-        if task.error is not None:
-            raise task.error
-        return task.result
-
-    def _wait_for(self, task: _Task) -> None:
-        while not task.done.wait(0.2):
-            if not self._thread.is_alive() and not task.done.is_set():
-                task.error = self.failure or BusError("The connection to the arm is closed.")
-                return
+        return self._tasks.run(Task(steps, despite))
 
     # ---- for steps, in the loop's own thread -----------------------------------------------------
 
@@ -225,16 +202,16 @@ class ControlLoop:
 
     def alarm(self) -> HardwareError | None:
         """Why the present steps should end, if anything; they bring the arm to rest first."""
-        task = self._tasks[0]
+        task = self._tasks.first
         found = find_alarm(
             self.nodes,
             stop_latched=self.stop_latched,
             lost_joints=self._sampler.lost(),
             now_s=self._clock(),
             heartbeat_timeout_s=self._timing.heartbeat_timeout_s,
-            despite=task.despite,
+            despite=() if task is None else task.despite,
         )
-        if found is None and task.abandoned:
+        if found is None and task is not None and task.abandoned:
             return Abandoned("the command was given up")
         return found
 
@@ -243,8 +220,9 @@ class ControlLoop:
     def _run(self) -> None:
         try:
             while not self._closing:
-                if self._tasks:
-                    self._advance(self._tasks[0])
+                task = self._tasks.first
+                if task is not None:
+                    self._advance(task)
                 elif self._syncing and (self._pace is Pace.REAL_TIME or self._owes_sync()):
                     self._cycle()
                 else:
@@ -253,10 +231,10 @@ class ControlLoop:
         except HardwareError as error:
             self.failure = error
         finally:
-            if self.failure is None:
-                self.failure = BusError("The connection to the arm is closed.")
-            while self._tasks:
-                self._finish(error=self.failure)
+            self._tasks.finish_all(self._gone())
+
+    def _gone(self) -> HardwareError:
+        return self.failure or BusError("The connection to the arm is closed.")
 
     def _owes_sync(self) -> bool:
         """Whether a simulated arm still has to live through the moments after STOP."""
@@ -267,32 +245,21 @@ class ControlLoop:
             return True
         return False
 
-    def _advance(self, task: _Task) -> None:
-        """Run the first task until its next SYNC has been answered, or to its end."""
+    def _advance(self, task: Task) -> None:
+        """Run a task until its next SYNC has been answered, or to its end."""
         try:
-            commands = task.steps.send(self.sample) if task.started else next(task.steps)
-            task.started = True
+            commands = task.advance(self.sample)
+            if commands is not None:
+                self._allow(self.sample, self.commands, commands)
         except StopIteration as stop:
-            self._finish(result=stop.value)
+            self._tasks.finish_first(result=stop.value)
             return
         except Exception as error:  # noqa: BLE001 - handed to the caller, who raises it
-            self._finish(error=error)
+            self._tasks.finish_first(error=error)
             return
         if commands is not None:
-            try:
-                self._allow(self.sample, self.commands, commands)
-            except HardwareError as error:
-                self._finish(error=error)
-                return
             self.commands = commands
         self._cycle()
-
-    def _finish(self, *, result: Any = None, error: BaseException | None = None) -> None:
-        task = self._tasks[0]
-        task.result, task.error = result, error
-        task.steps.close()
-        self._tasks.popleft()
-        task.done.set()
 
     def _cycle(self) -> None:
         """One SYNC: commands out, SYNC, wait for the answers."""
@@ -304,12 +271,13 @@ class ControlLoop:
         self._send_commands()
         self._sampler.open()
         self._wire.send(COB_SYNC, b"")
-        deadline = self._clock() + self._timing.answer_timeout_s
+        deadline = self._clock() + self._answer_timeout_s
         while self._sampler.waiting > 0 and not self._closing:
             left = deadline - self._clock()
-            if left <= 0.0:
+            # Late ourselves, we look at what has come meanwhile before we call anybody silent.
+            wait_s = min(max(left, 0.0), 0.5 * self._timing.heartbeat_period_s)
+            if not self._receive_one(wait_s) and left <= 0.0:
                 break
-            self._receive_one(min(left, 0.5 * self._timing.heartbeat_period_s))
             self._beat()
         self._sampler.close()
 

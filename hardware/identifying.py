@@ -155,6 +155,6 @@ def _sensor_differences(
         yield f"has a converter of {bits} bits, expected {sensor.bits}"
     if abs(full_scale - sensor.full_scale_microdegrees) > 1:
         yield (
-            f"has an RVDT of {full_scale * 1e-6:g} deg full scale, expected "
-            f"{sensor.full_scale_microdegrees * 1e-6:g} deg"
+            f"has an RVDT of {full_scale * 1e-6:.6f} deg full scale, expected "
+            f"{sensor.full_scale_microdegrees * 1e-6:.6f} deg"
         )

@@ -1,20 +1,19 @@
-"""What the arm does SYNC by SYNC: enable, change modes, move, settle, capture, stop. Knows no bus and no thread.
+"""What the arm does SYNC by SYNC: enable, change modes, move, hold, reset. Knows no bus and no thread.
 
-Each function is a generator in the sense of `hardware.control_loop.Steps`: it yields the commands of
+Each function is a generator in the sense of `hardware.tasks.Steps`: it yields the commands of
 the next SYNC, is sent the sample of that SYNC, and returns its result. Whatever ends one early, the
 joints in position mode are left at rest on the target they were given last.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot, DriveState, JointMode, MoveResult, Reading, Watch
+from hardware.arm import ArmSnapshot, DriveState, JointMode, MoveResult, Watch
 from hardware.cia402 import (
     CONTROLWORD_ENABLE_OPERATION,
     StatusBit,
@@ -68,7 +67,7 @@ def look(desk: Desk, *, syncs: int) -> Generator[Commands | None, Sample, Sample
     sample = desk.sample
     for _ in range(syncs):
         sample = yield None
-        _raise_alarm(desk)
+        raise_alarm(desk)
     return sample
 
 
@@ -83,7 +82,7 @@ def drive_to(desk: Desk, wish: Wish) -> Generator[Commands | None, Sample, tuple
     targets = sample.counts
     words = [0] * len(targets)
     for _ in range(TRANSITION_SYNCS):
-        _raise_alarm(desk)
+        raise_alarm(desk)
         words = [
             _next_controlword(status, wish, word)
             for status, word in zip(sample.statuswords, words, strict=True)
@@ -125,7 +124,7 @@ def change_modes(
         for command, mode in zip(_given(desk), wanted, strict=True)
     ]
     for _ in range(syncs):
-        _raise_alarm(desk)
+        raise_alarm(desk)
         commands = list(_given(desk))
         for at, (command, mode) in enumerate(zip(commands, wanted, strict=True)):
             if mode != CYCLIC_POSITION:
@@ -133,7 +132,7 @@ def change_modes(
             elif entering[at] and not follows_command(sample.statuswords[at]):
                 commands[at] = replace(command, target_counts=sample.counts[at], mode=mode)
         sample = yield tuple(commands)
-    _raise_alarm(desk)
+    raise_alarm(desk)
 
 
 def move(
@@ -153,7 +152,7 @@ def move(
     rest along the line and is then raised; after a tripped drive all others hold where they are.
     """
     sample = yield None
-    _raise_alarm(desk)
+    raise_alarm(desk)
     joints = sorted(targets_rad)
     commands = _given(desk)
     path = StraightMove(
@@ -176,7 +175,7 @@ def move(
                         commands = _with_target(commands, joint, target)
             sample = yield commands
             if desk.stop_latched:
-                _raise_alarm(desk)
+                raise_alarm(desk)
             if path.braking:
                 continue
             ending = desk.alarm() or _not_enabled(sample, joints)
@@ -215,55 +214,8 @@ def hold_where_it_is(desk: Desk) -> Generator[Commands | None, Sample, None]:
     )
 
 
-def settle(
-    desk: Desk,
-    scales: Sequence[JointScale],
-    *,
-    window: int,
-    spread_rad: Sequence[float],
-    timeout_syncs: int,
-) -> Generator[Commands | None, Sample, bool]:
-    """Wait until no joint spread more than `spread_rad` over the last `window` complete samples."""
-    bounds = np.array(
-        [s * scale.counts_per_rad for s, scale in zip(spread_rad, scales, strict=True)]
-    )
-    recent: deque[tuple[int, ...]] = deque(maxlen=window)
-    for _ in range(timeout_syncs):
-        sample = yield None
-        _raise_alarm(desk)
-        if sample.complete:
-            recent.append(sample.counts)
-            if len(recent) == window and np.all(np.ptp(np.array(recent), axis=0) <= bounds):
-                return True
-    return False
-
-
-def capture(
-    desk: Desk, scales: Sequence[JointScale], *, samples: int
-) -> Generator[Commands | None, Sample, Reading]:
-    """Collect complete samples: every one has all joints latched on the same SYNC."""
-    rows: list[tuple[int, ...]] = []
-    first = 0
-    while len(rows) < samples:
-        sample = yield None
-        _raise_alarm(desk)
-        if sample.complete:
-            first = first or sample.sync_count
-            rows.append(sample.counts)
-    counts = np.array(rows, dtype=np.float64)
-    per_rad = np.array([scale.counts_per_rad for scale in scales])
-    mean = counts.mean(axis=0)
-    spread = counts.std(axis=0, ddof=1) if samples > 1 else np.zeros(len(scales))
-    return Reading(
-        mean_counts=mean,
-        mean_rad=mean / per_rad,
-        sd_rad=spread / per_rad,
-        samples=samples,
-        first_sync=first,
-    )
-
-
-def _raise_alarm(desk: Desk) -> None:
+def raise_alarm(desk: Desk) -> None:
+    """Raise what should end the steps, if anything."""
     found = desk.alarm()
     if found is not None:
         raise found

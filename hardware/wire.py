@@ -84,26 +84,27 @@ class Wire:
             raise BusError(f"The bus does not take frames any more: {error}.") from error
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        """Next data frame with a standard identifier, or None after `timeout_s`.
+        """Next data frame with a standard identifier, or None after at most `timeout_s`.
 
         Raises
         ------
         BusError
             If the bus cannot be read any more.
         """
-        try:
-            message = self._bus.recv(timeout_s)
-        except (can.CanError, OSError, ValueError) as error:
-            raise BusError(
-                f"The bus cannot be read any more: {error}. Check adapter, cable and power."
-            ) from error
-        if message is None:
-            return None
-        if self._writer is not None:
-            self._record(message)
-        if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
-            return None
-        return message
+        while True:
+            try:
+                message = self._bus.recv(timeout_s)
+            except (can.CanError, OSError, ValueError) as error:
+                raise BusError(
+                    f"The bus cannot be read any more: {error}. Check adapter, cable and power."
+                ) from error
+            if message is None:
+                return None
+            if self._writer is not None:
+                self._record(message)
+            if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):
+                return message
+            timeout_s = 0.0
 
     def close(self) -> None:
         """End the recording and shut the bus down. Safe to call twice."""

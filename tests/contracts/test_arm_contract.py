@@ -104,6 +104,11 @@ def settings(request: pytest.FixtureRequest) -> BusSettings:
     return BusSettings(interface=request.param, channel=TRANSPORTS[request.param]())
 
 
+@pytest.fixture(autouse=True)
+def a_shorter_listen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.15)
+
+
 @pytest.fixture
 def controller(settings: BusSettings) -> Iterator[VirtualController]:
     with controller_on(settings) as running:

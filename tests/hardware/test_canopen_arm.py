@@ -8,7 +8,7 @@ import math
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,7 @@ from hardware.errors import (
     UploadRefused,
     WrongArm,
 )
+from hardware.tasks import Task
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus
 
 PER_RAD = COUNTS_PER_REV / (2 * math.pi)
@@ -69,7 +70,9 @@ def make(
     bus: FakeArmBus, *, description: ArmDescription | None = None, **options: Any
 ) -> CanopenArm:
     options.setdefault("pace", Pace.FAST_FORWARD)
-    options.setdefault("timing", Timing(answer_timeout_s=0.05, heartbeat_timeout_s=0.35))
+    options.setdefault(
+        "timing", Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), heartbeat_timeout_s=0.35)
+    )
     return CanopenArm(
         description or describe(),
         BusSettings(channel="fake"),
@@ -109,6 +112,12 @@ def driven(arm: CanopenArm) -> CanopenArm:
 
 def frames(bus: FakeArmBus, base: int) -> list[tuple[int, bytes]]:
     return [(i, data) for i, data in bus.sent if base < i <= base + JOINTS]
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Spin until a condition holds; pytest's own timeout ends what never does."""
+    while not condition():
+        pass
 
 
 def capture_for_ever(arm: CanopenArm) -> None:
@@ -176,7 +185,7 @@ def test_another_arm_is_named_with_everything_that_differs(bus: FakeArmBus) -> N
         "'other'",
         "joint 2 has the range",
         "joint 4 has an encoder",
-        "joint 7 has an RVDT of 110 deg",
+        "joint 7 has an RVDT of 110.000000 deg",
     ):
         assert part in text
     assert "joint 1 " not in text
@@ -219,8 +228,7 @@ def test_a_token_held_by_somebody_else_is_respected(arm: CanopenArm, bus: FakeAr
 
 def test_an_operator_who_appears_later_is_respected(arm: CanopenArm, bus: FakeArmBus) -> None:
     bus.say(0x77F, b"\x05")
-    while not arm._link.other_operator():
-        pass
+    wait_for(arm._link.other_operator)
     with pytest.raises(ControlDenied):
         arm.take_control()
 
@@ -346,16 +354,15 @@ def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(
 ) -> None:
     reached_middle = threading.Event()
     bus.on_sync = lambda _sync: bus.drives[2].target > 0.3 * PER_RAD and reached_middle.set()
-    loop = driven._link.loop
-    wait, interrupted = loop._wait_for, []
+    wait, interrupted = Task.wait, []
 
-    def interrupted_wait(task: Any) -> None:
+    def interrupted_wait(task: Task, someone_there: Callable[[], bool]) -> bool:
         if not interrupted:
             interrupted.append(reached_middle.wait(10))
             raise KeyboardInterrupt
-        wait(task)
+        return wait(task, someone_there)
 
-    monkeypatch.setattr(loop, "_wait_for", interrupted_wait)
+    monkeypatch.setattr(Task, "wait", interrupted_wait)
     with pytest.raises(KeyboardInterrupt):
         driven.move({2: 1.5}, speed_rad_per_s=0.5)
     rest = bus.drives[2].target
@@ -470,6 +477,50 @@ def test_a_broken_bus_is_a_bus_error_everywhere(driven: CanopenArm, bus: FakeArm
     with pytest.raises(BusError, match="emergency stop"):
         driven.stop()
     driven.close()
+
+
+def test_a_node_that_restarts_is_named(driven: CanopenArm, bus: FakeArmBus) -> None:
+    bus.say(0x703, b"\x00")
+    bus.say(0x703, b"\x7f")
+    with pytest.raises(BusError, match="Node 3 has left operation"):
+        capture_for_ever(driven)
+
+
+def test_a_target_the_drive_refuses_is_no_trip(driven: CanopenArm, bus: FakeArmBus) -> None:
+    bus.say(0x82, struct.pack("<HB5x", 0x8612, 0x81))
+    with pytest.raises(CommandRefused, match="joint 2: target refused"):
+        capture_for_ever(driven)
+    bus.say(0x82, struct.pack("<HB5x", 0x0000, 0x00))
+    wait_for(lambda: driven.snapshot().faults == ())
+    driven.capture(1)
+
+
+def test_one_lost_answer_does_not_end_a_move(driven: CanopenArm, bus: FakeArmBus) -> None:
+    start = bus.syncs
+
+    def lose_one(sync: int) -> None:
+        bus.silent = {4} if sync == start + 20 else set()
+
+    bus.on_sync = lose_one
+    assert driven.move({2: 0.2}, speed_rad_per_s=0.5).reached
+
+
+def test_frames_that_mean_nothing_are_passed_over(driven: CanopenArm, bus: FakeArmBus) -> None:
+    for identifier, data in (
+        (0x181, b""),  # a TPDO1 of another length
+        (0x703, b"\x05\x05"),
+        (0x083, b"\x11"),
+        (0x583, b"\x00"),
+        (0x585, bytes(8)),
+        (0x7FF, bytes(8)),
+        (0x730, b"\x05"),  # heartbeat and emergency of a stranger
+        (0x0B0, bytes(8)),
+    ):
+        bus.say(identifier, data)
+    reading = driven.capture(5)
+    assert reading.mean_counts.tolist()[:6] == [1000.0 * j for j in range(1, 7)]
+    assert driven.snapshot().faults == ()
+    assert driven.active_parameters() == b""
 
 
 # ---- STOP ------------------------------------------------------------------------------------------

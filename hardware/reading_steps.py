@@ -1,0 +1,64 @@
+"""What the arm only looks at, SYNC by SYNC: settling and readings. Commands nothing, knows no bus.
+
+Generators in the sense of `hardware.tasks.Steps`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator, Sequence
+
+import numpy as np
+
+from hardware.arm import Reading
+from hardware.cyclic import Commands, Sample
+from hardware.scale import JointScale
+from hardware.steps import Desk, raise_alarm
+
+
+def settle(
+    desk: Desk,
+    scales: Sequence[JointScale],
+    *,
+    window: int,
+    spread_rad: Sequence[float],
+    timeout_syncs: int,
+) -> Generator[Commands | None, Sample, bool]:
+    """Wait until no joint spread more than `spread_rad` over the last `window` complete samples."""
+    bounds = np.array(
+        [s * scale.counts_per_rad for s, scale in zip(spread_rad, scales, strict=True)]
+    )
+    recent: deque[tuple[int, ...]] = deque(maxlen=window)
+    for _ in range(timeout_syncs):
+        sample = yield None
+        raise_alarm(desk)
+        if sample.complete:
+            recent.append(sample.counts)
+            if len(recent) == window and np.all(np.ptp(np.array(recent), axis=0) <= bounds):
+                return True
+    return False
+
+
+def capture(
+    desk: Desk, scales: Sequence[JointScale], *, samples: int
+) -> Generator[Commands | None, Sample, Reading]:
+    """Collect complete samples: every one has all joints latched on the same SYNC."""
+    rows: list[tuple[int, ...]] = []
+    first = 0
+    while len(rows) < samples:
+        sample = yield None
+        raise_alarm(desk)
+        if sample.complete:
+            first = first or sample.sync_count
+            rows.append(sample.counts)
+    counts = np.array(rows, dtype=np.float64)
+    per_rad = np.array([scale.counts_per_rad for scale in scales])
+    mean = counts.mean(axis=0)
+    spread = counts.std(axis=0, ddof=1) if samples > 1 else np.zeros(len(scales))
+    return Reading(
+        mean_counts=mean,
+        mean_rad=mean / per_rad,
+        sd_rad=spread / per_rad,
+        samples=samples,
+        first_sync=first,
+    )

@@ -17,9 +17,9 @@ from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameters import ValidatedParameters
 from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.supervisor_node import ArmLabel
-from oracles.raw_can import RawPeer
 from solver.arm_model import Joint
 from solver.sensors import Encoder, Rvdt
+from tests.oracles.raw_can import RawPeer
 
 ARM = ArmLabel(model="test_arm", serial_number="SDA-0007")
 COUNTS_PER_REV = 36_000  # 100 counts a degree
@@ -93,7 +93,7 @@ class Rig:
     def __init__(
         self,
         controller: VirtualController,
-        plant: TrivialPlant,
+        plant: Any,
         clock: FakeClock,
         peer: RawPeer,
         channel: str,
@@ -139,10 +139,12 @@ def parse(document: bytes) -> ValidatedParameters:
 
 
 @contextmanager
-def rig(**options: Any) -> Iterator[Rig]:
+def rig(*, plant: Any = None, **options: Any) -> Iterator[Rig]:
+    """A running rig; `options` go to the controller. `plant` may be any other, with axes to fit."""
     channel = f"rig-{next(_channels)}"
     settings = axes()
-    plant = TrivialPlant([a.scale.counts_per_rad for a in settings])
+    if plant is None:
+        plant = TrivialPlant([a.scale.counts_per_rad for a in settings])
     clock = FakeClock()
     with (
         can.Bus(channel, interface="virtual", receive_own_messages=False) as near,

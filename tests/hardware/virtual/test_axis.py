@@ -8,8 +8,8 @@ import pytest
 from hardware.objects import SensorKind
 from hardware.virtual.axis import arm_axes, axis, joint_scale
 from hardware.virtual.sensors import joint_sensor
-from oracles.virtual_rig import joint
 from solver.sensors import Encoder, NoSensor, Rvdt
+from tests.oracles.virtual_rig import joint
 
 
 def test_an_encoder_axis() -> None:

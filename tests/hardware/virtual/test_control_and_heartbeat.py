@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 
 from hardware.arm import JointMode
-from oracles.raw_can import RawAbort
-from oracles.virtual_rig import Rig, rig
+from tests.oracles.raw_can import RawAbort
+from tests.oracles.virtual_rig import Rig, rig
 
 STATE = 0x006F
 FREE = b"\0\0\0\0"

@@ -11,8 +11,8 @@ import pytest
 from hardware.arm import JointMode
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.supervisor_node import ArmLabel
-from oracles.raw_can import RawAbort
-from oracles.virtual_rig import Rig, TrivialPlant, axes, rig
+from tests.oracles.raw_can import RawAbort
+from tests.oracles.virtual_rig import Rig, TrivialPlant, axes, rig
 
 NODES = (*range(1, 8), 16)
 ENABLED, QUICK_STOPPED, DISABLED = 0x0237, 0x0217, 0x0250  # with remote and voltage bits

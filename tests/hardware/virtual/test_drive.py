@@ -11,7 +11,7 @@ from hardware.arm import DriveState, JointMode
 from hardware.cia402 import StatusBit
 from hardware.objects import EmergencyCode
 from hardware.virtual.drive import Drive
-from oracles.virtual_rig import axes
+from tests.oracles.virtual_rig import axes
 
 S, E = DriveState, EmergencyCode
 SHUTDOWN, SWITCH_ON, ENABLE, QUICK_STOP, DISABLE, RESET = 0x06, 0x07, 0x0F, 0x02, 0x00, 0x80

@@ -8,7 +8,7 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.virtual.faults import ScriptedFault
-from oracles.virtual_rig import Rig, rig
+from tests.oracles.virtual_rig import Rig, rig
 
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import hardware.eds
 from hardware.virtual.sdo_server import LONGEST_DOCUMENT
-from oracles.raw_can import RawAbort
-from oracles.virtual_rig import Rig, rig
+from tests.oracles.raw_can import RawAbort
+from tests.oracles.virtual_rig import Rig, rig
 
 EDS = Path(hardware.eds.__file__).parent
 WRITE_2000 = struct.Struct("<BHBI")

@@ -12,8 +12,8 @@ import pytest
 from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
 from hardware.virtual.parameters import ValidatedParameters
 from hardware.virtual.supervisor_node import ArmLabel
-from oracles.raw_can import RawAbort
-from oracles.virtual_rig import Rig, parse, rig
+from tests.oracles.raw_can import RawAbort
+from tests.oracles.virtual_rig import Rig, parse, rig
 
 STAGE, COMMIT, ROLL_BACK = b"\x01", b"\x02", b"\x03"
 OFFSETS = (12, -7, 0, 18_000, -18_000, 3, -4)

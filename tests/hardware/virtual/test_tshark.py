@@ -8,7 +8,7 @@ from pathlib import Path
 import can
 import pytest
 
-from oracles.virtual_rig import rig
+from tests.oracles.virtual_rig import rig
 
 
 def _decoded(file: Path, *fields: str) -> list[list[str]]:

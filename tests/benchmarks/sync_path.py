@@ -76,6 +76,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=5000)
     count = parser.parse_args().count
     with (
+        NoBus() as no_bus,
         can.Bus("sync-path", interface="virtual") as near,
         can.Bus("sync-path", interface="virtual"),
     ):

@@ -29,6 +29,7 @@ from solver.goodness import closure_at_readings, closure_sigmas
 from solver.least_squares import Progress, column_scale
 from solver.paper_estimator import estimate_paper
 from solver.parameters import nominal_vector
+from solver.pose_order import back_to_caller, canonical_order
 
 STEP_TOLERANCE = 1e-12
 MAX_ITERATIONS = 60
@@ -147,9 +148,7 @@ def fit_implicit(
     iterations, converged = 0, False
     for iterations in range(1, max_iterations + 1):
         error = model.loop(x, q + e, u)
-        system = _linearise(
-            error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give
-        )
+        system = linearise(error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give)
         step, multipliers, chi2 = _solve(system, x, prior)
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers[..., None])[..., 0]
         slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers[..., None])[..., 0]
@@ -180,7 +179,7 @@ def fit_implicit(
             converged = True
             break
     error = model.loop(x, q + e, u)
-    system = _linearise(error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give)
+    system = linearise(error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give)
     pose_chi2 = np.einsum(
         "mi,mi->m", system.w, np.linalg.solve(system.V, system.w[..., None])[..., 0]
     )
@@ -215,6 +214,13 @@ def estimate_implicit(
     TooFewPosesError
         No degree of freedom would be left.
     """
+    order = canonical_order(q)
+    back = back_to_caller(order)
+    model, q = model.at_poses(order), q[order]
+    noise = NoiseModel(
+        joint_variance=np.broadcast_to(noise.joint_variance, q.shape)[order],
+        fixture_variance=noise.fixture_variance,
+    )
     nominal = nominal_vector(model.parameters)
     sensed = model.with_all_joints_sensed()
     names = [p.name for p in sensed.parameters]
@@ -235,14 +241,14 @@ def estimate_implicit(
         parameters=model.parameters,
         x=fit.x,
         covariance=fit.covariance,
-        residual=error.residual,
+        residual=error.residual[back],
         rotation_rows=error.rotation_rows,
         sigmas=closure_sigmas(error.residual, error.rotation_rows),
-        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped)),
+        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
         dof=fit.dof,
         chi2=fit.chi2,
-        pose_chi2=fit.pose_chi2,
-        corrections=fit.corrections,
+        pose_chi2=fit.pose_chi2[back],
+        corrections=fit.corrections[back],
         iterations=fit.iterations,
         converged=fit.converged,
     )
@@ -255,7 +261,7 @@ def information(system: LinearisedPoses) -> FloatArray:
     return J.T @ J
 
 
-def _linearise(
+def linearise(
     c: FloatArray,
     jac_x: FloatArray,
     jac_q: FloatArray,
@@ -264,6 +270,7 @@ def _linearise(
     variance: FloatArray,
     give: FloatArray,
 ) -> LinearisedPoses:
+    """Reduce the linearised loops of all poses to equations without unsensed angles."""
     E = left_null_space(jac_u)
     Et = np.swapaxes(E, -1, -2)
     B = Et @ jac_q

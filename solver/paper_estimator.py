@@ -14,6 +14,7 @@ from solver.estimate import Estimate, require_enough_poses
 from solver.goodness import closure_sigmas
 from solver.least_squares import Progress, solve_damped
 from solver.parameters import nominal_vector
+from solver.pose_order import back_to_caller, canonical_order
 
 
 def estimate_paper(
@@ -38,23 +39,28 @@ def estimate_paper(
     dof = require_enough_poses(model, len(q))
     nominal = nominal_vector(model.parameters)
 
+    order = canonical_order(q)
+    ordered, sorted_q = model.at_poses(order), q[order]
+
     def problem(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        error = model.reduced(x, q)
+        error = ordered.reduced(x, sorted_q)
         return error.residual.reshape(-1), error.jac_x.reshape(-1, len(nominal))
 
     fit = solve_damped(problem, nominal if x0 is None else x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
-    error = model.reduced(x, q)
+    error = ordered.reduced(x, sorted_q)
+    back = back_to_caller(order)
+    residual = error.residual[back]
     J = error.jac_x.reshape(-1, len(nominal))
     return Estimate(
         estimator="paper",
         parameters=model.parameters,
         x=x,
         covariance=np.asarray(np.linalg.pinv(J.T @ J, hermitian=True) * (2.0 * fit.cost / dof)),
-        residual=error.residual,
+        residual=residual,
         rotation_rows=error.rotation_rows,
         sigmas=closure_sigmas(error.residual, error.rotation_rows),
-        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped)),
+        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
         dof=dof,
         chi2=None,
         pose_chi2=None,

@@ -35,6 +35,9 @@ ALTERNATIONS = 40
 SETTLED = 1e-5
 """Change of every variance and parameter, in standard errors, that ends the alternation."""
 
+NULL_ITERATIONS = 25
+"""A rigid fixture that is anywhere near plausible is fitted in far fewer."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VarianceComponents:
@@ -123,7 +126,12 @@ def estimate_implicit_with_components(
         chosen = _alternate(problem, x, flexure=True, progress=progress)
         x, iterations = chosen.fit.x, chosen.iterations
         start = np.where(problem.of_fixture, 0.0, chosen.reml.variances)
-        rigid = fit_reml(chosen.mixed, start, held=problem.held | problem.of_fixture)
+        rigid = fit_reml(
+            chosen.mixed,
+            start,
+            held=problem.held | problem.of_fixture,
+            max_iterations=NULL_ITERATIONS,
+        )
         test = flexure_test(rigid.solution, chosen.reml.solution, problem.of_fixture)
     if chosen is None or (test is not None and not test.gives):
         chosen = _alternate(problem, x, flexure=False, progress=progress)
@@ -193,15 +201,14 @@ def _alternate(
 def _estimate(problem: ComponentModel, state: _State, back: IntArray) -> Estimate:
     fit, solution = state.fit, state.reml.solution
     error = closure_at_readings(problem.model, fit.x, problem.q)
-    residual = error.residual[back]
     return Estimate(
         estimator="implicit",
         parameters=problem.model.parameters,
         x=fit.x,
         covariance=problem.parameter_covariance(solution.covariance),
-        residual=residual,
+        residual=error.residual[back],
         rotation_rows=error.rotation_rows,
-        sigmas=closure_sigmas(residual, error.rotation_rows),
+        sigmas=closure_sigmas(error.residual, error.rotation_rows),
         flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
         dof=fit.dof,
         chi2=solution.chi2,

@@ -37,6 +37,8 @@ def minimise_batch(
     *,
     max_iterations: int = 40,
     max_step: float = 0.7,
+    halt_after: int | None = None,
+    survivors: int = 0,
     progress: Progress | None = None,
 ) -> BatchFit:
     """Minimise the sum of squares from every row of `x0` (S, K).
@@ -45,6 +47,9 @@ def minimise_batch(
     ----------
     max_step
         Longest component of one step: beyond it a linearised rotation means nothing.
+    halt_after, survivors
+        After this many iterations only so many of the starts go on, those of least cost; the rest
+        stay where they are. What is going to arrive is nearly always ahead by then.
     """
     x = np.array(x0, dtype=np.float64)
     r, J = problem(x)
@@ -74,6 +79,8 @@ def minimise_batch(
         if progress is not None:
             progress(iteration, float(cost.min()))
         going = (longest > STEP_TOLERANCE) & (damping[active] < STUCK_DAMPING)
+        if iteration == halt_after:
+            going &= np.isin(active, np.argsort(cost, kind="stable")[:survivors])
         active, r, J = active[going], r[going], J[going]
         if not len(active):
             break

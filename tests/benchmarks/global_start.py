@@ -67,11 +67,11 @@ def main() -> int:
             rows[kind].append((good, seconds, share, len(found.rivals)))
         if sys.stderr.isatty():
             print(f"\r{seed + 1}/{count}", end="", file=sys.stderr)
-    print(f"{count} random hinge problems, nothing known, 40 poses, {found.starts} starts, ")
     print(
-        f"search on {found.search_poses} poses; scaled condition numbers of the pose sets: median "
+        f"{count} random hinge problems, nothing known, 40 poses; {found.starts} starts on "
+        f"{found.search_poses} poses\nscaled condition numbers of the pose sets: median "
+        f"{np.median(conditions):.0f}, worst {np.max(conditions):.0f}\n"
     )
-    print(f"{np.median(conditions):.0f}, worst {np.max(conditions):.0f}\n")
     print(
         "sensors                  solved   seconds: mean  worst   starts in best: median  least  rivals"
     )

@@ -39,7 +39,7 @@ def nothing_known() -> DhLoop:
 @pytest.mark.parametrize("seed", range(5))
 def test_offsets_anywhere_and_hinge_unknown(seed):
     problem = wild_problem(seed)
-    found = global_start(nothing_known(), problem.q)
+    found = global_start(nothing_known(), problem.q, starts=300)
     assert found.best.rms < 1e-12
     off = wrap_angle(found.x[1:6] - problem.offsets[1:6])
     assert np.abs(off).max() < 1e-9
@@ -53,8 +53,8 @@ def test_real_sensors_do_not_mislead_the_search(seed):
     problem = wild_problem(seed)
     q = with_sensors(problem.q, seed)
     model = nothing_known()
-    found = global_start(model, q)
-    exact = global_start(model, problem.q).x
+    found = global_start(model, q, starts=300)
+    exact = global_start(model, problem.q, starts=300).x
 
     def residuals(x):
         error = model.reduced(x, q)
@@ -76,7 +76,7 @@ def test_the_paper_arm_from_nothing(hinge_data, truth):
 
 def test_an_elbow_that_stands_still_may_be_bent_either_way():
     problem = wild_problem(3, still=(4,))
-    found = global_start(nothing_known(), problem.q)
+    found = global_start(nothing_known(), problem.q, starts=300)
     assert len(found.rivals) == 1
     assert found.best.rms < CLOSED
     solutions = [found.best, *found.rivals]
@@ -106,8 +106,8 @@ def test_an_unsensed_wrist_may_start_from_its_readings():
         entries=tuple(e for e in model.entries if e.name not in lost),
         unsensed_joints=(6, 7),
     )
-    found = global_start(unsensed, problem.q)
-    whole = dict(zip(NAMES, global_start(model, problem.q).x, strict=True))
+    found = global_start(unsensed, problem.q, starts=100)
+    whole = dict(zip(NAMES, global_start(model, problem.q, starts=100).x, strict=True))
     np.testing.assert_array_equal(found.x, [whole[p.name] for p in unsensed.parameters])
 
 
@@ -147,7 +147,7 @@ def test_a_ball_from_nothing():
     rng = np.random.default_rng(8)
     offsets = rng.uniform(-np.pi, np.pi, 7)
     model, q = ball(offsets, np.deg2rad([20.0, 50.0, -30.0, 80.0, 40.0, -60.0, 10.0]))
-    found = global_start(model, q)
+    found = global_start(model, q, starts=400)
     assert found.best.rms < 1e-12
     assert np.abs(wrap_angle(found.x[:5] - offsets[1:6])).max() < 1e-9
     assert found.rivals == ()
@@ -160,7 +160,7 @@ def test_placements_from_nothing():
     (model, first), (_, second) = (ball(offsets, home) for home in homes)
     whole = place(model, np.repeat([1, 2], [40, 15]), same_hand=True)
     q = np.concatenate((first, second[:15]))
-    found = global_start(whole, q)
+    found = global_start(whole, q, starts=300)
     assert found.best.rms < 1e-12
     assert np.abs(wrap_angle(found.x[:5] - offsets[1:6])).max() < 1e-9
 
@@ -171,7 +171,7 @@ def test_two_hinges_share_one_arm():
     # One arm: the second problem's readings are given the first one's offsets.
     q = np.concatenate([p.q + p.offsets - problems[0].offsets for p in problems])
     whole = place(nothing_known(), np.repeat([1, 2], 40))
-    found = global_start(whole, q)
+    found = global_start(whole, q, starts=300)
     assert found.best.rms < 1e-12
     names = [p.name for p in whole.parameters]
     assert names[:5] == [f"theta_off_{j}" for j in range(2, 7)]

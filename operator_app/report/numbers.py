@@ -1,0 +1,57 @@
+"""Numbers as people read them: places by precision, real minus signs, powers of ten. Knows no HTML."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+MINUS = "\N{MINUS SIGN}"
+NOT_KNOWN = "n/a"
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def fixed(value: float, places: int, *, signed: bool = False) -> str:
+    """Return `value` with this many decimal places; zero has no sign."""
+    if not math.isfinite(value):
+        return NOT_KNOWN
+    # Rounded first, so that what rounds to nothing shows no sign.
+    rounded = round(value, places) + 0.0
+    sign = MINUS if rounded < 0.0 else "+" if signed and rounded > 0.0 else ""
+    return f"{sign}{abs(rounded):.{places}f}"
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Return `value` to so many significant digits, with a power of ten where zeros would pile up."""
+    if not math.isfinite(value):
+        return "infinite" if value == math.inf else NOT_KNOWN
+    if value == 0.0:
+        return "0"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    power = int(exponent)
+    if -4 <= power < 5:
+        return fixed(value, max(0, digits - 1 - power))
+    raised = str(power).translate(SUPERSCRIPTS)
+    return f"{mantissa.replace('-', MINUS)}·10{raised}"
+
+
+def places_to_show(
+    precisions: Iterable[float], *, digits: int = 2, least: int = 1, most: int = 9
+) -> int:
+    """Decimal places at which the finest of these precisions still has `digits` digits."""
+    finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
+    if finest == 0.0:
+        return least
+    return min(most, max(least, digits - 1 - math.floor(math.log10(finest))))
+
+
+def plural(count: int, noun: str) -> str:
+    """Return ``1 pose``, ``2 poses``."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def names(items: Iterable[object]) -> str:
+    """Return ``1, 2 and 3``."""
+    listed = [str(item) for item in items]
+    return (
+        " and ".join([", ".join(listed[:-1]), listed[-1]]) if len(listed) > 1 else "".join(listed)
+    )

@@ -4,13 +4,8 @@ One thread does everything that has a time to it: it receives, steps the plant, 
 operator's heartbeat and sends its own. If it hangs, the heartbeats stop, as they should. A second
 thread checks parameter documents and writes them to disk, and does nothing else.
 
-Rules of the arm as a whole, beyond CiA 402:
-
-- A drive that trips stops its neighbours: in a closed chain, one joint that no longer follows is a
-  constraint that the others would push against. While one drive is in a fault none moves.
-- The operator's heartbeat is watched while the operator holds the control token. When it is lost, all
-  drives hold where they are and raise 8130h, and the token lapses. Given back, the token leaves all
-  drives in quick stop, holding, without a fault.
+The operator's heartbeat is watched while the operator holds the control token. When it is lost, all
+drives hold and raise 8130h, and the token lapses.
 """
 
 from __future__ import annotations
@@ -25,10 +20,10 @@ from typing import Self
 import can
 
 from hardware import objects
-from hardware.arm import DriveState
-from hardware.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S, EmergencyCode
+from hardware.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.controller_network import ControllerNetwork
+from hardware.virtual.drive_group import DriveGroup
 from hardware.virtual.drive_node import DriveNode
 from hardware.virtual.faults import Disturbances, FaultInjector, ScriptedFault
 from hardware.virtual.node import VirtualNode
@@ -41,7 +36,6 @@ _POLL_S = 0.02
 """Longest wait for a frame: how soon wall-clock duties and `post` are seen to on a quiet bus."""
 _CATCH_UP_FRAMES = 1000
 """Frames looked at before a heartbeat counts as lost: it may be waiting behind them."""
-_FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
 _NODE_BITS = 0x7F
 
 
@@ -76,7 +70,8 @@ class VirtualController:
     sync_count
         SYNCs answered so far.
     failure
-        What ended the control loop before `close` did, None if nothing.
+        What ended the control loop before `close` did, None if nothing. As a context manager the
+        controller raises it at the end; who calls `start` and `close` has to look.
     """
 
     def __init__(
@@ -92,9 +87,7 @@ class VirtualController:
         clock: Callable[[], float] = time.monotonic,
         script: Sequence[ScriptedFault] = (),
     ) -> None:
-        if len(axes) != plant.joint_count:
-            raise ValueError(f"{len(axes)} axes for a plant of {plant.joint_count} joints")
-        self._bus, self._plant, self._clock = bus, plant, clock
+        self._bus, self._clock = bus, clock
         self._timeout_s = heartbeat_timeout_s
         self._script = sorted(script, key=lambda fault: fault.at_sync, reverse=True)
         self.disturbances = Disturbances()
@@ -110,6 +103,8 @@ class VirtualController:
         self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
         self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
+        self._joints = {node.number for node in self.drives}
+        self._group = DriveGroup(self.drives, plant, self.disturbances.frozen_counts)
         self.supervisor = SupervisorNode(
             arm=arm,
             axes=axes,
@@ -117,8 +112,8 @@ class VirtualController:
             validate=validate,
             surroundings=Surroundings(
                 hears=self._hears,
-                control_changed=self._control_changed,
-                set_home_offsets=self._set_home_offsets,
+                control_changed=self._group.control_changed,
+                set_home_offsets=self._group.set_home_offsets,
                 later=self._work.put,
             ),
         )
@@ -126,7 +121,9 @@ class VirtualController:
         self._numbers = {node.number for node in self._nodes}
         self._by_rpdo1 = {objects.COB_RPDO1 + node.number: node for node in self.drives}
         self._network = ControllerNetwork(bus, self.disturbances)
+        watched = objects.OPERATOR_NODE << 16 | round(heartbeat_timeout_s * 1e3)
         for node in self._nodes:
+            node.serve(objects.HEARTBEAT_CONSUMER, 1, lambda: watched)
             self._network.add_node(node)
         self._loop = threading.Thread(target=self._run, name="sarcal-virtual-arm", daemon=True)
         self._worker = threading.Thread(
@@ -137,7 +134,7 @@ class VirtualController:
 
     def start(self) -> None:
         """Step the plant once for a first reading, boot all nodes, begin to listen."""
-        self._step_plant()
+        self._group.step()
         self._worker.start()
         self._loop.start()
 
@@ -154,8 +151,10 @@ class VirtualController:
         self.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close()
+        if kind is None and self.failure is not None:
+            raise self.failure
 
     # ---- for faults and tests --------------------------------------------------------------------------
 
@@ -201,11 +200,8 @@ class VirtualController:
                 self._see_to_time()
                 while not self._posted.empty():
                     self._posted.get()()
-        except (can.CanError, OSError) as error:
-            self.failure = error  # the bus is gone, and with it everybody who could be told
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - raised again by whoever runs this controller
             self.failure = error
-            raise
 
     def _take_in(self, message: can.Message) -> None:
         if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
@@ -241,7 +237,7 @@ class VirtualController:
         self.sync_count += 1
         while self._script and self._script[-1].at_sync <= self.sync_count:
             self._script.pop().happen(self.faults)
-        self._step_plant()
+        self._group.step()
         disturbances, send = self.disturbances, self._network.send_message
         for node in self.drives:
             data = node.tpdo1()
@@ -250,28 +246,6 @@ class VirtualController:
             if disturbances.lost_tpdos and disturbances.loses_tpdo(node.number):
                 continue
             send(node.tpdo1_id, data)
-
-    def _step_plant(self) -> None:
-        """One control period: commands out, readings in, trips."""
-        drives = self.drives
-        reading = self._plant.step([node.drive.command() for node in drives])
-        frozen = self.disturbances.frozen_counts
-        for node, counts, torque, speed in zip(
-            drives,
-            reading.position_counts,
-            reading.torque_nm,
-            reading.speed_rad_per_s,
-            strict=True,
-        ):
-            with node.lock:
-                node.drive.read(frozen.get(node.number, counts), torque, speed)
-        self._stop_neighbours()
-
-    def _stop_neighbours(self) -> None:
-        if any(node.drive.state in _FAULTED for node in self.drives):
-            for node in self.drives:
-                with node.lock:
-                    node.drive.quick_stop()
 
     # ---- wall-clock duties -------------------------------------------------------------------------------
 
@@ -282,9 +256,11 @@ class VirtualController:
             self._catch_up()
             holder = self.supervisor.holder
             if holder and self._lost(holder, self._clock()):
-                self._lose_operator()
-        if self.disturbances.cut_since_s:
-            self._lose_operator_behind_cut_cables(now)
+                self._group.lose_heartbeat()
+                self.supervisor.lapse()
+        for number, since in self.disturbances.cut_since_s.items():
+            if number in self._joints and now - since > self._timeout_s:
+                self._group.lose_heartbeat_at(number)
         if now >= self._next_beat_s:
             # From now, not from when it was due: a loop that was late does not send a burst.
             self._next_beat_s = now + HEARTBEAT_PERIOD_S
@@ -303,37 +279,10 @@ class VirtualController:
                 return
             self._take_in(message)
 
-    def _lose_operator(self) -> None:
-        for node in self.drives:
-            with node.lock:
-                node.drive.lose_heartbeat()
-        self.supervisor.lapse()
-
-    def _lose_operator_behind_cut_cables(self, now: float) -> None:
-        for node in self.drives:
-            since = self.disturbances.cut_since_s.get(node.number)
-            if since is None or now - since <= self._timeout_s:
-                continue
-            with node.lock:
-                if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:
-                    node.drive.lose_heartbeat()
-
     # ---- the supervisor's surroundings -------------------------------------------------------------------
 
     def _hears(self, node: int) -> bool:
         return not self._lost(node, self._clock())
-
-    def _control_changed(self, holder: int) -> None:
-        for node in self.drives:
-            with node.lock:
-                node.drive.in_control = holder != 0
-                if holder == 0:
-                    node.drive.quick_stop()
-
-    def _set_home_offsets(self, counts: Sequence[int]) -> None:
-        for node, offset in zip(self.drives, counts, strict=True):
-            with node.lock:
-                node.home_offset_counts = offset
 
     def _run_work(self) -> None:
         while (work := self._work.get()) is not None:

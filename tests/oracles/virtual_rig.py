@@ -157,5 +157,3 @@ def rig(*, plant: Any = None, **options: Any) -> Iterator[Rig]:
         )
         with controller:
             yield Rig(controller, plant, clock, RawPeer(near), channel)
-        if controller.failure is not None:
-            raise controller.failure

@@ -172,6 +172,7 @@ def test_other_nodes_heartbeats_do_not_count_for_the_holder(arm: Rig) -> None:
 def test_the_timeout_can_be_set() -> None:
     with rig(heartbeat_timeout_s=2.0) as arm:
         arm.operational()
+        assert arm.peer.unsigned(3, 0x1016, 1) == 127 << 16 | 2000
         arm.clock.time_s += 1.99
         assert arm.peer.unsigned(16, 0x2010) == 127
         arm.clock.time_s += 0.02

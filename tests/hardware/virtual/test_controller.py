@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import can
 import pytest
 
 from hardware.arm import JointMode
 from hardware.virtual.controller import VirtualController
+from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.supervisor_node import ArmLabel
 from tests.oracles.raw_can import RawAbort
 from tests.oracles.virtual_rig import Rig, TrivialPlant, axes, rig
@@ -346,6 +347,32 @@ def test_a_bus_that_goes_away_is_remembered_as_the_failure() -> None:
     controller._loop.join(5.0)
     controller.close()
     assert isinstance(controller.failure, can.CanError)
+
+
+class Breaking(TrivialPlant):
+    def step(self, commands: Sequence[JointCommand]) -> PlantReading:
+        if self.steps == 5:
+            raise ArithmeticError("the chain does not close any more")
+        return super().step(commands)
+
+
+def break_the_plant() -> None:
+    with rig(plant=Breaking([a.scale.counts_per_rad for a in axes()])) as made:
+        made.peer.start()
+        for _ in range(5):
+            made.peer.send(0x080)
+        made.controller._loop.join(5.0)
+        made.peer.quiet()
+        made.peer.log.clear()
+        made.clock.time_s += 1.0
+        made.peer.send(0x601, b"\x40\x00\x10\x00\x00\x00\x00\x00")
+        assert made.peer.receive(0.1) is None
+        assert isinstance(made.controller.failure, ArithmeticError)
+
+
+def test_a_plant_that_breaks_ends_the_heartbeats_and_is_not_kept_quiet() -> None:
+    with pytest.raises(ArithmeticError, match="does not close"):
+        break_the_plant()
 
 
 def test_a_run_is_the_same_every_time() -> None:

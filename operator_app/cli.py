@@ -14,6 +14,7 @@ from collections.abc import Sequence
 COMMANDS = {
     "run": "calibrate an arm from start to finish, without questions",
     "solve": "calibrate from a file of poses, without an arm",
+    "verify": "judge new poses by a calibration made before them",
     "export": "write, show or upload the parameters of a session",
     "report": "write an HTML report of a session",
     "session": "list sessions or show one",

@@ -40,8 +40,8 @@ def solution_json(solution: Solution) -> dict[str, Any]:
         "weakest_direction": list(solution.seen.weakest.parameters),
         "nominal": {p.name: in_file_units(p, p.nominal) for p in estimate.parameters},
         "before": {
-            "sigma_pos_mm": _both(solution.before.position_m),
-            "sigma_ori_mrad": _both(solution.before.orientation_rad),
+            "sigma_pos_mm": both_json(solution.before.position_m),
+            "sigma_ori_mrad": both_json(solution.before.orientation_rad),
         },
         "poses": solution.poses,
         "verdict": ACCEPTED if solution.accepted else NOT_ACCEPTED,
@@ -56,8 +56,8 @@ def estimate_json(estimate: Estimate) -> dict[str, Any]:
         "estimator": estimate.estimator,
         "parameters": _named(estimate, estimate.x),
         "sigma": _named(estimate, estimate.standard_deviation),
-        "sigma_pos_mm": _both(estimate.sigmas.position_m),
-        "sigma_ori_mrad": _both(estimate.sigmas.orientation_rad),
+        "sigma_pos_mm": both_json(estimate.sigmas.position_m),
+        "sigma_ori_mrad": both_json(estimate.sigmas.orientation_rad),
         "chi2_per_dof": estimate.chi2_per_dof,
         "variance_components": {},
         "dof": estimate.dof,
@@ -142,7 +142,7 @@ def _named(estimate: Estimate, values: np.ndarray[Any, np.dtype[np.float64]]) ->
     }
 
 
-def _both(figure: TwoReadings) -> dict[str, float]:
+def both_json(figure: TwoReadings) -> dict[str, float]:
     """m to mm, rad to mrad."""
     return {"rms": 1e3 * figure.rms, "as_printed": 1e3 * figure.as_printed}
 

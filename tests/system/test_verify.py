@@ -1,0 +1,60 @@
+"""`sarcal verify`: a sound calibration holds on poses it has not seen, a spoilt one does not."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from operator_app.cli import main
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sessions")
+    assert main(["run", "hinge", "--poses", "15", "--sessions", str(folder)]) == 0
+    return folder
+
+
+def test_new_poses_on_the_arm_confirm_the_calibration(
+    sessions: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--sessions", str(sessions), "--poses", "6", "--json"]
+    (session,) = (p for p in sessions.iterdir() if not p.name.endswith("verify"))
+    assert main(["verify", session.name, *options]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"] == "holds"
+    assert found["poses"] == 6
+    assert found["odd_poses"] == []
+    assert found["sigma_pos_mm"]["rms"] < 0.2 * found["nominal"]["sigma_pos_mm"]["rms"]
+
+
+def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(
+    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (session,) = (p for p in sessions.iterdir() if not p.name.endswith("verify"))
+    with (session / "poses.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows[:2]:
+        row["theta3_deg"] = repr(float(row["theta3_deg"]) + 0.5)
+    changed = tmp_path / "new.csv"
+    with changed.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    options = ["--sessions", str(sessions), "--json"]
+    assert main(["verify", session.name, str(changed), *options]) == 4
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"] == "does not hold"
+    assert sorted(found["odd_poses"]) == ["1", "2"]
+    assert main(["verify", session.name, str(changed), "--sessions", str(sessions)]) == 4
+    assert "look at pose" in capsys.readouterr().out
+
+
+def test_a_session_without_poses_has_nothing_to_verify(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", "latest", "--sessions", str(tmp_path)]) == 2
+    assert "no session" in capsys.readouterr().err

@@ -286,4 +286,7 @@ class VirtualController:
 
     def _run_work(self) -> None:
         while (work := self._work.get()) is not None:
-            work()
+            try:
+                work()
+            except Exception as error:  # noqa: BLE001 - raised again by whoever runs this controller
+                self.failure = error

@@ -200,6 +200,9 @@ class SupervisorNode(VirtualNode):
         except OSError as error:
             self._refusal = f"the document could not be stored: {error.strerror or error}"
             abort = Abort.NOT_STORED
+        except Exception:
+            self._refusal = "the controller failed while it carried out the command"
+            raise
         finally:
             with self.lock:
                 self._busy = False

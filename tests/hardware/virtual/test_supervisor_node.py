@@ -233,6 +233,24 @@ def test_another_arms_controller_does_not_use_the_document(tmp_path: Path) -> No
         assert b"active document not used" in arm.peer.read(16, 0x2004)
 
 
+def break_the_schema() -> None:
+    def broken(data: bytes) -> ValidatedParameters:
+        raise KeyError("a mistake in the schema's own code")
+
+    with rig(validate=broken) as arm:
+        arm.peer.take_control()
+        for _ in range(2):  # the second command is answered as well
+            arm.peer.write(16, 0x2000, 0, document())
+            assert order(arm, STAGE) == 0x08000000
+            assert b"the controller failed" in arm.peer.read(16, 0x2004)
+        assert slots(arm)[0] == 0
+
+
+def test_a_mistake_in_the_schema_is_answered_and_not_kept_quiet() -> None:
+    with pytest.raises(KeyError, match="mistake"):
+        break_the_schema()
+
+
 class FullDisk(MemoryDisk):
     def write(self, name: str, data: bytes) -> None:
         raise OSError(28, "No space left on device")

@@ -13,6 +13,16 @@ import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.errors import FixtureError
+from operator_app.judgement import (
+    AcceptanceLimits,
+    Notice,
+    flipped_notices,
+    held_notices,
+    reasons_against,
+    rival_notices,
+    rvdt_notices,
+    setup_notices,
+)
 from operator_app.loop_of_poses import instrument_variance, loop_of_poses
 from solver.arm_model import ArmModel
 from solver.arrays import BoolArray, FloatArray
@@ -42,27 +52,6 @@ class FixtureRefusedError(FixtureError):
     def __init__(self, checks: tuple[SetupCheck, ...]) -> None:
         self.checks = checks
         super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Notice:
-    """Something the operator should know: a stable code and a sentence."""
-
-    code: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AcceptanceLimits:
-    """What a calibration must reach to be accepted; None is no limit.
-
-    The sigmas are the ``rms`` reading of eqs. 14 and 15.
-    """
-
-    scaled_condition_number: float = 100.0
-    chi2_per_dof: float | None = None
-    sigma_pos_m: float | None = None
-    sigma_ori_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,13 +189,13 @@ def calibrate(
     return replace(
         solution,
         warnings=(
-            *_setup_warnings(_checks(fixture, arm, model, estimate.x, unsensed_joints)),
-            *_flipped_warnings(flipped, poses.label),
-            *_held_warnings(held),
-            *_rival_warnings(found),
-            *_rvdt_warnings(arm, estimate, unsensed_joints),
+            *setup_notices(_checks(fixture, arm, model, estimate.x, unsensed_joints)),
+            *flipped_notices(flipped, poses.label),
+            *held_notices(held),
+            *rival_notices(found),
+            *rvdt_notices(arm, estimate, unsensed_joints),
         ),
-        reasons=_reasons(estimate, seen, limits),
+        reasons=reasons_against(estimate, seen, limits),
     )
 
 
@@ -301,106 +290,3 @@ def _on_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple[int
     x = estimate_paper(model, q[keep]).x
     judged = whole.reduced(x, q).flipped
     return ~judged, tuple(int(k) for k in np.flatnonzero(judged))
-
-
-def _setup_warnings(checks: tuple[SetupCheck, ...]) -> tuple[Notice, ...]:
-    return tuple(
-        Notice(code=c.code, text=f"{c.text}: {c.remedy}")
-        for c in checks
-        if c.severity is not Severity.OK and not c.code.startswith("HIDDEN")
-    )
-
-
-def _held_warnings(held: tuple[str, ...]) -> tuple[Notice, ...]:
-    if not held:
-        return ()
-    return (
-        Notice(
-            code="HELD",
-            text=f"{', '.join(held)} cannot be seen in these poses and "
-            f"{'was' if len(held) == 1 else 'were'} held at nominal values",
-        ),
-    )
-
-
-def _rival_warnings(found: GlobalStart | None) -> tuple[Notice, ...]:
-    if found is None or not found.rivals:
-        return ()
-    return (
-        Notice(
-            code="SECOND_SOLUTION",
-            text=f"{len(found.rivals)} distinct solution{'s fit' if len(found.rivals) > 1 else ' fits'}"
-            " these poses as well: take more poses that differ, or give nominal values nearer the truth",
-        ),
-    )
-
-
-def _flipped_warnings(flipped: tuple[int, ...], labels: tuple[str, ...]) -> tuple[Notice, ...]:
-    if not flipped:
-        return ()
-    names = ", ".join(labels[k] for k in flipped)
-    return (
-        Notice(
-            code="FLIPPED_BRANCH",
-            text=f"pose{'s' if len(flipped) > 1 else ''} {names} close only with the hand upside "
-            "down on the hinge and were left out: take them again or remove them",
-        ),
-    )
-
-
-def _rvdt_warnings(
-    arm: ArmModel, estimate: Estimate, unsensed_joints: tuple[int, ...]
-) -> tuple[Notice, ...]:
-    """Compare what the loops say of each RVDT joint with what its data sheet allows."""
-    found = []
-    for j, joint in enumerate(arm.joints, 1):
-        if not isinstance(joint.sensor, Rvdt) or j in unsensed_joints:
-            continue
-        lsb_mrad = 1e3 * joint.sensor.resolution_rad
-        text = (
-            f"joint {j} is read by a {joint.sensor.bits}-bit RVDT "
-            f"(1 LSB = {lsb_mrad:.2f} mrad; linearity {100 * joint.sensor.linearity:.0f} % of "
-            f"full scale = {1e3 * joint.sensor.linearity_rad:.0f} mrad)"
-        )
-        if estimate.corrections is not None:
-            rms = float(np.sqrt(np.mean(estimate.corrections[:, j - 1] ** 2)))
-            text += (
-                f"; the loops disagree with its readings by {1e3 * rms:.1f} mrad rms, "
-                f"{rms / joint.sensor.sigma_rad:.1f} times its noise"
-            )
-            if rms > 3.0 * joint.sensor.sigma_rad:
-                text += f": solve with --unsensed {j} and compare"
-        found.append(Notice(code=f"RVDT_{j}", text=text))
-    return tuple(found)
-
-
-def _reasons(
-    estimate: Estimate, seen: Identifiability, limits: AcceptanceLimits
-) -> tuple[str, ...]:
-    reasons = []
-    if not estimate.converged:
-        reasons.append(f"the iteration did not converge in {estimate.iterations} steps")
-    if seen.scaled_condition_number > limits.scaled_condition_number:
-        reasons.append(
-            f"scaled condition number {seen.scaled_condition_number:.0f} is above "
-            f"{limits.scaled_condition_number:.0f}: take poses that differ more; "
-            f"the weakest direction is {', '.join(seen.weakest.parameters[:4])}"
-        )
-    for symbol, found, limit, unit in (
-        ("sigma_pos", estimate.sigmas.position_m.rms, limits.sigma_pos_m, "mm"),
-        (
-            "sigma_ori",
-            estimate.sigmas.orientation_rad.rms,
-            limits.sigma_ori_rad,
-            "mrad",
-        ),
-    ):
-        if limit is not None and found > limit:
-            reasons.append(f"{symbol} {1e3 * found:.2f} {unit} is above {1e3 * limit:.2f} {unit}")
-    ratio = estimate.chi2_per_dof
-    if limits.chi2_per_dof is not None and ratio is not None and ratio > limits.chi2_per_dof:
-        reasons.append(
-            f"chi2/dof {ratio:.2f} is above {limits.chi2_per_dof:.2f}: the sensors or the fixture "
-            "are worse than stated"
-        )
-    return tuple(reasons)

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from operator_app.calibration import AcceptanceLimits
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.resources import Resource
+from operator_app.judgement import AcceptanceLimits
 from solver.arm_model import ArmModel
 from solver.sensors import NoSensor
 

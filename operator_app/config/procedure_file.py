@@ -9,7 +9,6 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from operator_app.calibration import AcceptanceLimits
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import parse_fixture
@@ -36,6 +35,7 @@ from operator_app.config.schema import StrictModel, check_model
 from operator_app.config.strict_yaml import load_strict
 from operator_app.config.yaml_document import Path as KeyPath
 from operator_app.config.yaml_document import YamlDocument
+from operator_app.judgement import AcceptanceLimits
 from solver.arm_model import ArmModel
 
 T = TypeVar("T")

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.calibration import Notice, Solution
+from operator_app.calibration import Solution
+from operator_app.judgement import Notice
 from solver.errors import UnidentifiableDirection
 from solver.estimate import Estimate
 from solver.goodness import TwoReadings

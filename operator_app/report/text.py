@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from operator_app.calibration import Notice, Solution
+from operator_app.calibration import Solution
+from operator_app.judgement import Notice
 from solver.closure import DhLoop
 from solver.errors import UnidentifiableDirection
 from solver.estimate import Estimate

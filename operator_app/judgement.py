@@ -1,0 +1,146 @@
+"""What an operator should know of a calibration: notices in plain words, and reasons against it.
+
+Every sentence says what to do where there is something to do. Knows results; computes no estimate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import SetupCheck, Severity
+from solver.arm_model import ArmModel
+from solver.estimate import Estimate
+from solver.global_start import GlobalStart
+from solver.identifiability import Identifiability
+from solver.sensors import Rvdt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notice:
+    """Something the operator should know: a stable code and a sentence."""
+
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcceptanceLimits:
+    """What a calibration must reach to be accepted; None is no limit.
+
+    The sigmas are the ``rms`` reading of eqs. 14 and 15.
+    """
+
+    scaled_condition_number: float = 100.0
+    chi2_per_dof: float | None = None
+    sigma_pos_m: float | None = None
+    sigma_ori_rad: float | None = None
+
+
+def setup_notices(checks: tuple[SetupCheck, ...]) -> tuple[Notice, ...]:
+    """Say what the fixture's set-up checks warn of at the identified parameters."""
+    return tuple(
+        Notice(code=c.code, text=f"{c.text}: {c.remedy}")
+        for c in checks
+        if c.severity is not Severity.OK and not c.code.startswith("HIDDEN")
+    )
+
+
+def held_notices(held: tuple[str, ...]) -> tuple[Notice, ...]:
+    """Say what was dropped on request."""
+    if not held:
+        return ()
+    return (
+        Notice(
+            code="HELD",
+            text=f"{', '.join(held)} cannot be seen in these poses and "
+            f"{'was' if len(held) == 1 else 'were'} held at nominal values",
+        ),
+    )
+
+
+def rival_notices(found: GlobalStart | None) -> tuple[Notice, ...]:
+    """Say that the poses cannot decide between solutions."""
+    if found is None or not found.rivals:
+        return ()
+    return (
+        Notice(
+            code="SECOND_SOLUTION",
+            text=f"{len(found.rivals)} distinct solution{'s fit' if len(found.rivals) > 1 else ' fits'}"
+            " these poses as well: take more poses that differ, or give nominal values nearer the truth",
+        ),
+    )
+
+
+def flipped_notices(flipped: tuple[int, ...], labels: tuple[str, ...]) -> tuple[Notice, ...]:
+    """Name the poses left out because the hand is upside down on the hinge."""
+    if not flipped:
+        return ()
+    names = ", ".join(labels[k] for k in flipped)
+    return (
+        Notice(
+            code="FLIPPED_BRANCH",
+            text=f"pose{'s' if len(flipped) > 1 else ''} {names} close only with the hand upside "
+            "down on the hinge and were left out: take them again or remove them",
+        ),
+    )
+
+
+def rvdt_notices(
+    arm: ArmModel, estimate: Estimate, unsensed_joints: tuple[int, ...]
+) -> tuple[Notice, ...]:
+    """Compare what the loops say of each RVDT joint with what its data sheet allows."""
+    found = []
+    for j, joint in enumerate(arm.joints, 1):
+        if not isinstance(joint.sensor, Rvdt) or j in unsensed_joints:
+            continue
+        lsb_mrad = 1e3 * joint.sensor.resolution_rad
+        text = (
+            f"joint {j} is read by a {joint.sensor.bits}-bit RVDT "
+            f"(1 LSB = {lsb_mrad:.2f} mrad; linearity {100 * joint.sensor.linearity:.0f} % of "
+            f"full scale = {1e3 * joint.sensor.linearity_rad:.0f} mrad)"
+        )
+        if estimate.corrections is not None:
+            rms = float(np.sqrt(np.mean(estimate.corrections[:, j - 1] ** 2)))
+            text += (
+                f"; the loops disagree with its readings by {1e3 * rms:.1f} mrad rms, "
+                f"{rms / joint.sensor.sigma_rad:.1f} times its noise"
+            )
+            if rms > 3.0 * joint.sensor.sigma_rad:
+                text += f": solve with --unsensed {j} and compare"
+        found.append(Notice(code=f"RVDT_{j}", text=text))
+    return tuple(found)
+
+
+def reasons_against(
+    estimate: Estimate, seen: Identifiability, limits: AcceptanceLimits
+) -> tuple[str, ...]:
+    """Why a calibration is not accepted; empty when it is."""
+    reasons = []
+    if not estimate.converged:
+        reasons.append(f"the iteration did not converge in {estimate.iterations} steps")
+    if seen.scaled_condition_number > limits.scaled_condition_number:
+        reasons.append(
+            f"scaled condition number {seen.scaled_condition_number:.0f} is above "
+            f"{limits.scaled_condition_number:.0f}: take poses that differ more; "
+            f"the weakest direction is {', '.join(seen.weakest.parameters[:4])}"
+        )
+    for symbol, found, limit, unit in (
+        ("sigma_pos", estimate.sigmas.position_m.rms, limits.sigma_pos_m, "mm"),
+        (
+            "sigma_ori",
+            estimate.sigmas.orientation_rad.rms,
+            limits.sigma_ori_rad,
+            "mrad",
+        ),
+    ):
+        if limit is not None and found > limit:
+            reasons.append(f"{symbol} {1e3 * found:.2f} {unit} is above {1e3 * limit:.2f} {unit}")
+    ratio = estimate.chi2_per_dof
+    if limits.chi2_per_dof is not None and ratio is not None and ratio > limits.chi2_per_dof:
+        reasons.append(
+            f"chi2/dof {ratio:.2f} is above {limits.chi2_per_dof:.2f}: the sensors or the fixture "
+            "are worse than stated"
+        )
+    return tuple(reasons)

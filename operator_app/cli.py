@@ -17,6 +17,7 @@ COMMANDS = {
     "verify": "judge new poses by a calibration made before them",
     "export": "write, show or upload the parameters of a session",
     "report": "write an HTML report of a session",
+    "compare": "say what drifted between two calibrations",
     "session": "list sessions or show one",
     "controller": "run the virtual controller as its own process",
 }

@@ -129,7 +129,7 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> Html:
     columns = [
         Column(title="pose", number=False),
         Column(title=f"UTC{day}", number=False),
-        *(Column(title=f"joint {j}", group="mean reading [deg]") for j in range(1, n + 1)),
+        *(Column(title=f"{j}", group="mean reading of joint [deg]") for j in range(1, n + 1)),
         Column(title="largest sd", unit="mdeg"),
         Column(title="position", unit="mm", group="closure error"),
         Column(title="orientation", unit="mrad", group="closure error"),

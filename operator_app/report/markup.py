@@ -108,7 +108,7 @@ def table(
         body.append(element("tr", *cells, class_=(row_classes[k] or None) if row_classes else None))
     made = element(
         "table",
-        element("caption", caption),
+        element("caption", element("span", caption)),
         element("thead", *_header(columns)),
         element("tbody", *body),
         class_=class_ or None,

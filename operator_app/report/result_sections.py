@@ -7,7 +7,8 @@ import math
 from operator_app.report import tables
 from operator_app.report.markup import element, join
 from operator_app.report.numbers import plural, significant
-from operator_app.report.section import Section, definitions, remark, sentence
+from operator_app.report.provenance import SAME
+from operator_app.report.section import Section, definitions, prose, remark, sentence
 from operator_app.report.subject import Subject
 from operator_app.report.text import CONDITION_ACCEPTABLE, CONDITION_PAPER
 from solver.estimate import Estimate
@@ -34,12 +35,19 @@ def warnings(subject: Subject) -> Section | None:
     ]
     if subject.solution is not None and (doubt := noise_doubt(subject.solution.estimate)):
         texts.insert(0, doubt)
+    drift = subject.drift_from_journal
+    if drift is not None and drift > SAME:
+        texts.append(
+            f"solving again gives other parameters than the session recorded, by up to "
+            f"{significant(drift, 2)} rad or m: the program has changed since; export again if these "
+            "are the ones to use"
+        )
     if subject.torn:
         texts.append(f"{subject.torn}: nothing that counted was in it")
     if not texts:
         return None
     glyph = element("span", "▲ ", class_="glyph", aria_hidden="true")
-    items = [element("li", glyph, sentence(text)) for text in texts]
+    items = [element("li", glyph, prose(sentence(text))) for text in texts]
     return Section(
         ident="warnings",
         title=plural(len(items), "warning"),

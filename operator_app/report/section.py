@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from operator_app.report.markup import Html, element
+from operator_app.report.markup import Html, element, join
+
+OPTION = re.compile(r"--[a-z-]+(?: \d[\d,]*)?")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,3 +64,13 @@ def bullets(points: Iterable[str]) -> Html:
 def sentence(words: str) -> str:
     """Begin with a capital, end with a full stop."""
     return words[:1].upper() + words[1:] + ("" if words.endswith(".") else ".")
+
+
+def prose(words: str) -> Html:
+    """Return a sentence in which options of the command line stand out and stay in one piece."""
+    parts: list[str] = []
+    end = 0
+    for found in OPTION.finditer(words):
+        parts += [words[end : found.start()], element("code", found.group(), class_="whole")]
+        end = found.end()
+    return join([*parts, words[end:]])

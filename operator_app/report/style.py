@@ -100,6 +100,8 @@ ul.warnings .glyph,.warn{{color:var(--warn)}}
 .scroll{{overflow-x:auto;margin:10px 0}}
 table{{border-collapse:collapse;font-size:.88rem;line-height:1.3}}
 caption{{text-align:left;font-size:.85rem;padding:2px 0 5px}}
+caption span{{display:inline-block;position:sticky;left:0;max-width:calc(100vw - 30px)}}
+.whole{{white-space:nowrap}}
 th,td{{padding:3px 10px;border-bottom:1px solid var(--rule);text-align:left;white-space:nowrap;font-weight:400}}
 thead th{{font-weight:600;white-space:normal;min-width:4.2em;vertical-align:bottom;border-bottom-color:var(--muted)}}
 thead th.group{{text-align:center;color:var(--muted);font-weight:600}}
@@ -161,7 +163,7 @@ footer{{margin:36px auto 30px;color:var(--muted);font-size:.85rem}}
  th,td{{padding:1.5px 5px}}
  table.heat td,table.heat th{{font-size:6.4pt;padding:1.5px 2.5px}}
  thead{{display:table-header-group}}
- tr,figure,.tiles,.verdict,li,dl.facts{{break-inside:avoid}}
+ table.heat,tr,figure,.tiles,.verdict,li,dl.facts{{break-inside:avoid}}
  .scroll{{overflow:visible;margin:6px 0}}
  .plots{{grid-template-columns:1fr 1fr;gap:8px 18px}}
  .tiles{{grid-template-columns:repeat(6,1fr)}}

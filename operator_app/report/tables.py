@@ -211,7 +211,7 @@ def correlation_table(estimate: Estimate) -> Html:
     caption = f"Correlations of the parameters (no unit, from {MINUS}1 to 1)"
     made = element(
         "table",
-        element("caption", caption),
+        element("caption", element("span", caption)),
         element("thead", head),
         element("tbody", *body),
         class_="heat",

@@ -1,0 +1,125 @@
+"""A smooth curve through noisy points: as many Legendre terms as leave-one-out prediction wants.
+
+Knows numbers only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+
+MAX_DEGREE = 8
+
+POINTS_PER_TERM = 4
+"""Fewer points than this for each term and the prediction error is not worth comparing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SmoothCurve:
+    """Legendre series over the covered range, fitted by least squares.
+
+    Attributes
+    ----------
+    low, high
+        Covered range of the abscissa.
+    coefficients
+        (degree + 1,).
+    smoother
+        (degree + 1, m): takes the points to the coefficients, so any covariance of the points
+        can be carried to the curve.
+    residual
+        (m,): points minus curve.
+    dof
+        Points less coefficients.
+    line_probability
+        Chance of as much improvement over a straight line if the points lie on one (F test); 1
+        when the curve is a straight line.
+    """
+
+    low: float
+    high: float
+    coefficients: FloatArray
+    smoother: FloatArray
+    residual: FloatArray
+    dof: int
+    line_probability: float
+
+    @property
+    def degree(self) -> int:
+        """Degree that was chosen; 1 is a straight line."""
+        return len(self.coefficients) - 1
+
+    def basis(self, abscissa: FloatArray) -> FloatArray:
+        """Legendre polynomials (..., degree + 1) at points of the covered range."""
+        return _basis(abscissa, self.low, self.high, self.degree)
+
+    def __call__(self, abscissa: FloatArray) -> FloatArray:
+        """Value of the curve."""
+        return np.asarray(self.basis(abscissa) @ self.coefficients)
+
+    def covariance(self, abscissa: FloatArray, of_points: FloatArray) -> FloatArray:
+        """Covariance of the curve at `abscissa` (k,) from that of the points (m, m)."""
+        H = self.basis(abscissa) @ self.smoother
+        return np.asarray(H @ of_points @ H.T)
+
+
+def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -> SmoothCurve:
+    """Fit points (m,) with the degree, from `least_degree` up, whose leave-one-out error is smallest.
+
+    A higher degree must better the best lower one by more than its standard error, so that noise
+    is not fitted; and against a straight line the chosen curve is tested as a whole.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than eight points or they cover no range.
+    """
+    from scipy.special import fdtrc
+
+    m = len(abscissa)
+    low, high = float(abscissa.min()), float(abscissa.max())
+    if m < 2 * POINTS_PER_TERM or not high > low:
+        raise ValueError("a curve needs at least eight points over some range")
+    best = 1
+    squares: dict[int, float] = {}
+    press_of: dict[int, FloatArray] = {}
+    for degree in range(1, min(MAX_DEGREE, m // POINTS_PER_TERM - 1) + 1):
+        residual, leverage = _fit(_basis(abscissa, low, high, degree), values)[1:]
+        squares[degree] = float(residual @ residual)
+        press_of[degree] = (residual / np.maximum(1.0 - leverage, 1e-12)) ** 2
+        gain = press_of[best] - press_of[degree]
+        error = float(np.std(gain) * np.sqrt(m))
+        if degree <= least_degree or float(gain.sum()) > error:
+            best = degree
+    basis = _basis(abscissa, low, high, best)
+    smoother, residual, _ = _fit(basis, values)
+    dof = m - best - 1
+    chance = 1.0
+    if best > 1:
+        more = best - 1
+        ratio = (squares[1] - squares[best]) / more / max(squares[best] / dof, 1e-300)
+        chance = float(fdtrc(more, dof, ratio))
+    return SmoothCurve(
+        low=low,
+        high=high,
+        coefficients=smoother @ values,
+        smoother=smoother,
+        residual=residual,
+        dof=dof,
+        line_probability=chance,
+    )
+
+
+def _basis(abscissa: FloatArray, low: float, high: float, degree: int) -> FloatArray:
+    x = (2.0 * np.asarray(abscissa) - low - high) / (high - low)
+    return np.asarray(np.polynomial.legendre.legvander(x, degree))
+
+
+def _fit(basis: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Smoother (k, m), residual (m,) and leverage (m,)."""
+    smoother = np.asarray(np.linalg.pinv(basis), dtype=np.float64)
+    leverage: FloatArray = np.einsum("mk,km->m", basis, smoother)
+    return smoother, values - basis @ (smoother @ values), leverage

@@ -204,6 +204,17 @@ def may_upload(s: SessionSnapshot) -> Missing:
     return ()
 
 
+def may_verify(s: SessionSnapshot) -> Missing:
+    """Verifying needs a calibration to judge by, drives in their modes and fresh data."""
+    missing = idle(s) or results_ready(s) or may_use_data(s)
+    if missing:
+        return missing
+    position = sum(m is JointMode.POSITION for m in s.modes)
+    if position != s.mobility or not s.drives_ready:
+        return ("the arm is held: apply the modes first (step 3), then verify",)
+    return ()
+
+
 def may_reset(s: SessionSnapshot) -> Missing:
     """Only a latched STOP can be reset, or a drive that tripped."""
     if s.stopped or (s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints)):

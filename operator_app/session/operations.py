@@ -93,8 +93,8 @@ class Operations:
             self._foresee(plan, here)
         self.refresh()
 
-    def tick(self, item: int, text: str) -> None:
-        """Record an item of the check list."""
+    def confirm(self, item: str, text: str) -> None:
+        """Record what the operator has confirmed."""
         self._session.record("confirmed", {"item": item, "text": text})
 
     # -- 3 Modes -----------------------------------------------------------------------------------

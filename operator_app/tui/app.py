@@ -1,0 +1,200 @@
+"""The app: polls one snapshot at 20 Hz, sends keys to actions, STOP straight to the arm.
+
+Decides nothing about a calibration; `session` does. Knows no bus.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+from collections.abc import Iterator
+from typing import ClassVar
+
+from textual import events
+from textual.app import App, SystemCommand
+from textual.binding import BindingType
+from textual.screen import Screen
+from textual.widgets import Input
+
+from operator_app.session.desk import Desk
+from operator_app.session.guards import ends_with_any_key
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
+from operator_app.tui.actions import Actions
+from operator_app.tui.keys import ACTIONS, PRIMARY, STOP_KEYS, Action, by_name, for_key
+from operator_app.tui.lines import Lines
+from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, Look, look, themes
+from operator_app.tui.main_screen import MainScreen
+from operator_app.tui.palette import ActionProvider
+from operator_app.tui.source import Source
+from operator_app.tui.widgets.safety_strip import Clicked
+
+POLL_S = 1.0 / 20.0
+ENDINGS = (signal.SIGTERM, signal.SIGHUP)
+
+
+class SarcalApp(App[str]):
+    """Connect to Export on screen. Runs until `leave`; returns why it ended."""
+
+    CSS_PATH = "sarcal.tcss"
+    TITLE = "sarcal"
+    BINDINGS: ClassVar[list[BindingType]] = []
+    COMMANDS: ClassVar = {ActionProvider}
+    ENABLE_COMMAND_PALETTE = True
+
+    def __init__(
+        self,
+        source: Source,
+        *,
+        theme: str = DARK,
+        ascii_only: bool = False,
+        resume: str | None = None,
+    ) -> None:
+        super().__init__()
+        for made in themes():
+            self.register_theme(made)
+        self.theme = NO_COLOUR if self.no_color else theme
+        self.look: Look = look(self.theme, ascii_only=ascii_only)
+        self.source = source
+        self.resume_first = resume
+        self.desk: Desk | None = None
+        self.step = Step.CONNECT
+        self.main = MainScreen()
+        self.actions = Actions(self)
+        self.picture: SessionSnapshot | None = None
+
+    # -- life --------------------------------------------------------------------------------------
+
+    def get_default_screen(self) -> Screen[None]:
+        """The one main screen."""
+        return self.main
+
+    async def on_mount(self) -> None:
+        """Listen for signals."""
+        loop = asyncio.get_running_loop()
+        for number in ENDINGS:
+            # Textual does not unmount on a signal: leave in order instead.
+            with contextlib.suppress(ValueError, NotImplementedError, RuntimeError):
+                loop.add_signal_handler(number, self.leave, number.name)
+
+    def on_main_screen_ready(self) -> None:
+        """Begin a session, or offer to resume; then poll."""
+        self.main.set_class(self.look.ascii_only, "-ascii")
+        self.actions.begin()
+        self.set_interval(POLL_S, self.poll)
+
+    def leave(self, reason: str) -> None:
+        """Leave; whoever runs the app closes the source, which holds the arm."""
+        self.exit(reason)
+
+    def poll(self) -> None:
+        """Take one snapshot and show it."""
+        desk = self.desk
+        if desk is None or not self.main.children or self._exit:
+            return
+        if desk.defect is not None:
+            raise RuntimeError("the session's worker met a defect") from desk.defect
+        self.picture = desk.snapshot()
+        self.actions.follow(self.picture)
+        self.main.show(self.picture)
+
+    # -- keys --------------------------------------------------------------------------------------
+
+    async def on_event(self, event: events.Event) -> None:
+        """Look at keys before anything else: STOP first, then whatever ends a motion."""
+        if isinstance(event, events.Key) and not event.is_forwarded and self._take(event):
+            event.stop()
+            event.prevent_default()
+            return
+        await super().on_event(event)
+
+    def _take(self, event: events.Key) -> bool:
+        """Whether a key was dealt with here."""
+        key = event.key
+        typing = isinstance(self.focused, Input)
+        if key in STOP_KEYS and not (key == "space" and typing):
+            self.actions.stop_now()
+            return True
+        desk = self.desk
+        if desk is not None and self.picture is not None and ends_with_any_key(self.picture.task):
+            desk.cancel()
+            self.main.refuse("")
+            return True
+        if self.screen is not self.main:
+            return False
+        if key in ("tab", "shift+tab"):
+            return False
+        self.main.refuse("")
+        action = for_key(key, self.step)
+        if action is None and event.character is not None:
+            action = for_key(event.character, self.step)
+        if action is not None:
+            self.perform(action)
+            return True
+        return False
+
+    def perform(self, action: Action) -> None:
+        """Do an action at the present step."""
+        if action is PRIMARY:
+            self.actions.do_primary()
+            return
+        name, _, argument = action.name.partition("(")
+        method = getattr(self.actions, f"do_{name}")
+        if argument:
+            method(int(argument.rstrip(")")))
+        else:
+            method()
+
+    def perform_anywhere(self, action: Action) -> None:
+        """Do an action from the palette: go to its step first, if that is open."""
+        if self.step not in action.steps:
+            target = min(action.steps)
+            if not self.actions.go(target):
+                return
+        self.perform(action)
+
+    def on_clicked(self, event: Clicked) -> None:
+        """A click on a key or a step does what the key does."""
+        self.main.refuse("")
+        self.perform(by_name(event.action))
+
+    # -- look --------------------------------------------------------------------------------------
+
+    def change_look(self) -> None:
+        """Take the next theme."""
+        order = (DARK, LIGHT, NO_COLOUR)
+        self.theme = order[(order.index(self.theme) + 1) % len(order)]
+        self.look = look(self.theme, ascii_only=self.look.ascii_only)
+        for widget in self.main.query(Lines):
+            widget.forget()
+
+    def get_system_commands(self, screen: Screen[object]) -> Iterator[SystemCommand]:
+        """None of Textual's own."""
+        return iter(())
+
+    def action_help_quit(self) -> None:
+        """Ctrl+C asks before it leaves, like q."""
+        self.actions.do_quit()
+
+    async def action_quit(self) -> None:
+        """Ctrl+Q likewise."""
+        self.actions.do_quit()
+
+
+def run(
+    source: Source, *, theme: str = DARK, ascii_only: bool = False, resume: str | None = None
+) -> str:
+    """Run the app until the operator leaves; the arm is held and the journal closed in any case."""
+    reason = "failed"
+    try:
+        app = SarcalApp(source, theme=theme, ascii_only=ascii_only, resume=resume)
+        reason = app.run() or "left"
+        if app.return_code:
+            reason = "failed"
+    finally:
+        source.close(reason)
+    return reason
+
+
+__all__ = ["ACTIONS", "SarcalApp", "run"]

@@ -1,0 +1,154 @@
+"""Questions over the main screen. They never cover the safety strip, and they focus Cancel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.content import Content
+from textual.screen import ModalScreen
+from textual.widgets import Button, Input, OptionList, Static
+from textual.widgets.option_list import Option
+
+
+class Dialog(ModalScreen[str | None]):
+    """A box with a title; Esc and n give None."""
+
+    AUTO_FOCUS = ""
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss_none", show=False),
+        Binding("n", "dismiss_none", show=False),
+    ]
+
+    def __init__(self, title: str, text: str) -> None:
+        super().__init__()
+        self._title, self._text = title, text
+
+    def compose(self) -> ComposeResult:
+        """Title in the frame, text, then whatever the dialog is for."""
+        with Vertical(id="box") as box:
+            box.border_title = self._plain(self._title)
+            yield Static(self._plain(self._text), id="text")
+            yield from self.body()
+
+    def body(self) -> ComposeResult:
+        """Return what is below the text."""
+        yield from ()
+
+    def _plain(self, text: str) -> Any:
+        app: Any = self.app
+        return Content(app.look.text(text))
+
+    def action_dismiss_none(self) -> None:
+        """Leave everything as it is."""
+        self.dismiss(None)
+
+
+class Confirm(Dialog):
+    """Yes or Cancel."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("y", "yes", show=False),
+        Binding("left,right,tab,shift+tab", "other", show=False),
+    ]
+
+    def __init__(self, title: str, text: str, yes: str) -> None:
+        super().__init__(title, text)
+        self._yes = yes
+
+    def body(self) -> ComposeResult:
+        """Two buttons, Cancel first."""
+        with Horizontal(id="buttons"):
+            yield Button(self._plain("Cancel  Esc"), id="cancel", compact=True)
+            yield Button(self._plain(f"{self._yes}  y"), id="yes", compact=True)
+
+    def on_mount(self) -> None:
+        """Cancel has the focus."""
+        self.query_one("#cancel", Button).focus()
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        """Answer."""
+        self.dismiss("yes" if event.button.id == "yes" else None)
+
+    def action_yes(self) -> None:
+        """Answer yes."""
+        self.dismiss("yes")
+
+    def action_other(self) -> None:
+        """Move between the two buttons."""
+        here = self.focused
+        self.query_one("#yes" if here is not None and here.id == "cancel" else "#cancel").focus()
+
+
+class Ask(Dialog):
+    """One line of text; with `expected`, only that text is taken."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss_none", show=False)]
+
+    def __init__(self, title: str, text: str, *, expected: str = "", value: str = "") -> None:
+        super().__init__(title, text)
+        self._expected, self._value = expected, value
+
+    def body(self) -> ComposeResult:
+        """An input and what is wrong with it."""
+        yield Input(value=self._value, id="answer", compact=True)
+        yield Static(self._plain("Enter takes it, Esc leaves everything as it is"), id="said")
+
+    def on_mount(self) -> None:
+        """Type at once."""
+        self.query_one(Input).focus()
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Take it, or say why not."""
+        if self._expected and event.value.strip() != self._expected:
+            self.query_one("#said", Static).update(
+                self._plain(f"▲ that is not {self._expected}: nothing was sent")
+            )
+            return
+        self.dismiss(event.value.strip())
+
+
+class Choose(Dialog):
+    """One of several."""
+
+    def __init__(self, title: str, text: str, options: Sequence[tuple[str, str]]) -> None:
+        super().__init__(title, text)
+        self._options = options
+
+    def body(self) -> ComposeResult:
+        """A list; the first entry changes nothing."""
+        cancel = Option(self._plain("Cancel"), id="")
+        rows = [Option(self._plain(text), id=key) for key, text in self._options]
+        yield OptionList(cancel, *rows, id="options", compact=True)
+
+    def on_mount(self) -> None:
+        """The list has the focus, Cancel is marked."""
+        found = self.query_one(OptionList)
+        found.focus()
+        found.highlighted = 0
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Answer."""
+        self.dismiss(event.option.id or None)
+
+
+class Read(Dialog):
+    """Something to read; any of Esc, q, Enter, ? closes it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,enter,question_mark,f1", "dismiss_none", show=False)
+    ]
+
+    def compose(self) -> ComposeResult:
+        """Scrolling text."""
+        with VerticalScroll(id="box", classes="tall") as box:
+            box.border_title = self._plain(self._title)
+            box.border_subtitle = self._plain("Esc closes")
+            yield Static(self._plain(self._text), id="text")
+
+    def on_mount(self) -> None:
+        """Scroll with the arrows."""
+        self.query_one("#box").focus()

@@ -1,0 +1,32 @@
+"""What `?` says: the focused panel, then every key of the step, then those that work everywhere."""
+
+from __future__ import annotations
+
+from operator_app.session.steps import Step
+from operator_app.tui.keys import ACTIONS, EVERYWHERE
+from operator_app.tui.lines import Lines
+
+ABOUT = {
+    Step.CONNECT: "Find the arm on its bus and make sure it is the right one, in one operator's hands.",
+    Step.FIXTURE: "Make sure the metal that closes the loop is where the fixture file says.",
+    Step.MODES: "Choose which joints drive the closed chain and which follow.",
+    Step.CAPTURE: "Move through the plan and read all joints at each pose, standing still.",
+    Step.CALIBRATE: "Find the parameters that close every loop.",
+    Step.RESULTS: "Judge the calibration before anything is changed.",
+    Step.EXPORT: "Write the parameters, give them to the controller, verify with new poses.",
+}
+
+
+def help_text(step: Step, panel: Lines | None) -> str:
+    """Return the text for a step and the focused panel, if one is."""
+    blocks = [ABOUT[step]]
+    if panel is not None and panel.HELP:
+        blocks.append(f"This panel ({panel.TITLE}): {panel.HELP}")
+    else:
+        blocks.append("Tab focuses a panel; ? then explains that panel.")
+    here = [a for a in ACTIONS if step in a.steps and a.steps != EVERYWHERE]
+    everywhere = [a for a in ACTIONS if a.steps == EVERYWHERE]
+    for title, actions in (("Keys of this step", here), ("Keys everywhere", everywhere)):
+        rows = [f"  {a.shown:<9} {a.label}: {a.help}" for a in actions]
+        blocks.append("\n".join([title, *rows]))
+    return "\n\n".join(blocks)

@@ -1,0 +1,188 @@
+"""The one main screen: strip, banner, rail, the present step, next thing, messages, keys."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual import events
+from textual.app import ComposeResult
+from textual.containers import Horizontal
+from textual.message import Message
+from textual.screen import Screen
+from textual.widgets import ContentSwitcher
+
+from hardware.arm import JointMode
+from operator_app.session.snapshot import Level, SessionSnapshot
+from operator_app.session.steps import Step
+from operator_app.tui.keys import FOOTER, by_name
+from operator_app.tui.lines import Line, Lines, Span, clip, line, wrapped
+from operator_app.tui.primary import next_thing
+from operator_app.tui.steps.calibrate import CalibrateView
+from operator_app.tui.steps.capture import CaptureView
+from operator_app.tui.steps.connect import ConnectView
+from operator_app.tui.steps.export import ExportView
+from operator_app.tui.steps.fixture import FixtureView
+from operator_app.tui.steps.modes import ModesView
+from operator_app.tui.steps.results import ResultsView
+from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.safety_strip import Banner, Clicked, SafetyStrip
+from operator_app.tui.widgets.step_rail import StepRail, StepRow
+
+SMALLEST = (80, 24)
+LARGE = (110, 32)
+VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
+MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
+
+
+class Hint(Lines, can_focus=False):
+    """What to do next, or why something was refused just now."""
+
+    step = Step.CONNECT
+    wanted: tuple[JointMode, ...] = ()
+    refusal = ""
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """One sentence."""
+        if self.refusal:
+            return [clip(line((" ▲ ", "warn"), (self.refusal, "warn")), width)]
+        return [clip(line((" Next ", "bold"), next_thing(self.step, s, self.wanted).hint), width)]
+
+
+class Log(Lines, can_focus=False):
+    """The last messages, newest first."""
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """As many lines as there are rows."""
+        rows: list[Line] = []
+        for message in s.messages[::-1]:
+            glyph, role = MARKS[message.level]
+            text = f" {message.time} {glyph}{message.text}"
+            room = height - len(rows)
+            if room <= 0:
+                break
+            pieces = wrapped(text, width - 1, role, " " * 10)
+            rows += [(*((" ", "text"),), *p) for p in pieces][:room]
+        return [clip(row, width) for row in rows]
+
+
+class Footer(Lines, can_focus=False):
+    """At most six keys."""
+
+    step = Step.CONNECT
+    wanted: tuple[JointMode, ...] = ()
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """STOP first, then the next thing."""
+        self._spots: list[tuple[int, int, str]] = []
+        row: list[Span] = [(" ", "text")]
+        at = 1
+        for name in FOOTER[self.step]:
+            action = by_name(name)
+            shown, label = action.shown, action.label
+            if name == "primary":
+                thing = next_thing(self.step, s, self.wanted)
+                if not thing.action:
+                    continue
+                label = thing.label
+            width_of = len(shown) + 1 + len(label)
+            if at + width_of > width:
+                break
+            row += [(shown, "key"), (f" {label}", "text"), ("  ", "text")]
+            self._spots.append((at, at + width_of, name))
+            at += width_of + 2
+        return [tuple(row)]
+
+    def on_click(self, event: events.Click) -> None:
+        """Every key can be clicked."""
+        for first, last, name in self._spots:
+            if first <= event.x < last:
+                self.post_message(Clicked(name))
+                return
+
+
+class TooSmall(Lines, can_focus=False):
+    """Says what size is needed."""
+
+    def show_size(self, width: int, height: int) -> None:
+        """Say it."""
+        columns, rows = SMALLEST
+        text = f"sarcal needs {columns} x {rows} characters; this window has {width} x {height}."
+        self.show_lines(
+            [
+                (),
+                *wrapped(text + " Make it larger or its letters smaller; STOP still works.", width),
+            ]
+        )
+
+
+class MainScreen(Screen[None]):
+    """Everything an operator sees but questions."""
+
+    AUTO_FOCUS = ""
+
+    class Ready(Message):
+        """Everything is there to be filled."""
+
+    def on_mount(self) -> None:
+        """Say so."""
+        self.post_message(self.Ready())
+
+    def compose(self) -> ComposeResult:
+        """From top to bottom."""
+        yield SafetyStrip(id="strip")
+        yield Banner(id="banner")
+        yield StepRow(id="row")
+        with Horizontal(id="middle"):
+            yield StepRail(id="rail")
+            with ContentSwitcher(id="body", initial="step-1"):
+                for view in VIEWS:
+                    yield view()
+        yield TooSmall(id="too-small")
+        yield Hint(id="hint")
+        yield Log(id="log")
+        yield Footer(id="footer")
+
+    @property
+    def view(self) -> StepView:
+        """The step on the screen."""
+        found = self.query_one(ContentSwitcher).visible_content
+        if not isinstance(found, StepView):
+            raise TypeError("the body shows steps only")
+        return found
+
+    def go_to(self, step: Step) -> None:
+        """Show a step; the focus goes nowhere in particular."""
+        self.query_one(ContentSwitcher).current = f"step-{int(step)}"
+        self.set_focus(None)
+        for rail in self.query(StepRail):
+            rail.current = step
+        self.query_one(Hint).step = step
+        self.query_one(Footer).step = step
+
+    def set_wanted(self, wanted: tuple[JointMode, ...]) -> None:
+        """Show the modes as marked."""
+        self.query_one(Hint).wanted = wanted
+        self.query_one(Footer).wanted = wanted
+        self.query_one(ModesView).set_wanted(wanted)
+
+    def refuse(self, sentence: str) -> None:
+        """Say why something was not done; the empty string takes it away."""
+        self.query_one(Hint).refusal = sentence
+
+    def show(self, s: SessionSnapshot) -> None:
+        """Show a snapshot."""
+        for name in ("#strip", "#banner", "#row", "#rail", "#hint", "#log", "#footer"):
+            widget = self.query_one(name, Lines)
+            if widget.display:
+                widget.show(s)
+        self.view.show(s)
+
+    def on_resize(self, event: events.Resize) -> None:
+        """Take the layout for this size."""
+        width, height = event.size
+        compact = width < LARGE[0] or height < LARGE[1]
+        self.set_class(compact, "-compact")
+        self.set_class(width < SMALLEST[0] or height < SMALLEST[1], "-small")
+        for view in self.query(StepView):
+            view.set_compact(compact)
+        self.query_one(TooSmall).show_size(width, height)

@@ -1,0 +1,160 @@
+"""The next thing to do at each step, and the sentence that says so. Pure; knows no widget."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fixtures.base import Severity
+from hardware.arm import DriveState, JointMode
+from operator_app.session.guards import missing_for, modes_problem
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NextThing:
+    """What Enter does: an action's name ("" for nothing), its label, and a sentence."""
+
+    action: str
+    label: str
+    hint: str
+
+
+def next_thing(step: Step, s: SessionSnapshot, wanted: tuple[JointMode, ...]) -> NextThing:
+    """Return what Enter does at `step`; `wanted` are the modes marked on the screen."""
+    if s.stopped:
+        return NextThing(
+            action="reset",
+            label="Reset STOP",
+            hint="STOP is latched: when it is safe, Enter (or R) resets it; nothing moves by itself",
+        )
+    if s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints):
+        return NextThing(
+            action="reset",
+            label="Reset fault",
+            hint="a drive tripped: find out why, then Enter (or R) resets it; nothing moves",
+        )
+    if s.task is not None:
+        hint = f"{s.task.text}: any key stops it" if s.task.moves else f"{s.task.text} ..."
+        return NextThing(action="", label="", hint=hint)
+    match step:
+        case Step.CONNECT:
+            return _connect(s)
+        case Step.FIXTURE:
+            return _fixture(s)
+        case Step.MODES:
+            return _modes(s, wanted)
+        case Step.CAPTURE:
+            return _capture(s)
+        case Step.CALIBRATE:
+            return _calibrate(s)
+        case Step.RESULTS:
+            return _results(s)
+        case Step.EXPORT:
+            return _export(s)
+
+
+def _next(step: Step, hint: str) -> NextThing:
+    return NextThing(action="next", label=step.title, hint=f"{hint}: Enter goes on to {step.title}")
+
+
+def _connect(s: SessionSnapshot) -> NextThing:
+    if not s.connected:
+        what = "the simulated arm" if s.simulated else "the arm"
+        return NextThing(
+            action="connect", label="Connect", hint=f"Enter connects to {what} on {s.bus}"
+        )
+    if not s.simulated and not s.stop_tested:
+        return NextThing(
+            action="stop_tested",
+            label="Stop tested",
+            hint="press the hardware stop, see every drive drop out, release it; then Enter",
+        )
+    return _next(Step.FIXTURE, "the arm is connected and checked")
+
+
+def _fixture(s: SessionSnapshot) -> NextThing:
+    if not s.checks or any(c.severity is Severity.REFUSED for c in s.checks):
+        return NextThing(
+            action="check_fixture",
+            label="Check",
+            hint="remount the fixture as the red check says, then Enter checks it again",
+        )
+    left = len(s.procedure.fixture.checklist) - len(s.ticked)
+    if left:
+        return NextThing(
+            action="tick",
+            label="Tick",
+            hint=f"look at each item of the check list, then Enter ticks it: {left} left",
+        )
+    return _next(Step.MODES, "the fixture is checked")
+
+
+def _modes(s: SessionSnapshot, wanted: tuple[JointMode, ...]) -> NextThing:
+    marked = tuple(k for k, m in enumerate(wanted, 1) if m is JointMode.POSITION)
+    if s.drives_ready and s.modes == wanted and not missing_for(Step.CAPTURE, s):
+        if not modes_problem(s, marked):
+            return _next(Step.CAPTURE, "the modes are set and read back")
+    problem = modes_problem(s, marked)
+    if problem:
+        return NextThing(action="suggest", label="Suggested pair", hint=problem[0])
+    names = " and ".join(f"J{k}" for k in marked)
+    return NextThing(
+        action="apply_modes",
+        label="Apply modes",
+        hint=f"Enter puts {names} into position mode and frees the others, after a question",
+    )
+
+
+def _capture(s: SessionSnapshot) -> NextThing:
+    missing = missing_for(Step.CAPTURE, s)
+    if missing:
+        return NextThing(action="back", label="Back to Modes", hint=missing[0])
+    used = len(s.state.used_poses)
+    if used < s.wanted_poses:
+        return NextThing(
+            action="automatic",
+            label="Automatic",
+            hint=f"Enter captures the {s.wanted_poses - used} poses left automatically; "
+            "g and c do one by hand",
+        )
+    return _next(Step.CALIBRATE, f"all {used} poses are captured")
+
+
+def _calibrate(s: SessionSnapshot) -> NextThing:
+    if s.solution is None:
+        return NextThing(
+            action="calibrate",
+            label="Solve",
+            hint=f"Enter calibrates from {len(s.state.used_poses)} poses, estimator {s.estimator}",
+        )
+    return _next(Step.RESULTS, "calibrated")
+
+
+def _results(s: SessionSnapshot) -> NextThing:
+    missing = missing_for(Step.EXPORT, s)
+    if missing:
+        return NextThing(
+            action="step(4)",
+            label="Capture more",
+            hint="not accepted: take poses as the warnings say, or exclude bad ones, and solve again",
+        )
+    return _next(Step.EXPORT, "the calibration is accepted")
+
+
+def _export(s: SessionSnapshot) -> NextThing:
+    if s.written is None:
+        return NextThing(
+            action="write", label="Write file", hint="Enter writes parameters.yaml and poses.csv"
+        )
+    if s.receipt is None:
+        return NextThing(
+            action="upload",
+            label="Upload",
+            hint="the files are written. Enter uploads to the controller, after a question; q leaves",
+        )
+    return NextThing(
+        action="quit",
+        label="Finish",
+        hint="done: written, uploaded and read back. y verifies with new poses, Enter or q leaves",
+    )

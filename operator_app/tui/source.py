@@ -1,0 +1,117 @@
+"""Where the app's sessions come from: a desk for a new one or for one that goes on. Knows no widget."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Protocol
+
+from hardware.control_loop import Pace
+from operator_app.composition import open_arm
+from operator_app.session.desk import Desk
+from operator_app.session.folder import SessionEntry, list_sessions
+from operator_app.session.journal import JOURNAL_NAME, Journal
+from operator_app.session.opening import Choices, Opening, begin, resume
+from operator_app.session.workflow import Session
+
+
+class Source(Protocol):
+    """Gives one desk at a time."""
+
+    def new(self) -> Desk:
+        """Begin a session."""
+        ...
+
+    def resumed(self, reference: str) -> Desk:
+        """Go on with a session, named by its folder."""
+        ...
+
+    def sessions(self) -> tuple[SessionEntry, ...]:
+        """All sessions there are, newest first."""
+        ...
+
+    def close(self, reason: str) -> None:
+        """Close the desk that is open: arm held, journal whole. Safe to call twice."""
+        ...
+
+
+class ComposedSource:
+    """Sessions on the arm that the composition root joins.
+
+    Parameters
+    ----------
+    procedure
+        Built-in name or path.
+    choices
+        What the command line says beside it.
+    root
+        Folder of session folders.
+    """
+
+    def __init__(self, procedure: str, choices: Choices, *, root: Path) -> None:
+        self._procedure, self._choices, self._root = procedure, choices, root
+        self._stack = ExitStack()
+        self._desk: Desk | None = None
+
+    def new(self) -> Desk:
+        """Begin a session."""
+        self.close("another session was begun")
+        return self._open(begin(self._procedure, self._choices, root=self._root))
+
+    def resumed(self, reference: str) -> Desk:
+        """Go on with a session."""
+        self.close("another session was resumed")
+        return self._open(resume(reference, self._choices, root=self._root))
+
+    def sessions(self) -> tuple[SessionEntry, ...]:
+        """All sessions, newest first."""
+        return list_sessions(self._root)[::-1]
+
+    def close(self, reason: str) -> None:
+        """Close desk, arm and embedded controller."""
+        desk, self._desk = self._desk, None
+        if desk is not None:
+            try:
+                desk.close(reason)
+            finally:
+                self._stack.close()
+                remove_if_empty(desk)
+
+    def _open(self, opening: Opening) -> Desk:
+        with ExitStack() as stack:
+            rig = stack.enter_context(open_arm(opening, pace=Pace.REAL_TIME))
+            journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
+            stack.callback(journal.close)
+            session = Session(journal=journal, arm=rig.arm, procedure=rig.procedure)
+            if opening.resumed:
+                session.record("resumed", {"settings": dict(opening.settings)})
+            else:
+                session.open(opening.sources, opening.settings)
+            desk = Desk(session, simulated=rig.simulated, bus=_bus_words(opening, rig.simulated))
+            self._stack = stack.pop_all()
+        self._desk = desk
+        return desk
+
+
+def _bus_words(opening: Opening, simulated: bool) -> str:  # noqa: FBT001 - one meaning only
+    """Interface, channel and bitrate as the operator named them."""
+    if simulated:
+        return "the virtual bus of this program"
+    chosen, own = opening.choices, opening.procedure.bus
+    parts = [chosen.interface or own.interface, chosen.channel or own.channel or ""]
+    bitrate = chosen.bitrate or own.bitrate
+    parts.append(f"{bitrate} bit/s" if bitrate else "")
+    return " ".join(p for p in parts if p)
+
+
+def remove_if_empty(desk: Desk) -> None:
+    """Take away the folder of a session in which no arm was ever connected: it holds nothing."""
+    folder = desk.session.journal.path.parent
+    if desk.session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:
+        return
+    (folder / JOURNAL_NAME).unlink()
+    folder.rmdir()
+
+
+OpenSource = Callable[[], Source]

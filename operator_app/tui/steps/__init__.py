@@ -1,0 +1,1 @@
+"""One module a step: which panels there are and what each says about a snapshot."""

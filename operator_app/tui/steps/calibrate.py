@@ -1,0 +1,107 @@
+"""Step 5, Calibrate: which estimator, which joints count, iterations as they come."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+
+from operator_app.session.guards import may_calibrate
+from operator_app.session.snapshot import SessionSnapshot, TaskKind
+from operator_app.session.steps import Step
+from operator_app.tui.lines import Line, Lines, line, wrapped
+from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.plot import Axes, Series, plot
+from operator_app.tui.widgets.residuals import by_pose
+
+ABOUT = {
+    "implicit": "weights every joint by its sensor's noise; the loops close exactly (default)",
+    "paper": "unweighted least squares on the closure, as published (eqs. 5 and 6)",
+}
+
+
+class SettingsPanel(Lines):
+    """How the next calibration will be made."""
+
+    TITLE = "Calibration"
+    HELP = (
+        "implicit takes the joint sensors as the source of noise and finds each pose's corrections; "
+        "paper is the published unweighted least squares. A joint declared unsensed is found from "
+        "the loop instead of read: useful when its RVDT is bent. e changes the estimator, j the "
+        "unsensed joints."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Settings, then how it went."""
+        used, kept = len(s.state.used_poses), len(s.state.poses)
+        joints = ", ".join(f"J{j}" for j in s.unsensed_joints) or "none"
+        rows = [
+            line(
+                (" Estimator  ", "dim"), (s.estimator, "bold"), ("  " + ABOUT[s.estimator], "dim")
+            ),
+            line((" Unsensed   ", "dim"), joints, ("   (j changes)", "dim")),
+            line(
+                (" Poses      ", "dim"),
+                f"{used} count",
+                (f", {kept - used} excluded" if kept > used else "", "dim"),
+            ),
+        ]
+        return [*rows, *_progress(s, width)]
+
+
+def _progress(s: SessionSnapshot, width: int) -> list[Line]:
+    running = s.task is not None and s.task.kind is TaskKind.CALIBRATE
+    if running or (s.iterations and s.solution is None):
+        last = s.iterations[-1] if s.iterations else None
+        text = "starting" if last is None else f"iteration {last.number}   cost {last.cost:.4e}"
+        return [line((" Running    ", "dim"), ("◌ ", "accent"), text, ("   z cancels", "dim"))]
+    if s.solution is not None:
+        found = s.solution
+        word = "✓ accepted" if found.accepted else "▲ not accepted"
+        chi = found.estimate.chi2_per_dof
+        ratio = "" if chi is None else f"   chi2/dof {chi:.2f}"
+        return [
+            line((" Result     ", "dim"), (word, "bold" if found.accepted else "warn"),
+                 f" after {found.estimate.iterations} iterations   condition "
+                 f"{found.seen.scaled_condition_number:.1f}{ratio}"),
+        ]  # fmt: skip
+    missing = may_calibrate(s)
+    if missing:
+        return wrapped(" ▲ " + missing[0], width, "warn", "   ")
+    return [line((" Ready      ", "dim"), "Enter or s starts")]
+
+
+class CalibratePlot(Lines):
+    """Cost while it runs, residuals when it is done."""
+
+    TITLE = "Residual of each pose"
+    HELP = (
+        "While it runs: cost by iteration. When done: how far each pose's loop fails to close at the "
+        "measured joints, in millimetres. A pose far above the others deserves a look."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """One of the two."""
+        ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
+        if s.solution is not None:
+            self.retitle("Residual of each pose")
+            return by_pose(s, width, height, ascii_only=ascii_only)
+        if len(s.iterations) >= 2:
+            self.retitle("Cost by iteration")
+            one = Series(
+                x=[float(i.number) for i in s.iterations], y=[i.cost for i in s.iterations]
+            )
+            axes = Axes(x_label="iteration", y_label="cost", levels=(), logarithmic=True)
+            return plot([one], axes, width, height, ascii_only=ascii_only)
+        return [(), line((" nothing solved yet", "dim"))]
+
+
+class CalibrateView(StepView):
+    """Settings and a plot."""
+
+    STEP = Step.CALIBRATE
+
+    def compose(self) -> ComposeResult:
+        """Two panels in a column."""
+        yield SettingsPanel(id="settings", classes="panel")
+        yield CalibratePlot(id="calibrate-plot", classes="panel")

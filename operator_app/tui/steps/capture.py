@@ -1,0 +1,239 @@
+"""Step 4, Capture: where the arm is, the poses taken and what they are worth so far."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+
+from operator_app.session.snapshot import SessionSnapshot, TaskKind
+from operator_app.session.steps import Step
+from operator_app.tui.lines import Line, Lines, Span, clip, line
+from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.arm_view import ArmView
+from operator_app.tui.widgets.joint_table import JointTable
+from operator_app.tui.widgets.plot import sparkline
+from solver.arm_model import Joint
+
+ACCEPTABLE, PAPER = 100, 28
+"""Scaled condition numbers: the paper's limit and what it reached."""
+
+
+class StillPanel(Lines):
+    """Where the arm is going, whether it stands still."""
+
+    TITLE = "Next pose"
+    HELP = (
+        "Which planned pose is next and whether the arm stands still. Still: over the window, no "
+        "joint spreads more than its allowance. A pose is captured only when it is."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Target and speed."""
+        return [clip(_target(s), width), clip(_still(s), width)]
+
+
+def _target(s: SessionSnapshot) -> Line:
+    if s.next_waypoint is None or not s.plan:
+        return line((" Target    ", "dim"), "none left" if s.plan else "no plan yet")
+    target = s.plan[s.next_waypoint]
+    goal = "  ".join(f"J{j} {math.degrees(v):+.2f}" for j, v in target.items())
+    here = f"   at waypoint {s.at_waypoint + 1}" if s.at_waypoint is not None else ""
+    return line(
+        (" Target    ", "dim"), f"waypoint {s.next_waypoint + 1}: {goal} deg", (here, "dim")
+    )
+
+
+def _still(s: SessionSnapshot) -> Line:
+    if s.arm is None or s.stale_joints:
+        return line((" Motion    ", "dim"), ("no fresh data", "warn"))
+    fastest = max(s.arm.joints, key=lambda j: abs(j.speed_rad_per_s))
+    speed = math.degrees(abs(fastest.speed_rad_per_s))
+    word = "still" if speed < 0.2 else "moving"
+    bar = min(10, int(speed / 2.0))
+    return line(
+        (" Motion    ", "dim"),
+        ("●" * bar + "○" * (10 - bar), "text"),
+        f" {word}, fastest J{fastest.joint} {speed:6.2f} deg/s",
+    )
+
+
+class PosesPanel(Lines):
+    """All poses, newest first."""
+
+    TITLE = "Captured"
+    HELP = (
+        "Poses, newest first. NOISE: largest standard deviation of a joint over the samples. PRED: "
+        "by how much the loop failed to close at this pose under the estimate from the poses before "
+        "it. u takes back the last, x excludes the marked one, n writes a note."
+    )
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id, classes="panel")
+        self.cursor = 0
+
+    def move(self, by: int, count: int) -> None:
+        """Move the mark."""
+        self.cursor = max(0, min(count - 1, self.cursor + by))
+
+    def marked(self, s: SessionSnapshot) -> int | None:
+        """Number of the marked pose."""
+        poses = s.state.poses
+        return poses[-1 - min(self.cursor, len(poses) - 1)].number if poses else None
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Header and as many as fit around the mark."""
+        rows: list[Line] = [line(("    #  TIME      NOISE [deg]  PRED [mm]  NOTE", "header"))]
+        poses = s.state.poses[::-1]
+        if not poses:
+            return [*rows, line(("    no pose yet", "dim"))]
+        room = max(1, height - 1)
+        self.cursor = min(self.cursor, len(poses) - 1)
+        first = max(0, min(self.cursor - room // 2, len(poses) - room))
+        for k, pose in enumerate(poses[first : first + room], first):
+            here = k == self.cursor
+            noise = math.degrees(float(pose.sd_rad.max()))
+            off = s.live.predicted_m.get(pose.number) if s.live is not None else None
+            predicted = "        —" if off is None else f"{1e3 * off:9.3f}"
+            note = f"× excluded {pose.excluded} " if pose.excluded else ""
+            back = "cursor " if here else ""
+            rows.append(
+                line(
+                    ("▌" if here else " ", back + "text"),
+                    (f"{pose.number:>4}  {pose.utc[11:19]}  {noise:11.4f}  {predicted}  ", back + ("dim" if pose.excluded else "text")),
+                    (note + pose.note, back + ("warn" if pose.excluded else "text")),
+                )
+            )  # fmt: skip
+        return rows
+
+
+class ProgressPanel(Lines, can_focus=False):
+    """How far, how long."""
+
+    TITLE = ""
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """One bar."""
+        used, wanted = len(s.state.used_poses), s.wanted_poses
+        left = _time_left(s)
+        head, tail = (
+            f" Poses {used:>2}/{wanted}  ",
+            f"  {100 * used // max(1, wanted):>3} %  {left}",
+        )
+        cells = max(4, width - len(head) - len(tail) - 1)
+        full = min(cells, cells * used // max(1, wanted))
+        return [line(head, ("━" * full, "accent"), ("─" * (cells - full), "dim"), tail)]
+
+
+def _time_left(s: SessionSnapshot) -> str:
+    """From the times of the last captures."""
+    used, wanted = s.state.used_poses, s.wanted_poses
+    if len(used) >= wanted:
+        return "complete    "
+    if s.task is None or s.task.kind is not TaskKind.AUTOMATIC or len(used) < 3:
+        return " " * 12
+    from datetime import datetime
+
+    last = used[-8:]
+    begin, end = (datetime.fromisoformat(p.utc) for p in (last[0], last[-1]))
+    seconds = (end - begin).total_seconds() / (len(last) - 1) * (wanted - len(used))
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d} min left"
+
+
+class QualityPanel(Lines):
+    """What the poses are worth."""
+
+    TITLE = "What the poses tell"
+    HELP = (
+        "Scaled condition number: below 100 is acceptable, the paper reached 28; lower is better. "
+        "Weakest: the parameters the poses tell least about. Coverage: which part of each joint's "
+        "range the poses span. Best next: the planned pose that would tell most."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Condition, weakest, best next, coverage."""
+        live = s.live
+        rows: list[Line] = [_condition(s, width)]
+        if live is not None and live.history:
+            rows.append(
+                line((" trend  ", "dim"), sparkline([c for _, c in live.history], width - 9))
+            )
+        else:
+            rows.append(line((" trend  —", "dim")))
+        weakest = ", ".join(live.weakest[:3]) if live is not None and live.weakest else "—"
+        rows.append(clip(line((" weakest  ", "dim"), weakest), width))
+        best = "—" if s.best_waypoint is None else f"waypoint {s.best_waypoint + 1} (b goes there)"
+        rows.append(line((" best next  ", "dim"), best))
+        rows.append(line((" coverage of each joint's range", "dim")))
+        for k, joint in enumerate(s.procedure.arm.joints):
+            span = live.coverage[k] if live is not None and live.coverage else None
+            rows.append(_coverage(k + 1, joint, span, width))
+        return rows
+
+
+def _condition(s: SessionSnapshot, width: int) -> Line:
+    live = s.live
+    if live is None or not live.history:
+        needed = "" if live is None else f" (from {live.needed} poses on)"
+        return line((" condition  ", "dim"), ("—", "text"), (needed, "dim"))
+    value = live.scaled_condition_number
+    shown = f"{value:.1f}" if value < 1e4 else f"{value:.1e}"
+    role, word = ("bold", "ok") if value < ACCEPTABLE else ("warn", "▲ too high")
+    return clip(
+        line(
+            (" condition  ", "dim"),
+            (shown, role),
+            (f" {word}", role),
+            (f"  limit {ACCEPTABLE}, paper {PAPER}", "dim"),
+        ),
+        width,
+    )
+
+
+def _coverage(number: int, joint: Joint, span: tuple[float, float] | None, width: int) -> Line:
+    cells = max(6, width - 16)
+    bar: list[str] = ["─"] * cells
+    text = "     —"
+    if span is not None:
+        full = joint.upper_rad - joint.lower_rad
+        first = int((span[0] - joint.lower_rad) / full * cells)
+        last = int((span[1] - joint.lower_rad) / full * cells)
+        for k in range(max(0, first), min(cells - 1, last) + 1):
+            bar[k] = "█"
+        text = f"{math.degrees(span[1] - span[0]):6.1f}"
+    head: Span = (f" J{number} ", "dim")
+    return line(head, ("├" + "".join(bar) + "┤", "text"), f"{text} deg")
+
+
+class CaptureView(StepView):
+    """Joints, target, poses; drawing, quality."""
+
+    STEP = Step.CAPTURE
+    MAIN = "poses"
+    VIEWS = (
+        ("capture-joints", "still", "poses", "progress"),
+        ("quality", "progress"),
+        ("capture-arm", "progress"),
+    )
+
+    def compose(self) -> ComposeResult:
+        """Left: joints and poses. Right: drawing and quality."""
+        with Horizontal():
+            with Vertical(classes="left"):
+                yield JointTable(id="capture-joints")
+                yield StillPanel(id="still", classes="panel")
+                yield PosesPanel(id="poses")
+                yield ProgressPanel(id="progress", classes="panel")
+            with Vertical(classes="right"):
+                yield ArmView(id="capture-arm")
+                yield QualityPanel(id="quality", classes="panel")
+
+    def marked_pose(self, s: SessionSnapshot) -> int | None:
+        """Number of the marked pose."""
+        return self.query_one("#poses", PosesPanel).marked(s)
+
+    def row_count(self, s: SessionSnapshot) -> int:
+        """Poses."""
+        return len(s.state.poses)

@@ -1,0 +1,124 @@
+"""Step 1, Connect: which bus, who answers, whether it is this arm. Decides nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+
+from hardware.arm import NodeIdentity
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
+from operator_app.tui.lines import Line, Lines, line, wrapped
+from operator_app.tui.steps.view import StepView
+
+
+class BusPanel(Lines):
+    """Interface and traffic."""
+
+    TITLE = "Bus"
+    HELP = (
+        "The CAN bus this session uses. Another one is chosen when sarcal is started: "
+        "-i interface, -c channel, -b bitrate. Without options it is a simulated arm in this program."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Two lines."""
+        rate = f"{s.sync_rate_hz:.0f} SYNC/s" if s.connected else "not connected"
+        session = str(s.folder)
+        return [
+            line((" Bus       ", "dim"), s.bus, ("   " + rate, "text")),
+            line((" Procedure ", "dim"), f"{s.procedure.name}: {s.procedure.arm.name} in "
+                 f"{s.procedure.fixture.name}, {s.wanted_poses} poses"),
+            line((" Session   ", "dim"), session if len(session) < width - 12 else "…" + session[-width + 13:]),
+        ]  # fmt: skip
+
+
+class NodesPanel(Lines):
+    """Eight nodes."""
+
+    TITLE = "Nodes"
+    HELP = (
+        "Every CANopen node that should be there: seven drives and the supervisor. Identity is read "
+        "from objects 1008h and 1018h and compared with the arm file."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """A line a node."""
+        if s.identity is None:
+            return [(), line(("  no node has been asked yet", "dim"))]
+        rows = [
+            line(
+                (
+                    "  NODE  ROLE        DEVICE                SERIAL     REV       HEARTBEAT  DATA    STATE",
+                    "header",
+                )
+            )
+        ]
+        rows += [_node(s, node) for node in s.identity.nodes]
+        return rows
+
+
+def _node(s: SessionSnapshot, node: NodeIdentity) -> Line:
+    beat = None if s.arm is None else s.arm.heartbeat_age_s.get(node.node)
+    joint = None
+    if s.arm is not None and 1 <= node.node <= len(s.arm.joints):
+        joint = s.arm.joints[node.node - 1]
+    heartbeat = "     —" if beat is None else f"{1e3 * beat:4.0f} ms"
+    age = "     —" if joint is None else f"{1e3 * joint.age_s:4.0f} ms"
+    late = beat is not None and beat > 0.35
+    state = "● answers" if joint is None else joint.drive.value
+    return line(
+        f"  {node.node:>4}  {node.role[:11]:<11} {node.device_name[:21]:<21} "
+        f"{node.serial_number:>8}  {node.revision:08X}  ",
+        (f"{heartbeat:>9}  ", "warn" if late else "text"),
+        (f"{age:>7}  ", "text"),
+        (f"▲ LATE, {state}" if late else state, "warn" if late else "text"),
+    )
+
+
+class CheckPanel(Lines):
+    """What was checked and what the operator has to confirm."""
+
+    TITLE = "Check"
+    HELP = (
+        "The software STOP needs a working bus and a working program. The hardware stop needs "
+        "neither: press it once, see every drive drop out, release it, and confirm with t."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Ticks and open points."""
+        rows: list[Line] = []
+        if s.identity is not None:
+            rows.append(
+                line(
+                    " ✓ ",
+                    f"{len(s.identity.nodes)} nodes answer, arm {s.identity.model}, serial {s.identity.serial_number}",
+                )
+            )
+            rows.append(line(" ✓ ", "no other operator on the bus"))
+        else:
+            rows.append(line((" ○ ", "dim"), "arm not connected yet"))
+        if s.simulated:
+            rows.append(
+                line((" ✓ ", "text"), ("hardware stop: none needed, nothing real moves", "dim"))
+            )
+        elif s.stop_tested:
+            rows.append(line(" ✓ ", "hardware stop tested in this run"))
+        else:
+            rows += wrapped(
+                " ○ hardware stop: press it, see every drive drop out, release it, then t", width
+            )
+        return rows
+
+
+class ConnectView(StepView):
+    """Bus, nodes, check."""
+
+    STEP = Step.CONNECT
+
+    def compose(self) -> ComposeResult:
+        """Three panels in a column."""
+        yield BusPanel(id="bus", classes="panel")
+        yield NodesPanel(id="nodes", classes="panel")
+        yield CheckPanel(id="connect-check", classes="panel")

@@ -1,0 +1,128 @@
+"""Step 7, Export: what would be written, how it differs from what is active, and what was done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
+from operator_app.tui.lines import Line, Lines, clip, line
+from operator_app.tui.steps.view import StepView
+
+
+class FilePanel(Lines):
+    """Where it goes."""
+
+    TITLE = "Export"
+    HELP = (
+        "parameters.yaml holds every parameter with its standard deviation, the D-H table, the "
+        "quality figures and the warnings; poses.csv the poses. Upload sends the same document to "
+        "the controller and reads it back byte for byte."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """File, controller, checksums."""
+        serial = s.identity.serial_number if s.identity else s.state.serial_number or "—"
+        if s.written is None:
+            rows = [line((" File       ", "dim"), "not written yet: Enter or w writes it")]
+        else:
+            rows = [
+                line((" File       ", "dim"), ("✓ ", "text"), str(s.written.parameters)),
+                line((" SHA-256    ", "dim"), s.written.sha256),
+            ]
+        changed = sum(row.active is None or abs(row.new - row.active) > 5e-4 for row in s.diff)
+        rows.append(line((" To         ", "dim"), f"controller {serial} over {s.bus}"))
+        if s.receipt is None:
+            rows.append(
+                line(
+                    (" Controller ", "dim"),
+                    f"not uploaded: {changed} of {len(s.diff)} parameters would change",
+                )
+            )
+        else:
+            rows.append(
+                line(
+                    (" Controller ", "dim"),
+                    ("✓ ", "text"),
+                    f"slot {s.receipt.slot} active, {s.receipt.length} bytes read back",
+                )
+            )
+            rows.append(line((" Read back  ", "dim"), s.receipt.sha256))
+        return [clip(row, width) for row in rows]
+
+
+class DiffPanel(Lines):
+    """New against active."""
+
+    TITLE = "Difference from the controller's active parameters"
+    HELP = (
+        "Every calibrated parameter: what the controller uses now, what it would use, the change."
+    )
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id, classes="panel")
+        self.cursor = 0
+
+    def move(self, by: int, count: int) -> None:
+        """Scroll."""
+        self.cursor = max(0, min(count - 1, self.cursor + by))
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """A line a parameter."""
+        rows: list[Line] = []
+        for row in s.diff:
+            active = "none" if row.active is None else f"{row.active:.4f}"
+            change = "" if row.active is None else f"{row.new - row.active:+.4f}"
+            rows.append(
+                line(f"  {row.name:<12} {active:>12} {row.new:12.4f} {change:>12}  {row.unit}")
+            )
+        room = max(1, height - 1)
+        first = max(0, min(self.cursor - room // 2, len(rows) - room))
+        head = line(("  PARAMETER          ACTIVE          NEW       CHANGE  UNIT", "header"))
+        return [head, *rows[first : first + room]]
+
+
+class RecordPanel(Lines):
+    """What else can be done."""
+
+    TITLE = "Record"
+    HELP = (
+        "y moves to new poses and judges them by the parameters found: the check the paper lacked. "
+        "N closes this session and begins another; o resumes an earlier one. The journal keeps it all."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Verification and session."""
+        if s.verification is None:
+            rows = [
+                line(
+                    (" Verify     ", "dim"), "y takes new poses and judges them by these parameters"
+                )
+            ]
+        else:
+            v = s.verification
+            rows = [
+                line((" Verified   ", "dim"), ("✓ ", "text"), f"{v.poses} new poses: "
+                     f"{1e3 * v.position_m:.3f} mm, {1e3 * v.orientation_rad:.3f} mrad rms")
+            ]  # fmt: skip
+        rows.append(line((" Session    ", "dim"), f"{s.folder}"))
+        return [clip(row, width) for row in rows]
+
+
+class ExportView(StepView):
+    """File, difference, record."""
+
+    STEP = Step.EXPORT
+    MAIN = "diff"
+
+    def compose(self) -> ComposeResult:
+        """Three panels in a column."""
+        yield FilePanel(id="file", classes="panel")
+        yield DiffPanel(id="diff")
+        yield RecordPanel(id="record", classes="panel")
+
+    def row_count(self, s: SessionSnapshot) -> int:
+        """Parameters."""
+        return len(s.diff)

@@ -1,0 +1,179 @@
+"""Step 2, Fixture: where the metal is, whether it can work, what to look at before moving."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+
+from fixtures.base import Severity
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
+from operator_app.tui.lines import Line, Lines, line, wrapped
+from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.arm_view import ArmView
+from solver.closure import DhLoop
+
+GLYPHS = {
+    Severity.OK: ("✓", "text"),
+    Severity.WARNING: ("▲", "warn"),
+    Severity.REFUSED: ("■", "alarm"),
+}
+
+
+class PlacementPanel(Lines):
+    """Nominal placement with tolerances."""
+
+    TITLE = "Placement (nominal)"
+    HELP = (
+        "Where the fixture file says the fixture is, in the paper's D-H terms, and how well that was "
+        "measured. The calibration finds the true values; start from within the tolerance."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Kind, lengths, angles."""
+        spec = s.procedure.fixture
+        loop = spec.fixture.model(s.procedure.arm)
+        rows = [line((" Fixture    ", "dim"), (f"{spec.name}", "bold"), f"  kind {spec.kind}")]
+        own = set(loop.ground_side) | set(loop.hand_side)
+        lengths = [p for p in loop.parameters if p.name in own and not p.is_angle]
+        angles = [
+            p for p in loop.parameters if p.name in own and p.is_angle and "theta" not in p.name
+        ]
+        if lengths:
+            values = "  ".join(f"{p.name} {1e3 * p.nominal:.0f}" for p in lengths)
+            rows.append(
+                line(
+                    (" Lengths    ", "dim"),
+                    f"{values} mm",
+                    (f"  ±{1e3 * spec.tolerance_m:.0f} mm", "dim"),
+                )
+            )
+        if angles:
+            values = "  ".join(f"{p.name} {math.degrees(p.nominal):.1f}" for p in angles)
+            rows.append(
+                line(
+                    (" Twists     ", "dim"),
+                    f"{values} deg",
+                    (f"  ±{math.degrees(spec.tolerance_rad):.0f} deg", "dim"),
+                )
+            )
+        if isinstance(loop, DhLoop):
+            rows.append(
+                line(
+                    (" Unknowns   ", "dim"),
+                    f"{len(loop.parameters)} parameters, {loop.equations_per_pose} equations a pose",
+                )
+            )
+        return rows
+
+
+class ChecksPanel(Lines):
+    """Live checks with numbers, and what the plan would do."""
+
+    TITLE = "Checks where the arm stands"
+    HELP = (
+        "Angles of the hinge axis to joints 1 and 7: below 10 deg the parameters become weak, below "
+        "1 deg they have no unique values (Hayati). Mobility: how many joints may drive. Predicted: "
+        "where the plan would take each joint and the condition number to expect."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """One check a line or two."""
+        rows: list[Line] = []
+        for check in s.checks:
+            glyph, role = GLYPHS[check.severity]
+            text = f" {glyph} {check.text}" + (f": {check.remedy}" if check.remedy else "")
+            rows += wrapped(text, width, role, "   ")
+        if not rows:
+            rows.append(line((" not checked yet", "dim")))
+        if s.forecast is not None:
+            rows.append(
+                line(
+                    " ◌ ",
+                    f"predicted condition number {s.forecast.scaled_condition_number:.0f} ",
+                    ("(below 100 is acceptable)", "dim"),
+                )
+            )
+            rows += _ranges(s, width)
+        return rows
+
+
+def _ranges(s: SessionSnapshot, width: int) -> list[Line]:
+    """Predicted range of every joint, two to a line."""
+    if s.forecast is None:
+        return []
+    cells = []
+    for k, joint in enumerate(s.procedure.arm.joints, 1):
+        low, high = (math.degrees(v) for v in s.forecast.span_rad(k, s.wanted_poses))
+        room = min(low - math.degrees(joint.lower_rad), math.degrees(joint.upper_rad) - high)
+        near = room < 3.0
+        cells.append((f"{'▲' if near else ' '} J{k} {low:+7.1f} to {high:+7.1f} deg", near))
+    rows = [line((" ◌ predicted ranges of the joints", "text"))]
+    for first in range(0, len(cells), 2):
+        pair = cells[first : first + 2]
+        rows.append(tuple((f"  {text:<28}", "warn" if near else "dim") for text, near in pair))
+    return rows
+
+
+class ChecklistPanel(Lines):
+    """What the operator looks at."""
+
+    TITLE = "Check list (Enter ticks)"
+    HELP = "Things only a person can see. Look at each, then tick it; nothing moves before all are ticked."
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id, classes="panel")
+        self.cursor = 0
+
+    def move(self, by: int, count: int) -> None:
+        """Move the mark."""
+        self.cursor = max(0, min(count - 1, self.cursor + by))
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """One item, one or two lines."""
+        rows: list[Line] = []
+        for k, text in enumerate(s.procedure.fixture.checklist):
+            mark = "x" if k in s.ticked else " "
+            here = k == self.cursor
+            wrap = wrapped(
+                f"{'▌' if here else ' '}[{mark}] {text}",
+                width,
+                "cursor text" if here else "text",
+                "     ",
+            )
+            rows += wrap
+        return rows
+
+
+class FixtureView(StepView):
+    """Placement, checks, check list, drawing."""
+
+    STEP = Step.FIXTURE
+    MAIN = "checklist"
+    VIEWS = (("placement", "checklist"), ("checks",), ("fixture-arm",))
+
+    def compose(self) -> ComposeResult:
+        """Left: words. Right: the drawing."""
+        with Horizontal():
+            with Vertical(classes="left"):
+                yield PlacementPanel(id="placement", classes="panel")
+                yield ChecksPanel(id="checks", classes="panel")
+                yield ChecklistPanel(id="checklist")
+            with Vertical(classes="right"):
+                yield ArmView(id="fixture-arm")
+
+    @property
+    def cursor(self) -> int:
+        """Marked item, from 0."""
+        return self.query_one("#checklist", ChecklistPanel).cursor
+
+    def mark(self, item: int) -> None:
+        """Mark an item."""
+        self.query_one("#checklist", ChecklistPanel).cursor = item
+
+    def row_count(self, s: SessionSnapshot) -> int:
+        """Items of the check list."""
+        return len(s.procedure.fixture.checklist)

@@ -1,0 +1,103 @@
+"""Step 3, Modes: which joints drive and which follow, before anything is applied and as read back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+
+from hardware.arm import JointMode
+from operator_app.session.guards import modes_problem
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
+from operator_app.tui.lines import Line, Lines, line, wrapped
+from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.arm_view import ArmView
+from operator_app.tui.widgets.joint_table import JointTable
+
+
+class PlanPanel(Lines):
+    """What will happen, and why these joints."""
+
+    TITLE = "Plan"
+    HELP = (
+        "A hinge leaves the arm two freedoms, so exactly two joints drive (position mode) and five "
+        "follow (free). One drive fewer and the arm sags; one more and the drives work against each "
+        "other through the fixture. f toggles the marked joint, p takes the best ranked pair."
+    )
+    wanted: tuple[JointMode, ...] = ()
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Pending change, rule, ranking."""
+        marked = tuple(k for k, m in enumerate(self.wanted, 1) if m is JointMode.POSITION)
+        names = " ".join(f"J{k}" for k in marked) or "none"
+        rows: list[Line] = [
+            line((" Marked    ", "dim"), (names, "bold"), " in position mode, the others free")
+        ]
+        problem = modes_problem(s, marked)
+        if problem:
+            rows += wrapped(" ▲ " + problem[0], width, "warn", "   ")
+        elif s.drives_ready and s.modes == self.wanted:
+            rows.append(line(" ✓ applied, and read back from every drive"))
+        else:
+            rows += wrapped(
+                " ○ not applied: the drives will be enabled; keep clear of the arm",
+                width,
+                "text",
+                "   ",
+            )
+        if s.wiggle:
+            rows += wrapped(f" Wiggle: {s.wiggle}", width, "text", "   ")
+        if s.ranked:
+            rows.append(
+                line((" Ranked    by how well each pair drives the chain from here", "dim"))
+            )
+        for k, ranked in enumerate(s.ranked[: max(3, height - len(rows))], 1):
+            pair = " ".join(f"J{j}" for j in ranked.drives)
+            role = "text" if ranked.usable else "dim"
+            glyph = "▌" if ranked.drives == marked else " "
+            rows.append(
+                line(
+                    (
+                        f" {glyph}{k:>2} {pair:<8} {ranked.score:4.2f}  {'; '.join(ranked.reasons)}",
+                        role,
+                    )
+                )
+            )
+        return rows
+
+
+class ModesView(StepView):
+    """Table, plan, drawing."""
+
+    STEP = Step.MODES
+    MAIN = "modes-joints"
+    VIEWS = (("modes-joints", "modes-plan"), ("modes-arm",))
+
+    def compose(self) -> ComposeResult:
+        """Left: table and plan. Right: the drawing."""
+        with Horizontal():
+            with Vertical(classes="left"):
+                yield JointTable(id="modes-joints")
+                yield PlanPanel(id="modes-plan", classes="panel")
+            with Vertical(classes="right"):
+                yield ArmView(id="modes-arm")
+
+    def on_mount(self) -> None:
+        """Show what is wanted beside what is."""
+        self.query_one("#modes-joints", JointTable).show_wanted = True
+
+    def set_wanted(self, wanted: tuple[JointMode, ...]) -> None:
+        """Show the modes as marked."""
+        self.query_one("#modes-joints", JointTable).wanted = wanted
+        self.query_one("#modes-plan", PlanPanel).wanted = wanted
+
+    @property
+    def cursor(self) -> int:
+        """Marked joint, from 0."""
+        return self.query_one("#modes-joints", JointTable).cursor
+
+    def row_count(self, s: SessionSnapshot) -> int:
+        """Joints."""
+        return s.procedure.arm.joint_count

@@ -1,0 +1,193 @@
+"""Step 6, Results: the verdict first, then every parameter, what it is worth, and plots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+
+from operator_app.calibration import Solution
+from operator_app.report.text import dh_table
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
+from operator_app.tui.lines import Line, Lines, clip, line, wrapped
+from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.residuals import by_joint, by_pose, rvdt_curve, rvdt_joints
+from solver.closure import DhLoop
+from solver.goodness import TwoReadings
+
+MM, MRAD = 1e3, 1e3
+
+
+class VerdictPanel(Lines):
+    """Accepted or not, and why."""
+
+    TITLE = "Verdict"
+    HELP = (
+        "Accepted means the limits of the procedure are met. sigma_pos and sigma_ori say how well the "
+        "loops close at the measured joints, before (nominal) and after; rms is the usual reading, "
+        "as printed is the paper's formula to the letter."
+    )
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Verdict, condition, sigmas, warnings."""
+        found = s.solution
+        if found is None:
+            return [line((" no calibration of these poses yet", "dim"))]
+        count = len(found.warnings)
+        tail = f" with {count} warning{'s' if count != 1 else ''}" if count else ""
+        if found.accepted:
+            head = line((f" {'▲' if count else '✓'} ACCEPTED{tail}", "bold"))
+        else:
+            head = line((" ■ NOT ACCEPTED", "alarm"))
+        seen, chi = found.seen, found.estimate.chi2_per_dof
+        ratio = "" if chi is None else f"   chi2/dof {chi:.2f}"
+        rows = [
+            (*head, (f"   condition {seen.scaled_condition_number:.1f} (limit "
+                     f"{s.procedure.acceptance.scaled_condition_number:.0f}, paper 28)   "
+                     f"{found.poses} poses{ratio}", "text")),
+            _sigma("sigma_pos", "mm", MM, found.before.position_m, found.estimate.sigmas.position_m),
+            _sigma("sigma_ori", "mrad", MRAD, found.before.orientation_rad, found.estimate.sigmas.orientation_rad),
+        ]  # fmt: skip
+        for reason in found.reasons:
+            rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
+        for notice in found.warnings:
+            rows += wrapped(f" ▲ {notice.text}", width, "warn", "   ")
+        return [clip(row, width) for row in rows]
+
+
+def _sigma(name: str, unit: str, scale: float, before: TwoReadings, after: TwoReadings) -> Line:
+    return line(
+        (f" {name} ", "dim"),
+        f"{scale * before.rms:8.3f} → ",
+        (f"{scale * after.rms:7.4f} {unit} rms", "bold"),
+        (
+            f"   as printed {scale * before.as_printed:8.4f} → {scale * after.as_printed:7.5f} {unit}",
+            "dim",
+        ),
+    )
+
+
+class ParametersPanel(Lines):
+    """Nominal, identified, change, sigma, and what the paper's estimator found."""
+
+    TITLE = "Parameters"
+    HELP = (
+        "Every parameter: nominal, identified, change, standard deviation; at the right what the "
+        "paper's estimator gives on the same poses. Angles in deg, lengths in mm."
+    )
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id, classes="panel")
+        self.cursor = 0
+
+    def move(self, by: int, count: int) -> None:
+        """Scroll."""
+        self.cursor = max(0, min(count - 1, self.cursor + by))
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """A line a parameter."""
+        if s.solution is None:
+            return []
+        rows = _rows(s.solution)
+        room = max(1, height - 1)
+        first = max(0, min(self.cursor - room // 2, len(rows) - room))
+        head = line(
+            ("  PARAMETER    NOMINAL  IDENTIFIED    CHANGE     SIGMA UNIT    PAPER", "header")
+        )
+        return [head, *rows[first : first + room]]
+
+
+def _rows(solution: Solution) -> list[Line]:
+    estimate, paper = solution.estimate, solution.paper
+    rows = []
+    for k, p in enumerate(estimate.parameters):
+        unit, scale = ("deg", 180.0 / math.pi) if p.is_angle else ("mm ", 1e3)
+        value = float(estimate.x[k])
+        change = value - p.nominal
+        if p.is_angle:
+            change = math.remainder(change, 2.0 * math.pi)
+        sigma = float(estimate.standard_deviation[k])
+        beside = "       —" if paper is None else f"{float(paper.x[k]) * scale:8.2f}"
+        rows.append(
+            line(
+                f"  {p.name:<11}{p.nominal * scale:9.3f} {value * scale:11.4f} ",
+                (f"{change * scale:+9.3f}", "bold"),
+                f" {sigma * scale:9.4f} {unit} ",
+                (beside, "dim"),
+            )
+        )
+    return rows
+
+
+class ResultsPlot(Lines):
+    """Residuals by pose, by joint, RVDT curves, D-H table; `v` turns over."""
+
+    TITLE = "Residual of each pose (v: next)"
+    HELP = (
+        "v turns over: residual of each pose, corrections by joint, the curve of each RVDT as the "
+        "loops see it, the whole D-H table. A curve inside the dashed lines is within the sensor's "
+        "specification."
+    )
+    page = 0
+
+    def pages(self, s: SessionSnapshot) -> int:
+        """How many there are."""
+        return 3 + len(rvdt_joints(s))
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """The present page."""
+        ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
+        if s.solution is None:
+            return []
+        joints = rvdt_joints(s)
+        page = self.page % self.pages(s)
+        if page == 0:
+            self.retitle("Residual of each pose (v: next)")
+            return by_pose(s, width, height, ascii_only=ascii_only)
+        if page <= len(joints):
+            joint = joints[page - 1]
+            self.retitle(f"RVDT of J{joint} as the loops see it (v: next)")
+            return rvdt_curve(s, joint, width, height, ascii_only=ascii_only)
+        if page == len(joints) + 1:
+            self.retitle("Corrections by joint (v: next)")
+            return by_joint(s, width, height, ascii_only=ascii_only)
+        self.retitle("D-H table, nominal and found (v: next)")
+        if not isinstance(s.solution.model, DhLoop):
+            return [line((" no D-H table for this fixture", "dim"))]
+        return [line(row) for row in dh_table(s.solution).splitlines()]
+
+
+class ResultsView(StepView):
+    """Verdict on top, parameters and plots below."""
+
+    STEP = Step.RESULTS
+    MAIN = "parameters"
+    VIEWS = (("verdict", "parameters"), ("results-plot",))
+
+    def compose(self) -> ComposeResult:
+        """Verdict over the whole width."""
+        yield VerdictPanel(id="verdict", classes="panel")
+        with Horizontal():
+            with Vertical(classes="left"):
+                yield ParametersPanel(id="parameters")
+            with Vertical(classes="right"):
+                yield ResultsPlot(id="results-plot", classes="panel")
+
+    def turn_over(self) -> None:
+        """On a large terminal the plot turns; on a small one the plot comes after the table."""
+        page = self.query_one("#results-plot", ResultsPlot)
+        if not self.compact:
+            page.page += 1
+            return
+        if self.view == 1 and page.page < 4:
+            page.page += 1
+            return
+        page.page = 0
+        super().turn_over()
+
+    def row_count(self, s: SessionSnapshot) -> int:
+        """Parameters."""
+        return len(s.solution.estimate.parameters) if s.solution else 0

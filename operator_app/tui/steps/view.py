@@ -1,0 +1,62 @@
+"""What every step's view has in common: panels, a main list, and views to turn over when it is small."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from textual.containers import Container
+
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
+from operator_app.tui.lines import Lines
+
+
+class StepView(Container):
+    """Panels of one step.
+
+    `VIEWS` names the panels that a small terminal shows together; `v` turns them over. `MAIN` is the
+    panel whose rows the arrow keys mark.
+    """
+
+    STEP: ClassVar[Step]
+    VIEWS: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    MAIN: ClassVar[str] = ""
+
+    def __init__(self) -> None:
+        super().__init__(id=f"step-{int(self.STEP)}", classes="step")
+        self.view = 0
+        self.compact = False
+
+    def show(self, s: SessionSnapshot) -> None:
+        """Show a snapshot in every panel that is visible."""
+        for panel in self.query(Lines):
+            if panel.display:
+                panel.show(s)
+
+    def set_compact(self, compact: bool) -> None:  # noqa: FBT001 - one meaning only
+        """Take the layout of a small or a large terminal."""
+        self.compact = compact
+        self._apply_view()
+
+    def turn_over(self) -> None:
+        """Show the next view."""
+        if self.compact and self.VIEWS:
+            self.view = (self.view + 1) % len(self.VIEWS)
+            self._apply_view()
+
+    def move(self, by: int, s: SessionSnapshot) -> None:
+        """Move the mark of the main list."""
+        if self.MAIN:
+            panel: Any = self.query_one(f"#{self.MAIN}", Lines)
+            panel.move(by, self.row_count(s))
+
+    def row_count(self, s: SessionSnapshot) -> int:
+        """How many rows the main list has."""
+        return 0
+
+    def _apply_view(self) -> None:
+        shown = {name for group in self.VIEWS for name in group}
+        visible = set(self.VIEWS[self.view]) if self.compact and self.VIEWS else shown
+        for panel in self.query(Lines):
+            if panel.id in shown:
+                panel.display = panel.id in visible

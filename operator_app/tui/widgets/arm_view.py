@@ -1,0 +1,137 @@
+"""Arm and hinge in braille, from the current estimate, with the next pose as a ghost. Knows no bus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hardware.arm import JointMode
+from operator_app.session.snapshot import DataState, SessionSnapshot
+from operator_app.tui.braille import Canvas
+from operator_app.tui.lines import Line, Lines, line
+from solver.arrays import FloatArray
+from solver.closure import DhLoop
+from solver.parameters import nominal_vector
+
+_TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
+_AXIS_M = 0.16
+"""Half the length at which the hinge axis is drawn."""
+
+
+def _view() -> FloatArray:
+    """Rows: right and up of the screen, in the arm's base frame, whose x axis points up."""
+    turn = np.array([-np.sin(_TURN), np.cos(_TURN)])
+    right = np.array([0.0, turn[1], -turn[0]])
+    up = np.array([np.cos(_TILT), np.sin(_TILT) * turn[0], np.sin(_TILT) * turn[1]])
+    return np.stack((right, up))
+
+
+class ArmView(Lines):
+    """The chain as it stands; scale and place never change while a session runs."""
+
+    TITLE = "Arm (live; dotted: next pose)"
+    HELP = (
+        "The arm as the current estimate sees it, from its base (B) over joints 1 to 7 to the "
+        "hinge (its axis is drawn through ⊕). Joints in position mode are marked in colour and "
+        "bold. The dotted arm is where the next planned pose will take it."
+    )
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id, classes="panel")
+        self._box: FloatArray | None = None
+        self._key: object = None
+        self._drawn: Sequence[Line] = ()
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Draw only when something moved by more than a dot could show."""
+        if s.arm is None:
+            return [(), line((" no arm connected", "dim"))]
+        if s.data is DataState.LOST:
+            return [(), line((" ▲ data LOST: the arm is not drawn", "warn"))]
+        q = s.arm.positions_rad
+        x = s.live.x if s.live is not None and s.live.estimated else None
+        modes = tuple(j.mode for j in s.arm.joints)
+        key = (
+            np.round(q, 3).tobytes(),
+            id(x),
+            s.next_waypoint,
+            modes,
+            width,
+            height,
+            id(s.forecast),
+        )
+        if key != self._key:
+            self._key = key
+            self._drawn = self._draw(s, q, x, width, height)
+        return self._drawn
+
+    def _draw(
+        self, s: SessionSnapshot, q: FloatArray, x: FloatArray | None, width: int, height: int
+    ) -> Sequence[Line]:
+        model = s.procedure.fixture.fixture.model(s.procedure.arm)
+        if not isinstance(model, DhLoop):
+            return [line((" this fixture has no drawing", "dim"))]
+        x = nominal_vector(model.parameters) if x is None else x
+        canvas = Canvas(width, height, ascii_only=self.app.look.ascii_only)  # type: ignore[attr-defined]
+        chain, axis = _chain(model, x, q)
+        if self._box is None:
+            self._box = _box(model, x, q, s)
+        place = _Placing(self._box, canvas)
+        if s.forecast is not None and s.next_waypoint is not None:
+            ghost, _ = _chain(model, x, s.forecast.q_rad[s.next_waypoint])
+            place.path(ghost, role="dim", every=4)
+        ends = np.stack((chain[-1] - _AXIS_M * axis, chain[-1] + _AXIS_M * axis))
+        place.path(ends, role="dim", every=2)
+        place.path(chain, role="text", every=1, thick=True)
+        place.letter(chain[0], "B", "bold")
+        for joint, mode in enumerate((j.mode for j in s.arm.joints) if s.arm else (), 1):
+            if joint in (2, 4, 6) or mode is JointMode.POSITION:
+                role = "accent" if mode is JointMode.POSITION else "bold"
+                place.letter(chain[joint - 1], str(joint), role)
+        place.letter(chain[-1], "⊕", "bold")
+        return canvas.lines()
+
+
+def _chain(model: DhLoop, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Origins of frames 0..n (n + 1, 3) and the hinge axis (3,), seen in the arm's base frame 0."""
+    pose = q[None, :]
+    frames = model.frames(x, pose, model.initial_unsensed(x, pose))
+    R0, p0 = frames.axes[0, 1], frames.origins_m[0, 1]
+    origins = (frames.origins_m[0, 1:] - p0) @ R0
+    return origins, frames.axes[0, -1, :, 2] @ R0
+
+
+def _box(model: DhLoop, x: FloatArray, q: FloatArray, s: SessionSnapshot) -> FloatArray:
+    """Lowest and highest screen coordinates (2, 2) over the poses that are planned."""
+    poses = [q] if s.forecast is None else [q, *s.forecast.q_rad[s.forecast.reachable][:40]]
+    points = np.concatenate([_chain(model, x, pose)[0] for pose in poses]) @ _view().T
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.stack((low - 0.08, high + 0.08))
+
+
+class _Placing:
+    """From metres to dots, keeping proportions."""
+
+    def __init__(self, box: FloatArray, canvas: Canvas) -> None:
+        self._canvas = canvas
+        size = box[1] - box[0]
+        self._scale = min((canvas.width - 2) / size[0], (canvas.height - 2) / size[1])
+        self._middle = box.mean(axis=0)
+
+    def _dots(self, points: FloatArray) -> FloatArray:
+        flat = (points @ _view().T - self._middle) * self._scale
+        return np.stack(
+            (self._canvas.width / 2 + flat[..., 0], self._canvas.height / 2 - flat[..., 1]), axis=-1
+        )
+
+    def path(self, points: FloatArray, *, role: str, every: int, thick: bool = False) -> None:
+        dots = self._dots(points)
+        for (x0, y0), (x1, y1) in zip(dots[:-1], dots[1:], strict=True):
+            self._canvas.segment(x0, y0, x1, y1, role, every)
+            if thick:
+                self._canvas.segment(x0 + 1, y0, x1 + 1, y1, role, every)
+
+    def letter(self, point: FloatArray, text: str, role: str) -> None:
+        x, y = self._dots(point)
+        self._canvas.letter(x, y, text, role)

@@ -1,0 +1,144 @@
+"""The seven joints, live: mode, angle, speed, torque, where in the range, state. Knows one snapshot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from hardware.arm import DriveState, JointMode, JointState
+from operator_app.session.snapshot import STALE_S, DataState, SessionSnapshot
+from operator_app.tui.lines import Line, Lines, Span, line
+from solver.arm_model import Joint
+from solver.sensors import Encoder, NoSensor, Rvdt, Sensor
+
+NEAR_END = 0.04
+"""Share of the range at either end where a joint is said to be near its limit."""
+
+_DRIVES = {
+    DriveState.OPERATION_ENABLED: "ok",
+    DriveState.QUICK_STOP_ACTIVE: "STOPPED",
+    DriveState.FAULT: "FAULT",
+    DriveState.FAULT_REACTION_ACTIVE: "FAULT",
+}
+
+
+class JointTable(Lines):
+    """One row a joint. `wanted` marks which mode is asked for and shows two more columns."""
+
+    TITLE = "Joints"
+    HELP = (
+        "One row a joint. POSITION: the joint goes where it is told. FREE: it follows the closed "
+        "chain with no torque of its own. The bar shows where the joint stands in its range. "
+        "Numbers older than 100 ms are marked with ? and what is derived from them is left out."
+    )
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id, classes="panel")
+        self.cursor = 0
+        self.wanted: tuple[JointMode, ...] = ()
+        self.show_wanted = False
+
+    def move(self, by: int, count: int) -> None:
+        """Move the mark."""
+        self.cursor = max(0, min(count - 1, self.cursor + by))
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Header and one line a joint."""
+        bar = max(7, min(13, width - 57 - (5 if self.show_wanted else 0)))
+        rows = [self._header(bar)]
+        for k, joint in enumerate(s.procedure.arm.joints):
+            state = s.arm.joints[k] if s.arm is not None else None
+            rows.append(self._row(s, k, joint, state, bar))
+        return rows
+
+    def _header(self, bar: int) -> Line:
+        title = "−range+".center(bar)
+        if self.show_wanted:
+            return line(
+                ("  JOINT         SENS WANTED   ACTUAL    POS [deg]  T [N m] " + title, "header")
+            )
+        return line(
+            ("  JOINT         MODE      POS [deg] V[deg/s] T [N m] " + title + " STATE", "header")
+        )
+
+    def _row(
+        self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, bar: int
+    ) -> Line:
+        marked = k == self.cursor
+        name = f"J{k + 1} {joint.name}"[:13].ljust(13)
+        back = "cursor " if marked else ""
+        spans: list[Span] = [("▌ " if marked else "  ", back + "text"), (name + " ", back + "text")]
+        if self.show_wanted:
+            wanted = self.wanted[k] if k < len(self.wanted) else None
+            actual = None if state is None else state.mode
+            changed = wanted is not None and wanted is not actual
+            spans += [
+                (_sensor(joint.sensor).ljust(5), back + "dim"),
+                (_mode(wanted).ljust(9), back + ("accent" if changed else "text")),
+            ]
+        if state is None:
+            spans.append(("no data".ljust(9), back + "dim"))
+            return tuple(spans)
+        stale = state.age_s > STALE_S
+        spans.append(
+            (
+                _mode(state.mode).ljust(9),
+                back + ("accent" if state.mode is JointMode.FREE else "text"),
+            )
+        )
+        position = math.degrees(state.position_rad)
+        spans.append(
+            ((("?" if stale else " ") + f"{position:+9.3f}"), back + ("warn" if stale else "text"))
+        )
+        if not self.show_wanted:
+            speed = "       ?" if stale else f"{math.degrees(state.speed_rad_per_s):+8.2f}"
+            spans.append((" " + speed, back + ("warn" if stale else "text")))
+        torque = "      ?" if stale else f"{state.torque_nm:+7.1f}"
+        heavy = not stale and abs(state.torque_nm) > 0.6 * joint.max_torque_nm
+        spans.append((" " + torque + " ", back + ("warn" if stale or heavy else "text")))
+        spans.append((_bar(state.position_rad, joint, bar), back + "text"))
+        if not self.show_wanted:
+            text, role = _state(s, state, joint, stale=stale)
+            spans.append((" " + text, back + role))
+        return tuple(spans)
+
+
+def _bar(position_rad: float, joint: Joint, cells: int) -> str:
+    """Range with the joint in it."""
+    share = (position_rad - joint.lower_rad) / (joint.upper_rad - joint.lower_rad)
+    inner = cells - 2
+    at = min(inner - 1, max(0, int(share * inner)))
+    middle = inner // 2
+    body = ["┼" if k == middle else "─" for k in range(inner)]
+    body[at] = "●"
+    return "├" + "".join(body) + "┤"
+
+
+def _state(s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool) -> tuple[str, str]:
+    if stale:
+        word = "LOST" if s.data is DataState.LOST else "STALE"
+        return f"▲ {word} {1e3 * state.age_s:.0f} ms", "warn"
+    word = _DRIVES.get(state.drive, "disabled")
+    if word != "ok":
+        return (f"■ {word}", "alarm") if word != "disabled" else ("· off", "dim")
+    span = joint.upper_rad - joint.lower_rad
+    if state.position_rad < joint.lower_rad + NEAR_END * span:
+        return f"▲ LIMIT {math.degrees(joint.lower_rad):.0f}", "alarm"
+    if state.position_rad > joint.upper_rad - NEAR_END * span:
+        return f"▲ LIMIT {math.degrees(joint.upper_rad):.0f}", "alarm"
+    return "ok", "dim"
+
+
+def _mode(mode: JointMode | None) -> str:
+    return "—" if mode is None else mode.value.upper()
+
+
+def _sensor(sensor: Sensor) -> str:
+    match sensor:
+        case Encoder():
+            return "enc"
+        case Rvdt():
+            return "RVDT"
+        case NoSensor():
+            return "none"
+    return ""

@@ -1,0 +1,106 @@
+"""Points over an axis, in braille: residuals by pose, by joint, a sensor's curve. Knows numbers only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from operator_app.tui.braille import Canvas
+from operator_app.tui.lines import Line, Span
+
+LABEL = 9
+"""Cells of the vertical axis and its numbers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """Points of one kind, in one role."""
+
+    x: Sequence[float]
+    y: Sequence[float]
+    role: str = "text"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axes:
+    """What the axes say: units, horizontal lines worth drawing, optional fixed range of y."""
+
+    x_label: str
+    y_label: str
+    levels: tuple[float, ...] = (0.0,)
+    y_range: tuple[float, float] | None = None
+    logarithmic: bool = False
+
+
+def plot(
+    series: Sequence[Series], axes: Axes, width: int, height: int, *, ascii_only: bool
+) -> list[Line]:
+    """Return a plot of `height` lines; empty when it would not fit."""
+    xs = [v for s in series for v in s.x]
+    ys = [_scaled(v, axes) for s in series for v in s.y]
+    if not xs or width < LABEL + 10 or height < 5:
+        return []
+    levels = [_scaled(v, axes) for v in axes.levels]
+    low, high = axes.y_range or (min([*ys, *levels]), max([*ys, *levels]))
+    if axes.y_range is not None:
+        low, high = _scaled(low, axes), _scaled(high, axes)
+    pad = 0.05 * (high - low) or max(abs(high), 1e-12) * 0.1
+    low, high = low - pad, high + pad
+    x_low, x_high = min(xs), max(xs)
+    if x_high == x_low:
+        x_low, x_high = x_low - 0.5, x_high + 0.5
+    canvas = Canvas(width - LABEL - 1, height - 2, ascii_only=ascii_only)
+
+    def place(x: float, y: float) -> tuple[float, float]:
+        return (
+            1 + (x - x_low) / (x_high - x_low) * (canvas.width - 4),
+            (high - y) / (high - low) * (canvas.height - 1),
+        )
+
+    for level in levels:
+        _, y = place(x_low, level)
+        canvas.segment(0, y, canvas.width - 1, y, "dim", every=3)
+    for one in series:
+        for x, y in zip(one.x, one.y, strict=True):
+            canvas.blob(*place(x, _scaled(y, axes)), one.role)
+    rows: list[Line] = []
+    picture = canvas.lines()
+    marks = {0, (len(picture) - 1) // 2, len(picture) - 1}
+    for k, row in enumerate(picture):
+        value = high - (k + 0.5) / len(picture) * (high - low)
+        label = _number(10**value if axes.logarithmic else value) if k in marks else ""
+        rows.append(((f"{label:>{LABEL - 1}} │", "dim"), *row))
+    rows.append(((" " * LABEL + "└" + "─" * (width - LABEL - 1), "dim"),))
+    left, right = _number(x_low), _number(x_high)
+    middle = f"{axes.x_label}   (up: {axes.y_label})"
+    room = width - LABEL - 1 - len(left) - len(right)
+    rows.append(
+        ((" " * (LABEL + 1) + left + middle.center(max(room, 0))[: max(room, 0)] + right, "dim"),)
+    )
+    return rows
+
+
+def _scaled(value: float, axes: Axes) -> float:
+    return math.log10(max(value, 1e-30)) if axes.logarithmic else value
+
+
+def _number(value: float) -> str:
+    """At most seven characters."""
+    size = abs(value)
+    if size >= 1e5 or (0.0 < size < 1e-3):
+        return f"{value:.0e}"
+    return f"{value:.0f}" if size >= 100 else f"{value:.3g}"
+
+
+SPARKS = "▁▂▃▄▅▆▇█"
+
+
+def sparkline(values: Sequence[float], width: int) -> Span:
+    """A row of bars, logarithmic, the newest at the right."""
+    recent = [math.log10(max(v, 1.0)) if math.isfinite(v) else 4.0 for v in values[-width:]]
+    if not recent:
+        return ("", "dim")
+    low, high = min(recent), max(max(recent), min(recent) + 0.3)
+    bars = "".join(SPARKS[int((v - low) / (high - low) * 7.99)] for v in recent)
+    return (bars, "dim")

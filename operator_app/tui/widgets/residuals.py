@@ -1,0 +1,93 @@
+"""Plots of a finished calibration: by pose, by joint, and each RVDT's curve. Knows one solution."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from operator_app.calibration import Solution
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.tui.lines import Line, line
+from operator_app.tui.widgets.plot import Axes, Series, plot
+from solver.sensors import Rvdt
+
+
+def kept_numbers(s: SessionSnapshot, solution: Solution) -> list[int]:
+    """Numbers of the poses that took part."""
+    dropped = set(solution.dropped_flipped)
+    return [p.number for k, p in enumerate(s.state.used_poses) if k not in dropped]
+
+
+def by_pose(s: SessionSnapshot, width: int, height: int, *, ascii_only: bool) -> Sequence[Line]:
+    """Closure of every pose, position part."""
+    solution = s.solution
+    if solution is None:
+        return []
+    estimate = solution.estimate
+    miss = 1e3 * np.linalg.norm(estimate.residual[:, estimate.rotation_rows :], axis=1)
+    numbers = [float(n) for n in kept_numbers(s, solution)][: len(miss)]
+    rms = float(np.sqrt(np.mean(miss**2)))
+    worst = miss > 2.5 * rms
+    series = [
+        Series(x=[n for n, w in zip(numbers, worst, strict=True) if not w],
+               y=[float(v) for v, w in zip(miss, worst, strict=True) if not w]),
+        Series(x=[n for n, w in zip(numbers, worst, strict=True) if w],
+               y=[float(v) for v, w in zip(miss, worst, strict=True) if w], role="warn"),
+    ]  # fmt: skip
+    axes = Axes(x_label="pose", y_label="mm; lines: rms and 2.5 rms", levels=(0.0, rms, 2.5 * rms))
+    return plot(series, axes, width, height, ascii_only=ascii_only)
+
+
+def by_joint(s: SessionSnapshot, width: int, height: int, *, ascii_only: bool) -> Sequence[Line]:
+    """How much each joint had to be corrected for its loops to close, rms against its sensor."""
+    solution = s.solution
+    if solution is None:
+        return []
+    corrections = solution.estimate.corrections
+    if corrections is None:
+        return [line((" the paper's estimator finds no joint corrections", "dim"))]
+    sigma = s.procedure.arm.sigma_rad()
+    rms = np.sqrt(np.mean(corrections**2, axis=0))
+    rows: list[Line] = [line((" JOINT   CORRECTION [mdeg rms]   SENSOR [mdeg]   RATIO", "header"))]
+    cells = max(4, width - 56)
+    for k, (found, allowed) in enumerate(zip(rms, sigma, strict=True), 1):
+        ratio = found / allowed if allowed > 0.0 else math.inf
+        role = "warn" if ratio > 3.0 else "text"
+        mark = "▲" if ratio > 3.0 else " "
+        bar = "█" * min(cells, int(ratio / 10.0 * cells))
+        shown = f"{ratio:5.1f}" if math.isfinite(ratio) else "    —"
+        rows.append(
+            line((f" J{k}      {1e3 * math.degrees(found):22.3f}   {1e3 * math.degrees(allowed):13.3f}   {shown} {mark} {bar}", role))
+        )  # fmt: skip
+    return rows
+
+
+def rvdt_joints(s: SessionSnapshot) -> list[int]:
+    """Joints (1-based) read by an RVDT."""
+    return [k for k, j in enumerate(s.procedure.arm.joints, 1) if isinstance(j.sensor, Rvdt)]
+
+
+def rvdt_curve(
+    s: SessionSnapshot, joint: int, width: int, height: int, *, ascii_only: bool
+) -> Sequence[Line]:
+    """What the loops say of an RVDT: correction over reading, with its linearity as limits."""
+    solution = s.solution
+    sensor = s.procedure.arm.joints[joint - 1].sensor
+    if solution is None or solution.estimate.corrections is None or not isinstance(sensor, Rvdt):
+        return [line((" needs the implicit estimator with this joint sensed", "dim"))]
+    dropped = set(solution.dropped_flipped)
+    readings = [
+        math.degrees(float(p.mean_rad[joint - 1]))
+        for k, p in enumerate(s.state.used_poses)
+        if k not in dropped
+    ]
+    found = [1e3 * float(v) for v in solution.estimate.corrections[:, joint - 1]]
+    limit = 1e3 * sensor.linearity_rad
+    axes = Axes(
+        x_label=f"reading of J{joint} [deg]",
+        y_label=f"correction [mrad]; lines: specification ±{limit:.0f}",
+        levels=(-limit, 0.0, limit),
+    )
+    return plot([Series(x=readings, y=found)], axes, width, height, ascii_only=ascii_only)

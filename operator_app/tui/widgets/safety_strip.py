@@ -1,0 +1,164 @@
+"""The strip on top: STOP, simulated or real, bus, heartbeat, data, modes, drives; and the banner below.
+
+Always there, also under a dialog. Knows one snapshot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual import events
+from textual.message import Message
+
+from hardware.arm import DriveState, JointMode
+from operator_app.session.guards import ends_with_any_key
+from operator_app.session.snapshot import DataState, SessionSnapshot
+from operator_app.tui.lines import Line, Lines, Span, clip
+
+HEARTBEAT_LATE_S = 0.35
+SEPARATOR: Span = (" │ ", "dim")
+THIN: Span = ("│", "dim")
+
+
+class Clicked(Message):
+    """The operator clicked an action by name."""
+
+    def __init__(self, action: str) -> None:
+        super().__init__()
+        self.action = action
+
+
+class SafetyStrip(Lines, can_focus=False):
+    """One line."""
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Everything that decides whether it is safe, in one row."""
+        short = width < 110
+        stop: list[Span] = [(" STOP ", "badge"), (" SPC/F8" if short else " SPACE/F8", "key")]
+        cells: list[list[Span]] = [stop, _where(s, short=short)]
+        cells += [_bus(s, short=short), _heartbeat(s, short=short), _data(s, short=short)]
+        cells += [_modes(s, short=short), _drives(s, short=short)]
+        row: list[Span] = []
+        for k, cell in enumerate(cells):
+            row += [*([THIN if short else SEPARATOR] if k else []), *cell]
+        return [clip(tuple(row), width)]
+
+    def on_click(self, event: events.Click) -> None:
+        """A click on STOP is STOP."""
+        if event.x < 16:
+            self.post_message(Clicked("stop"))
+
+
+class Banner(Lines, can_focus=False):
+    """One line below the strip: STOP, motion, lost data, or what kind of arm this is."""
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Return the most urgent of what there is to say."""
+        return [clip(_banner(s), width)]
+
+
+def _banner(s: SessionSnapshot) -> Line:
+    if s.stopped or (s.stop is not None and s.stop.problem):
+        return ((" ■ SOFTWARE STOP ", "badge"), (" " + _stop_words(s), "alarm"))
+    if s.data is DataState.LOST:
+        return (
+            (" ▲ DATA LOST ", "badge"),
+            (" quick stop sent; the drives hold by themselves", "alarm"),
+        )
+    if s.task is not None and ends_with_any_key(s.task):
+        return ((" ▶ ANY KEY STOPS ", "badge"), (f" {s.task.text}", "accent"))
+    if s.task is not None:
+        return ((" ◌ ", "bold"), (s.task.text, "text"))
+    if s.simulated:
+        return ((" SIMULATED ", "badge"), (" no real arm on this bus: nothing can be hurt", "dim"))
+    return (
+        (" REAL ARM ", "badge"),
+        (" keep the hardware stop within reach: software STOP is no emergency stop", "dim"),
+    )
+
+
+def _stop_words(s: SessionSnapshot) -> str:
+    report = s.stop
+    if report is None:
+        return "latched. R resets; nothing moves by itself"
+    if report.problem:
+        return f"could NOT be sent ({report.problem}): use the hardware stop"
+    joints = len(s.arm.joints) if s.arm is not None else 0
+    ago = s.now_s - report.asked_s
+    if report.acknowledged_after_s is None:
+        return f"sent {ago:.1f} s ago, {report.drives_stopped} of {joints} drives stopped"
+    took = 1e3 * report.acknowledged_after_s
+    return f"all {joints} drives stopped within {took:.0f} ms. R resets; nothing moves by itself"
+
+
+def _where(s: SessionSnapshot, *, short: bool) -> list[Span]:
+    kind = ("SIM" if short else "SIMULATED") if s.simulated else "REAL"
+    serial = s.identity.serial_number if s.identity is not None else ""
+    return [(kind, "bold"), *([(f" {serial}", "text")] if serial else [])]
+
+
+def _bus(s: SessionSnapshot, *, short: bool) -> list[Span]:
+    if not s.connected:
+        return [("BUS ", "dim"), ("○" if short else "○ not connected", "dim")]
+    if s.arm is None or s.data is DataState.LOST:
+        return [("BUS ", "dim"), ("▲ SILENT", "alarm")]
+    rate = "" if short else f" {s.sync_rate_hz:3.0f} SYNC/s"
+    return [("BUS ", "dim"), ("● ok", "text"), (rate, "text")]
+
+
+def _heartbeat(s: SessionSnapshot, *, short: bool) -> list[Span]:
+    ages = s.arm.heartbeat_age_s if s.arm is not None else {}
+    if not ages:
+        return [("HB ", "dim"), ("○", "dim")]
+    oldest = max(ages.values())
+    if oldest > HEARTBEAT_LATE_S:
+        node = max(ages, key=lambda n: ages[n])
+        return [("HB ", "dim"), (f"▲ NODE {node} LATE", "warn")]
+    return [("HB ", "dim"), ("●" if short else f"● {1e3 * oldest:3.0f} ms", "text")]
+
+
+def _data(s: SessionSnapshot, *, short: bool) -> list[Span]:
+    match s.data:
+        case DataState.NONE:
+            return [("DATA ", "dim"), ("○", "dim")]
+        case DataState.FRESH:
+            return [("DATA ", "dim"), ("●" if short else f"● {1e3 * s.oldest_s:3.0f} ms", "text")]
+        case DataState.STALE:
+            which = f"J{s.stale_joints[0]}" if len(s.stale_joints) == 1 else "STALE"
+            return [
+                ("DATA ", "dim"),
+                (f"▲ {which} STALE" if which[0] == "J" else "▲ STALE", "warn"),
+            ]
+        case DataState.LOST:
+            return [("DATA ", "dim"), ("▲ LOST", "alarm")]
+
+
+def _modes(s: SessionSnapshot, *, short: bool) -> list[Span]:
+    if s.arm is None:
+        return [("MODE ", "dim"), ("○", "dim")]
+    position = [str(j.joint) for j in s.arm.joints if j.mode is JointMode.POSITION]
+    free = sum(j.mode is JointMode.FREE for j in s.arm.joints)
+    if not free:
+        return [("POS all" if short else "POSITION all", "text")]
+    names = " ".join(f"J{j}" for j in position) or "none"
+    if short:
+        return [("POS ", "dim"), (names, "accent")]
+    return [("POSITION ", "dim"), (names, "accent"), (f" · FREE {free}", "text")]
+
+
+def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:
+    word = "DRV " if short else "DRIVES "
+    if s.arm is None:
+        return [(word, "dim"), ("○", "dim")]
+    states = [j.drive for j in s.arm.joints]
+    if any(d in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE) for d in states):
+        joint = next(
+            j.joint
+            for j in s.arm.joints
+            if j.drive in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
+        )
+        return [(word, "dim"), (f"■ J{joint} FAULT", "alarm")]
+    if s.stopped:
+        return [(word, "dim"), ("■ STOP", "alarm")]
+    on = sum(d is DriveState.OPERATION_ENABLED for d in states)
+    return [(word, "dim"), ("on" if on == len(states) else f"{on}/{len(states)} on", "text")]

@@ -1,0 +1,103 @@
+"""The seven steps: which are done, what was decided, what is missing. Knows one snapshot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual import events
+
+from hardware.arm import JointMode
+from operator_app.session.guards import missing_for
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
+from operator_app.tui.lines import Line, Lines, Span, line
+from operator_app.tui.widgets.safety_strip import Clicked
+
+
+def done(step: Step, s: SessionSnapshot) -> bool:
+    """Whether a step has been dealt with: the one after it is open."""
+    if step is Step.EXPORT:
+        return s.written is not None
+    if step is Step.RESULTS:
+        return s.solution is not None and not missing_for(Step.EXPORT, s)
+    if step is Step.CAPTURE:
+        return len(s.state.used_poses) >= s.wanted_poses
+    return not missing_for(Step(step + 1), s)
+
+
+def detail(step: Step, s: SessionSnapshot) -> str:
+    """What was decided, in a word or two."""
+    match step:
+        case Step.CONNECT:
+            return s.identity.serial_number if s.identity else "not connected"
+        case Step.FIXTURE:
+            left = len(s.procedure.fixture.checklist) - len(s.ticked)
+            return (
+                f"{s.procedure.fixture.kind}, {left} to tick" if left else s.procedure.fixture.kind
+            )
+        case Step.MODES:
+            names = [str(k) for k, m in enumerate(s.modes, 1) if m is JointMode.POSITION]
+            if not names:
+                return "not set"
+            return "all held" if len(names) == len(s.modes) else f"J{' J'.join(names)} drive"
+        case Step.CAPTURE:
+            return f"{len(s.state.used_poses)}/{s.wanted_poses} poses"
+        case Step.CALIBRATE:
+            return s.solution.estimate.estimator if s.solution else "not run"
+        case Step.RESULTS:
+            if s.solution is None:
+                return "—"
+            return "accepted" if s.solution.accepted else "NOT accepted"
+        case Step.EXPORT:
+            if s.receipt is not None:
+                return "uploaded"
+            return "written" if s.written else "—"
+
+
+class StepRail(Lines, can_focus=False):
+    """Three rows a step."""
+
+    current = Step.CONNECT
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Glyph, number, title; below it the detail."""
+        rows: list[Line] = []
+        for step in Step:
+            here = step is self.current
+            open_ = not missing_for(step, s)
+            glyph = "▶" if here else "✓" if done(step, s) else "·"
+            role = "accent" if here else "text" if open_ else "dim"
+            rows += [line((f" {glyph} {int(step)} {step.title}", role))]
+            rows += [line((f"    {detail(step, s)}"[: width - 1], "dim")), ()]
+        return rows
+
+    def on_click(self, event: events.Click) -> None:
+        """A click on a step goes there."""
+        number = event.y // 3 + 1
+        if number <= len(Step):
+            self.post_message(Clicked(f"step({number})"))
+
+
+class StepRow(StepRail, can_focus=False):
+    """All steps in one row, for small terminals."""
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Only the present step has its name."""
+        row: list[Span] = []
+        for step in Step:
+            here = step is self.current
+            glyph = "▶" if here else "✓" if done(step, s) else "·"
+            text = f" {glyph}{int(step)} {step.title} " if here else f" {glyph}{int(step)} "
+            row.append((text, "accent" if here else "dim"))
+        row.append((f"  {detail(self.current, s)}", "dim"))
+        return [tuple(row)]
+
+    def on_click(self, event: events.Click) -> None:
+        """A click on a number goes there."""
+        x = 1
+        for step in Step:
+            width = 5 + (len(step.title) + 1 if step is self.current else 0) - 1
+            if x - 1 <= event.x < x - 1 + width:
+                self.post_message(Clicked(f"step({int(step)})"))
+                return
+            x += width

@@ -1,0 +1,75 @@
+"""`sarcal compare`: what drifted between two calibrations of one arm."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from operator_app.commands.options import json_option, sessions_option
+from operator_app.exit_codes import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from operator_app.config.parameters import ParametersDocument
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    for name, words in (("a", "earlier"), ("b", "later")):
+        parser.add_argument(
+            name,
+            metavar=name.upper(),
+            help=f"{words} parameters file, session folder, session name or latest",
+        )
+    parser.add_argument(
+        "--level",
+        type=float,
+        default=0.01,
+        metavar="P",
+        help="chance of a false alarm over all parameters together (default 0.01)",
+    )
+    parser.add_argument(
+        "--remounted",
+        action="store_true",
+        help="the fixture was taken off in between: compare the arm's own parameters only",
+    )
+    sessions_option(parser)
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Compare and report on stdout."""
+    from operator_app.comparison import IncomparableError, compare
+    from operator_app.report.comparison_result import comparison_json, comparison_text
+
+    if not 0.0 < args.level < 1.0:
+        raise UsageError(f"--level {args.level:g}: a chance lies between 0 and 1, e.g. 0.01")
+    before = _load(args.a, args.sessions)
+    after = _load(args.b, args.sessions)
+    try:
+        found = compare(before, after, level=args.level, remounted=args.remounted)
+    except IncomparableError as error:
+        raise UsageError(f"{args.a}, {args.b}: {error}") from error
+    if args.json:
+        print(json.dumps(comparison_json(found), indent=2, allow_nan=False))
+    else:
+        print(comparison_text(found))
+    return ExitCode.NOT_ACCEPTED if found.drifted else ExitCode.ACCEPTED
+
+
+def _load(reference: str, root: Path) -> ParametersDocument:
+    from operator_app.config.parameters_file import load_parameters
+    from operator_app.session.export import PARAMETERS_NAME
+    from operator_app.session.folder import find_session
+
+    where = Path(reference).expanduser()
+    if where.is_file():
+        return load_parameters(reference)
+    folder = where if (where / PARAMETERS_NAME).is_file() else find_session(root, reference)
+    file = folder / PARAMETERS_NAME
+    if not file.is_file():
+        raise UsageError(
+            f"{folder}: this session has no {PARAMETERS_NAME}; write it with: sarcal export {folder}"
+        )
+    return load_parameters(file)

@@ -8,42 +8,35 @@ merely another description of the same one, fits as well. Deterministic for a se
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
-from solver.batched_least_squares import BatchFit, BatchProblem, minimise_batch
+from solver.arrays import BoolArray, FloatArray
 from solver.closure import ClosureModel, nearest_equivalent
 from solver.estimate import require_enough_poses
-from solver.inner_parts import projectable_parts
-from solver.inner_search import InnerProblem, spread_poses
 from solver.least_squares import Progress, solve_damped
-from solver.parameters import nominal_vector, wrap_angle, wrap_angles
+from solver.parameters import nominal_vector, wrap_angles
+from solver.start_search import StartSearch
 
 STARTS = 500
 STARTS_WITHOUT_DIRECTION = 1500
 """Default numbers of starts. Where the hand's direction is held too (hinge, rigid), 4 to 40 % of the starts
 arrive; of a ball's, on joints that moved little, 1 %."""
 
-HALT_AFTER = 8
-SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
-"""After a few steps the best third goes on. Of the starts that would have arrived, 80 to 100 % are among
-them (wild hinges, a ball), so that for the same work twice as many arrive."""
-
-SEARCH_EQUATIONS = 72
-"""Closure equations the search works on: a few times the unknowns of any usual arm."""
-
-POLISHED = 6
-"""Basins that are polished: the true one's cost is orders below the next, so it is among the first."""
-
 FIRST_POLISH = 12
 HOPELESS = 100.0
 """A basin whose cost is this many times the best after the first polish is not polished further: no
 rival comes from ten times the rms closure. Its `rms` is then an upper bound."""
 
-SAME_BASIN = 0.02
-"""Starts that end within this of each other (rad) ended in one basin."""
+MIXED = 0.03
+"""An rms closure (1 m : 1 rad) that no real arm leaves: poses of both branches may be mixed."""
+
+HINGE_EQUATIONS = 5
+SAMPLES = 8
+SAMPLE_POSES = 8
+NEAR_M, NEAR_RAD = 0.1, 0.3
+EXPLAINED = 0.9
 
 SAME_LOOP = 1e-4
 """Polished parameters that differ by less than this (rad, m) are one solution."""
@@ -90,11 +83,15 @@ class GlobalStart:
         Number of starts.
     search_poses
         Number of poses the search itself used.
+    set_aside
+        Poses (indices) taken with the hand the other way round on the hinge: no part of any solution.
+        `Basin.flipped` counts among the others.
     """
 
     basins: tuple[Basin, ...]
     starts: int
     search_poses: int
+    set_aside: tuple[int, ...] = ()
 
     @property
     def best(self) -> Basin:
@@ -148,7 +145,30 @@ def global_start(
         directed = sensed.equations_per_pose > 3
         starts = STARTS if directed else STARTS_WITHOUT_DIRECTION
     rng = np.random.default_rng(seed)
-    search = _Search(sensed, q, starts, rng, progress)
+    found = _solve(model, sensed, q, starts, rng, progress)
+    if found.best.rms > MIXED and sensed.equations_per_pose == HINGE_EQUATIONS:
+        upright = _upright(sensed, q, starts, rng, progress)
+        if not upright.all():
+            kept = np.flatnonzero(upright)
+            alone = _solve(
+                model.at_poses(kept), sensed.at_poses(kept), q[kept], starts, rng, progress
+            )
+            if alone.best.rms < found.best.rms:
+                aside = tuple(int(k) for k in np.flatnonzero(~upright))
+                return replace(alone, set_aside=aside)
+    return found
+
+
+def _solve(
+    model: ClosureModel,
+    sensed: ClosureModel,
+    q: FloatArray,
+    starts: int,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> GlobalStart:
+    """Search, polish on all of `q`, and tell solutions apart."""
+    search = StartSearch(sensed, q, starts, rng, progress)
     nominal = nominal_vector(sensed.parameters)
     names = [p.name for p in sensed.parameters]
     here = [names.index(p.name) for p in model.parameters]
@@ -189,102 +209,33 @@ def global_start(
     return GlobalStart(basins=tuple(basins), starts=starts, search_poses=search.poses)
 
 
+def _upright(
+    model: ClosureModel,
+    q: FloatArray,
+    starts: int,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> BoolArray:
+    """Poses on the branch that most are on (m,), found from few poses at a time.
+
+    A few poses taken with the hand the other way round spoil a fit of all. Some small sample has none of
+    them; its loop closes on the poses of its own branch and is upside down on the rest.
+    """
+    best = np.ones(len(q), dtype=np.bool_)
+    most = 0
+    for _ in range(SAMPLES):
+        few = np.sort(rng.choice(len(q), min(SAMPLE_POSES, len(q)), replace=False))
+        search = StartSearch(model.at_poses(few), q[few], starts, rng, progress)
+        error = model.reduced(search.candidates()[0][0], q)
+        near = np.linalg.norm(error.residual[:, error.rotation_rows :], axis=-1) < NEAR_M
+        swing = np.linalg.norm(error.residual[:, : error.rotation_rows], axis=-1)
+        upright, over = near & (swing < NEAR_RAD), near & (swing > np.pi - NEAR_RAD)
+        # Only a sample that explains nearly every pose, one way or the other, may tell them apart.
+        if (upright | over).sum() >= EXPLAINED * len(q) and upright.sum() > max(most, len(q) // 2):
+            best, most = ~over, int(upright.sum())
+    return best
+
+
 def _same_loop(model: ClosureModel, x: FloatArray, other: FloatArray) -> bool:
     near = nearest_equivalent(model, x, other)
     return bool(np.abs(wrap_angles(model.parameters, near - other)).max(initial=0.0) < SAME_LOOP)
-
-
-class _Search:
-    """The batch: which unknowns are guessed, and how a guess becomes a whole parameter vector."""
-
-    def __init__(
-        self,
-        model: ClosureModel,
-        q: FloatArray,
-        starts: int,
-        rng: np.random.Generator,
-        progress: Progress | None,
-    ) -> None:
-        self.model, self.q = model, q
-        self.parts = projectable_parts(model, q)
-        self._progress = progress
-        self._nominal = nominal_vector(model.parameters)
-        if self.parts and self.parts[0].problem.searched:
-            # The largest placement finds the arm's offsets; the others only their own fixtures.
-            largest = max(self.parts, key=lambda part: len(part.q)).problem
-            count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
-            few = spread_poses(largest.q, count)
-            self.poses = len(few)
-            searched = InnerProblem(
-                table=largest.table,
-                searched=largest.searched,
-                hold=largest.hold,
-                q=few,
-                per_m=largest.per_m,
-            )
-            here = np.array([largest.table.theta_off_rad[j - 1] for j in largest.searched])
-            x0 = np.concatenate(
-                (here[None, :], rng.uniform(-np.pi, np.pi, (starts - 1, len(here))))
-            )
-            self.fit = self._minimised(searched, x0)
-        else:
-            self.poses = len(q)
-            self.fit = self._blind(starts, rng)
-
-    def candidates(self) -> list[tuple[FloatArray, int]]:
-        """Whole starts (P,) of the best basins with the number of starts that ended there."""
-        return [
-            (self._whole(self.fit.x[members[0]]), len(members))
-            for members in _basins(self.fit, self._angles())[:POLISHED]
-        ]
-
-    def _angles(self) -> list[int]:
-        if self.parts and self.parts[0].problem.searched:
-            return list(range(self.fit.x.shape[1]))
-        return [k for k, p in enumerate(self.model.parameters) if p.is_angle]
-
-    def _whole(self, guess: FloatArray) -> FloatArray:
-        if not (self.parts and self.parts[0].problem.searched):
-            return guess
-        x = self._nominal.copy()
-        for part in self.parts:
-            x[part.columns] = part.filled(guess)
-        return x
-
-    def _blind(self, starts: int, rng: np.random.Generator) -> BatchFit:
-        """Search over everything, for models whose fixture cannot be projected out."""
-        parameters = self.model.parameters
-        turned = [k for k, p in enumerate(parameters) if p.name.startswith("theta_off_")]
-        x0 = np.tile(self._nominal, (starts, 1))
-        x0[1:, turned] = rng.uniform(-np.pi, np.pi, (starts - 1, len(turned)))
-
-        def problem(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-            error = self.model.reduced(x, self.q)
-            count = len(x)
-            return (
-                error.residual.reshape(count, -1),
-                error.jac_x.reshape(count, -1, len(parameters)),
-            )
-
-        return self._minimised(problem, x0)
-
-    def _minimised(self, problem: BatchProblem, x0: FloatArray) -> BatchFit:
-        return minimise_batch(
-            problem,
-            x0,
-            halt_after=HALT_AFTER,
-            survivors=max(FEWEST_SURVIVORS, int(SURVIVING_SHARE * len(x0))),
-            progress=self._progress,
-        )
-
-
-def _basins(fit: BatchFit, angles: list[int]) -> list[IntArray]:
-    """Members of each basin, by rising cost; the first member of each is its best."""
-    left = np.argsort(fit.cost, kind="stable")
-    found = []
-    while len(left):
-        apart = wrap_angle(fit.x[left][:, angles] - fit.x[left[0], angles])
-        same = np.abs(apart).max(-1, initial=0.0) < SAME_BASIN
-        found.append(left[same])
-        left = left[~same]
-    return found

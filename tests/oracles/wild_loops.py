@@ -32,8 +32,13 @@ class WildProblem:
     offsets: np.ndarray
 
 
-def wild_problem(seed: int, *, poses: int = 40, still: tuple[int, ...] = ()) -> WildProblem:
-    """One problem without sensor errors; `still` joints (1-based) keep one angle in all poses."""
+def wild_problem(
+    seed: int, *, poses: int = 40, still: tuple[int, ...] = (), upside_down: int = 0
+) -> WildProblem:
+    """One problem without sensor errors; `still` joints (1-based) keep one angle in all poses.
+
+    The last `upside_down` poses have the hand on the hinge the other way round, joints anywhere.
+    """
     rng = np.random.default_rng(seed)
     arm = paper_truth()
     moving = np.array([0.0 if j in still else 1.0 for j in range(1, 8)])
@@ -50,18 +55,20 @@ def wild_problem(seed: int, *, poses: int = 40, still: tuple[int, ...] = ()) -> 
         line, point = T[:3, 2], T[:3, 3]
         if abs(line[2]) > np.cos(PARALLEL_RAD):
             continue
-        theta = home + moving * rng.uniform(-BOX_RAD, BOX_RAD, (10 * poses, 7))
-        for _ in range(40):
-            error, J = _error(theta, s, a, alpha, line, point)
-            step = -moving * (np.linalg.pinv(J * moving, rcond=1e-6) @ error[..., None])[..., 0]
-            longest = np.maximum(np.abs(step).max(-1, keepdims=True), 1e-300)
-            theta = theta + step * np.minimum(1.0, 0.3 / longest)
-        error, _ = _error(theta, s, a, alpha, line, point)
-        upright = (product(theta, s, a, alpha)[:, :3, 2] @ line) > 0.0
-        good = (np.abs(error).max(-1) < 1e-12) & (np.abs(theta - home).max(-1) < BOX_RAD) & upright
-        if good.sum() >= poses:
-            offsets = rng.uniform(-np.pi, np.pi, 7)
-            return WildProblem(q=theta[good][:poses] - offsets, offsets=offsets)
+        count = poses - upside_down
+        theta = home + moving * rng.uniform(-BOX_RAD, BOX_RAD, (10 * count, 7))
+        theta, upright = _closed(theta, moving, s, a, alpha, line, point)
+        theta = theta[upright & (np.abs(theta - home).max(-1) < BOX_RAD)]
+        if len(theta) < count:
+            continue
+        offsets = rng.uniform(-np.pi, np.pi, 7)
+        over = rng.uniform(-np.pi, np.pi, (40 * upside_down, 7))
+        if upside_down:
+            over, upright = _closed(over, moving, s, a, alpha, line, point)
+            over = over[~upright][:upside_down]
+        q = np.concatenate((theta[:count], over)) - offsets
+        if len(q) == poses:
+            return WildProblem(q=q, offsets=offsets)
 
 
 def with_sensors(q: np.ndarray, seed: int, *, curve: float = 0.01) -> np.ndarray:
@@ -74,6 +81,18 @@ def with_sensors(q: np.ndarray, seed: int, *, curve: float = 0.01) -> np.ndarray
     read[:, 5:] += curve * FULL_SCALE_RAD * np.sin(np.pi * t)
     read[:, 5:] += 2.0 * LSB_RAD * rng.normal(size=t.shape)
     return read
+
+
+def _closed(theta, moving, s, a, alpha, line, point):
+    """Poses brought onto the loop, those that arrived, and which of them have the hand upright."""
+    for _ in range(40):
+        error, J = _error(theta, s, a, alpha, line, point)
+        step = -moving * (np.linalg.pinv(J * moving, rcond=1e-6) @ error[..., None])[..., 0]
+        longest = np.maximum(np.abs(step).max(-1, keepdims=True), 1e-300)
+        theta = theta + step * np.minimum(1.0, 0.3 / longest)
+    error, _ = _error(theta, s, a, alpha, line, point)
+    theta = theta[np.abs(error).max(-1) < 1e-12]
+    return theta, (product(theta, s, a, alpha)[:, :3, 2] @ line) > 0.0
 
 
 def _error(theta, s, a, alpha, line, point):

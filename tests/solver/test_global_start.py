@@ -86,6 +86,16 @@ def test_an_elbow_that_stands_still_may_be_bent_either_way():
     assert min(abs(b - float(wrap_angle(problem.offsets[3] + elbow))) for b in bends) < 1e-8
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_hand_put_on_the_other_way_round_is_set_aside(seed):
+    problem = wild_problem(seed, upside_down=4)
+    q = np.roll(problem.q, 10, axis=0)
+    found = global_start(nothing_known(), q, starts=300)
+    assert found.set_aside == (6, 7, 8, 9)
+    assert found.best.rms < 1e-12
+    assert np.abs(wrap_angle(found.x[1:6] - problem.offsets[1:6])).max() < 1e-9
+
+
 def test_the_same_seed_gives_the_same_result_and_order_does_not_matter():
     problem = wild_problem(6)
     first = global_start(nothing_known(), problem.q, starts=60, seed=4)

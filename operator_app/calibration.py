@@ -40,6 +40,7 @@ from solver.paper_estimator import estimate_paper
 from solver.parameters import nominal_vector
 from solver.placements import Placements
 from solver.poses import PoseSet
+from solver.rvdt import RvdtVerdict, rvdt_verdicts
 from solver.sensors import NoSensor, Rvdt
 from solver.variance_components import VarianceComponents, estimate_implicit_with_components
 
@@ -78,6 +79,8 @@ class Solution:
         Noise of the RVDTs and flexure of the fixture as found with the parameters.
     search
         The global start, where one was asked for.
+    rvdt
+        What the loops say of each RVDT, its joint taken as unsensed for that.
     reasons
         Why it is not accepted; empty when it is.
     """
@@ -92,6 +95,7 @@ class Solution:
     held: tuple[str, ...]
     components: VarianceComponents | None
     search: GlobalStart | None
+    rvdt: tuple[RvdtVerdict, ...]
     warnings: tuple[Notice, ...]
     reasons: tuple[str, ...]
 
@@ -183,6 +187,7 @@ def calibrate(
         held=held,
         components=components,
         search=found,
+        rvdt=_rvdt(arm, fixture, poses, kept, held, estimate),
         warnings=(),
         reasons=(),
     )
@@ -193,10 +198,33 @@ def calibrate(
             *flipped_notices(flipped, poses.label),
             *held_notices(held),
             *rival_notices(found),
-            *rvdt_notices(arm, estimate, unsensed_joints),
+            *rvdt_notices(solution.rvdt),
         ),
         reasons=reasons_against(estimate, seen, limits),
     )
+
+
+def _rvdt(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    kept: BoolArray,
+    held: tuple[str, ...],
+    estimate: Estimate,
+) -> tuple[RvdtVerdict, ...]:
+    """Judge every RVDT by the loops of one placement; none where that cannot be asked."""
+    joints = tuple(j for j, joint in enumerate(arm.joints, 1) if isinstance(joint.sensor, Rvdt))
+    if not joints or len(poses.placements) > 1:
+        return ()
+    blind = tuple(sorted({*joints, *arm.unsensed_joints}))
+    whole = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
+    model = whole.at_poses(np.flatnonzero(kept)).without(held)
+    q = poses.q_rad[kept]
+    if len(q) * model.equations_per_pose <= len(model.parameters):
+        return ()
+    known = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
+    x0 = np.array([known.get(p.name, p.nominal) for p in model.parameters])
+    return rvdt_verdicts(model, arm, q, noise_model(arm, fixture, poses, kept), x0=x0)
 
 
 def noise_model(arm: ArmModel, fixture: Fixture, poses: PoseSet, kept: BoolArray) -> NoiseModel:

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from fixtures.base import SetupCheck, Severity
-from solver.arm_model import ArmModel
 from solver.estimate import Estimate
 from solver.global_start import GlobalStart
 from solver.identifiability import Identifiability
-from solver.sensors import Rvdt
+from solver.rvdt import RvdtVerdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,30 +84,9 @@ def flipped_notices(flipped: tuple[int, ...], labels: tuple[str, ...]) -> tuple[
     )
 
 
-def rvdt_notices(
-    arm: ArmModel, estimate: Estimate, unsensed_joints: tuple[int, ...]
-) -> tuple[Notice, ...]:
-    """Compare what the loops say of each RVDT joint with what its data sheet allows."""
-    found = []
-    for j, joint in enumerate(arm.joints, 1):
-        if not isinstance(joint.sensor, Rvdt) or j in unsensed_joints:
-            continue
-        lsb_mrad = 1e3 * joint.sensor.resolution_rad
-        text = (
-            f"joint {j} is read by a {joint.sensor.bits}-bit RVDT "
-            f"(1 LSB = {lsb_mrad:.2f} mrad; linearity {100 * joint.sensor.linearity:.0f} % of "
-            f"full scale = {1e3 * joint.sensor.linearity_rad:.0f} mrad)"
-        )
-        if estimate.corrections is not None:
-            rms = float(np.sqrt(np.mean(estimate.corrections[:, j - 1] ** 2)))
-            text += (
-                f"; the loops disagree with its readings by {1e3 * rms:.1f} mrad rms, "
-                f"{rms / joint.sensor.sigma_rad:.1f} times its noise"
-            )
-            if rms > 3.0 * joint.sensor.sigma_rad:
-                text += f": solve with --unsensed {j} and compare"
-        found.append(Notice(code=f"RVDT_{j}", text=text))
-    return tuple(found)
+def rvdt_notices(verdicts: tuple[RvdtVerdict, ...]) -> tuple[Notice, ...]:
+    """Say what the loops say of each RVDT."""
+    return tuple(Notice(code=f"RVDT_{v.joint}", text=v.text) for v in verdicts)
 
 
 def reasons_against(

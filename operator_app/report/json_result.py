@@ -16,6 +16,7 @@ from solver.errors import UnidentifiableDirection
 from solver.estimate import Estimate
 from solver.goodness import TwoReadings
 from solver.parameters import Parameter
+from solver.rvdt import RvdtVerdict
 from solver.variance_components import VarianceComponents
 
 ACCEPTED = "accepted"
@@ -29,6 +30,7 @@ def solution_json(solution: Solution) -> dict[str, Any]:
     return {
         **estimate_json(estimate),
         **components_json(solution.components),
+        "rvdt": [rvdt_json(verdict) for verdict in solution.rvdt],
         "held": list(solution.held),
         "global_start": _search_json(solution),
         "rank": solution.seen.rank,
@@ -88,6 +90,34 @@ def components_json(found: VarianceComponents | None) -> dict[str, Any]:
         },
         "flexure_p_value": None if found.flexure is None else found.flexure.p_value,
     }
+
+
+def rvdt_json(verdict: RvdtVerdict) -> dict[str, Any]:
+    """Return what the loops say of one RVDT; angles in deg, the curve as a correction table."""
+    figures = verdict.figures
+    found: dict[str, Any] = {
+        "joint": verdict.joint,
+        "verdict": verdict.verdict.value,
+        "text": verdict.text,
+        "treat_as_unsensed": verdict.treat_as_unsensed,
+        "share_of_residual": verdict.share,
+    }
+    if figures is not None:
+        found |= {
+            "linearity_percent_of_full_scale": 100.0 * figures.linearity,
+            "linearity_sd_percent": 100.0 * figures.linearity_sd,
+            "half_range_percent_of_full_scale": 100.0 * figures.half_range,
+            "covered_percent_of_full_scale": 100.0 * figures.covered,
+            "gain": figures.gain,
+            "noise_lsb": figures.noise_lsb,
+            "noise_lsb_interval": [figures.noise_low, figures.noise_high],
+            "theta_off_deg": math.degrees(figures.theta_off_rad),
+            "correction_table_deg": [
+                dict(zip(("reading", "correction", "sigma"), row, strict=True))
+                for row in np.rad2deg(figures.table_rad).tolist()
+            ],
+        }
+    return found
 
 
 def _search_json(solution: Solution) -> dict[str, Any] | None:

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from operator_app.report import figures, joint_tables, tables
-from operator_app.report.markup import element
+from operator_app.report.markup import Html, element, join
 from operator_app.report.numbers import fixed, names, plural
-from operator_app.report.section import Section, bullets, figure, plots, remark
+from operator_app.report.section import Section, bullets, figure, plots, prose, remark
 from operator_app.report.subject import Subject
 from solver.estimate import Estimate
+from solver.rvdt import RvdtVerdict, Verdict
+from solver.rvdt_figures import RvdtFigures
 
+CURVE_WORDS = (
+    "With the readings of joint {joints} used, these corrections close the loops. A bow or an S is the "
+    "sensor's curve, not noise: no number of poses averages it out, and it pulls at the parameters."
+)
+TABLE_WORDS = (
+    "Corrections to add to the readings, over the range the poses cover; they belong to the offsets "
+    "that are found without these readings, not to those above."
+)
 CLOSURE_WORDS = (
     "How far the loops fail to close at the joints as measured, so that both estimators are judged on "
     "one scale. The implicit estimator does not minimise this figure: it puts the error where the "
@@ -52,39 +62,58 @@ def joints(subject: Subject) -> Section:
 
 
 def rvdt(subject: Subject) -> Section | None:
-    """Return how the RVDTs' readings compare with what the loops say; None without an RVDT."""
+    """Return how the RVDTs read against what the loops say; None without an RVDT."""
     joints = figures.rvdt_joints(subject)
     if not joints:
         return None
-    estimate = subject.implicit
-    compared = [j for j in joints if j not in subject.unsensed_joints]
     content: list[str] = []
-    unused = [j for j in joints if j not in compared]
-    if unused:
-        content.append(remark(f"The readings of joint {names(unused)} were not used."))
-    if compared and (estimate is None or estimate.corrections is None):
-        content.append(remark("Without an implicit solution there are no corrections to compare."))
-    elif compared and estimate is not None:
-        content.append(joint_tables.rvdt_table(subject, estimate, compared))
-        content.append(
-            plots(
-                figure(
-                    f"Joint {j}: correction against reading",
-                    figures.rvdt_corrections(subject, estimate, j),
-                )
-                for j in compared
-            )
-        )
-        option = element("code", f"--unsensed {','.join(str(j) for j in compared)}")
-        content.append(
-            remark(
-                "A bow or an S is the sensor's curve, not noise: no number of poses averages it out. "
-                f"Solving without the readings of joint {names(compared)} (",
-                option,
-                ") keeps it out of the other parameters.",
-            )
-        )
+    verdicts = subject.checks.rvdt
+    if verdicts:
+        content.append(bullets(_judged(verdict) for verdict in verdicts))
+        measured = [(v.joint, v.figures) for v in verdicts if v.figures is not None]
+        if measured:
+            content.append(joint_tables.rvdt_table(subject))
+            content.append(plots(_deviations(subject, joint, f) for joint, f in measured))
+    else:
+        content.append(remark("These poses allow no verdict on the RVDTs."))
+    estimate = subject.implicit
+    used = [j for j in joints if j not in subject.unsensed_joints]
+    if len(used) < len(joints):
+        unused = names(j for j in joints if j not in used)
+        content.append(remark(f"The readings of joint {unused} were not used."))
+    if used and estimate is not None and estimate.corrections is not None:
+        content.append(remark(CURVE_WORDS.format(joints=names(used))))
+        content.append(plots(_corrections(subject, estimate, j) for j in used))
+    tables_of = [
+        joint_tables.correction_table(v.joint, v.figures)
+        for v in verdicts
+        if v.figures is not None and v.verdict is not Verdict.SOUND
+    ]
+    if tables_of:
+        content.append(remark(TABLE_WORDS))
+        content.append(plots(tables_of))
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
+
+
+def _judged(verdict: RvdtVerdict) -> Html:
+    words = prose(verdict.text + ".")
+    if verdict.verdict in (Verdict.SOUND, Verdict.CANNOT_DECIDE):
+        return words
+    return join((element("span", "▲ ", class_="warn", aria_hidden="true"), words))
+
+
+def _deviations(subject: Subject, joint: int, found: RvdtFigures) -> Html:
+    return figure(
+        f"Joint {joint}: reading less the angle the loop measures",
+        figures.rvdt_deviations(subject, joint, found),
+    )
+
+
+def _corrections(subject: Subject, estimate: Estimate, joint: int) -> Html:
+    return figure(
+        f"Joint {joint}: correction against reading",
+        figures.rvdt_corrections(subject, estimate, joint),
+    )
 
 
 def correlations(estimate: Estimate) -> Section:

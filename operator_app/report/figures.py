@@ -13,10 +13,13 @@ from operator_app.report.subject import Subject
 from operator_app.report.svg import Axis, Band, Line, Marks, Shape, axis, plot
 from solver.arrays import FloatArray
 from solver.estimate import Estimate
+from solver.rvdt_figures import RvdtFigures
 from solver.sensors import NoSensor, Rvdt
 
 SHAPES: tuple[tuple[Shape, str], ...] = (("dot", "a"), ("square", "b"), ("triangle", "d"))
 ROTATIONS = {2: ("dx", "dy"), 3: ("rx", "ry", "rz")}
+CURVE_POINTS = 61
+
 CORRECTION_ODD = 3.0
 """A joint whose corrections are this many times its sensor's noise (rms) is marked."""
 
@@ -153,37 +156,59 @@ def sensed_joints(subject: Subject) -> tuple[int, ...]:
     )
 
 
-def straight_line(readings: FloatArray, deviations: FloatArray) -> tuple[float, float]:
-    """Return slope and value at the mean reading of the best-fit straight line."""
-    centred = readings - readings.mean()
-    square = float(centred @ centred)
-    slope = float(centred @ deviations) / square if square > 0.0 else 0.0
-    return slope, float(deviations.mean())
+def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Html:
+    """Draw one RVDT's reading less the angle the loop measures, with its curve and what is allowed."""
+    sensor = subject.procedure.arm.joints[joint - 1].sensor
+    if not isinstance(sensor, Rvdt):
+        raise TypeError(f"joint {joint} has no RVDT")
+    values = 1e3 * found.deviation_rad
+    grid = np.linspace(found.curve.low, found.curve.high, CURVE_POINTS)
+    curve = 1e3 * found.curve(grid)
+    allowed = 1e3 * sensor.linearity_rad
+    return plot(
+        ident=f"rvdt-{joint}",
+        title=f"Joint {joint}: reading less the angle that the loop measures",
+        description=f"Curve from {significant(float(curve.min()))} to "
+        f"{significant(float(curve.max()))} mrad; noise about it "
+        f"{significant(found.noise_lsb, 2)} LSB. The specification allows ±{significant(allowed)} "
+        "mrad about the best-fit line.",
+        x=axis(f"true angle of joint {joint}", np.rad2deg(found.angle_rad).tolist(), unit="deg"),
+        y=axis("deviation", [*values.tolist(), *curve.tolist()], unit="mrad", symmetric=True),
+        layers=[
+            Band(low=-allowed, high=allowed, label="allowed"),
+            Marks(
+                x=np.rad2deg(found.angle_rad).tolist(),
+                y=values.tolist(),
+                label="pose",
+                tips=[
+                    f"pose {p.number}: {fixed(float(v), 2)} mrad at {fixed(math.degrees(a), 2)} deg"
+                    for p, a, v in zip(subject.used, found.angle_rad.tolist(), values, strict=True)
+                ],
+            ),
+            Line(x=np.rad2deg(grid).tolist(), y=curve.tolist(), class_="b", label="curve"),
+        ],
+    )
 
 
 def rvdt_corrections(subject: Subject, estimate: Estimate, joint: int) -> Html:
-    """Draw one RVDT joint's corrections against its reading, with its best-fit line."""
+    """Draw one RVDT joint's corrections against its reading, with the noise stated."""
     sensor = subject.procedure.arm.joints[joint - 1].sensor
     if not isinstance(sensor, Rvdt) or estimate.corrections is None:
         raise ValueError("only corrections of an RVDT joint can be drawn against its reading")
     reading = subject.readings_rad[:, joint - 1]
     correction = estimate.corrections[:, joint - 1]
-    slope, offset = straight_line(reading, correction)
-    ends = np.array([reading.min(), reading.max()])
-    line = 1e3 * (offset + slope * (ends - reading.mean()))
-    allowed = 1e3 * sensor.linearity_rad
+    noise = 1e3 * sensor.sigma_rad
     values = 1e3 * correction
     return plot(
-        ident=f"rvdt-{joint}",
+        ident=f"rvdt-used-{joint}",
         title=f"Joint {joint}: correction against reading",
         description=f"Corrections from {significant(float(values.min()))} to "
-        f"{significant(float(values.max()))} mrad. The specification allows ±{significant(allowed)} "
-        "mrad about the best-fit line (shaded where the scale reaches it).",
+        f"{significant(float(values.max()))} mrad; shaded: the stated noise of one reading, "
+        f"±{significant(noise)} mrad.",
         x=axis(f"reading of joint {joint}", np.rad2deg(reading).tolist(), unit="deg"),
-        y=axis("correction", [*values.tolist(), *line.tolist()], unit="mrad", symmetric=True),
+        y=axis("correction", values.tolist(), unit="mrad", symmetric=True),
         layers=[
-            Band(low=-allowed, high=allowed, label="linearity allowed"),
-            Line(x=np.rad2deg(ends).tolist(), y=line.tolist(), class_="dashed", label="best fit"),
+            Band(low=-noise, high=noise, label="stated noise"),
             Marks(
                 x=np.rad2deg(reading).tolist(),
                 y=values.tolist(),

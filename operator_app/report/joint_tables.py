@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,12 +10,12 @@ from operator_app.report.figures import (
     CORRECTION_ODD,
     ROTATIONS,
     sensed_joints,
-    straight_line,
 )
 from operator_app.report.markup import Column, Html, element, join, spoken, table
 from operator_app.report.numbers import NOT_KNOWN, fixed, significant
 from operator_app.report.subject import Subject
 from solver.estimate import Estimate
+from solver.rvdt_figures import RvdtFigures
 from solver.sensors import Encoder, NoSensor, Rvdt
 
 
@@ -74,50 +73,61 @@ def sensor_words(sensor: Encoder | Rvdt | NoSensor, *, used: bool) -> str:
     return words if used else f"{words} (reading not used)"
 
 
-def rvdt_table(subject: Subject, estimate: Estimate, joints: Sequence[int]) -> Html:
-    """Compare each RVDT's readings with the loops: line, curve, noise, and what is allowed."""
+def rvdt_table(subject: Subject) -> Html:
+    """Each RVDT against the angle that the loop measures: line, curve, noise, and what is allowed."""
     columns = [
         Column(title="joint", number=False),
-        Column(title="one LSB", unit="mrad"),
-        Column(title="rms", unit="mrad", group="corrections"),
-        Column(title="gain of best-fit line", unit="%", group="corrections"),
-        Column(title="largest", unit="mrad", group="about that line"),
-        Column(title="of full scale", unit="%", group="about that line"),
-        Column(title="allowed", unit="%", group="about that line"),
-        Column(title="rms", unit="LSB", group="about that line"),
-        Column(title="noise allowed", unit="LSB", group="about that line"),
+        Column(title="covered", unit="% of full scale"),
+        Column(title="gain, reading per angle"),
+        Column(title="found", unit="%", group="linearity, of full scale"),
+        Column(title="sigma", unit="%", group="linearity, of full scale"),
+        Column(title="allowed", unit="%", group="linearity, of full scale"),
+        Column(title="found", unit="LSB", group="noise"),
+        Column(title="95 % from", unit="LSB", group="noise"),
+        Column(title="to", unit="LSB", group="noise"),
+        Column(title="allowed", unit="LSB", group="noise"),
+        Column(title="share of squared closure error", unit="%"),
     ]
     rows = []
-    for j in joints:
-        sensor = subject.procedure.arm.joints[j - 1].sensor
-        if not isinstance(sensor, Rvdt) or estimate.corrections is None:
-            raise ValueError(f"there is nothing to say about joint {j} as an RVDT joint")
-        q, e = subject.readings_rad[:, j - 1], estimate.corrections[:, j - 1]
-        slope, mean = straight_line(q, e)
-        left = e - mean - slope * (q - q.mean())
-        largest = float(np.abs(left).max())
-        share = significant(100.0 * largest / sensor.full_scale_rad)
-        beyond = largest > sensor.linearity_rad
-        rms = float(np.sqrt(np.mean(left**2))) / sensor.resolution_rad
-        loud = rms > CORRECTION_ODD * sensor.noise_lsb
+    for verdict in subject.checks.rvdt:
+        sensor = subject.procedure.arm.joints[verdict.joint - 1].sensor
+        found = verdict.figures
+        if found is None or not isinstance(sensor, Rvdt):
+            continue
         rows.append(
             [
-                f"joint {j}",
-                significant(1e3 * sensor.resolution_rad),
-                significant(1e3 * float(np.sqrt(np.mean(e**2)))),
-                fixed(100.0 * slope, 3, signed=True),
-                significant(1e3 * largest),
-                _marked(share, odd=beyond),
+                f"joint {verdict.joint}",
+                fixed(100.0 * found.covered, 0),
+                fixed(found.gain, 4),
+                fixed(100.0 * found.linearity, 2),
+                fixed(100.0 * found.linearity_sd, 2),
                 f"{100.0 * sensor.linearity:g}",
-                _marked(significant(rms), odd=loud),
+                significant(found.noise_lsb, 2),
+                significant(found.noise_low, 2),
+                significant(found.noise_high, 2),
                 f"{sensor.noise_lsb:g}",
+                fixed(100.0 * verdict.share, 0),
             ]
         )
-    return table("RVDT joints: what the loops say of their readings", columns, rows)
+    return table("RVDT joints: readings against the angle that the loop measures", columns, rows)
 
 
-def _marked(words: str, *, odd: bool) -> str:
-    return element("span", "▲ ", words, class_="warn") if odd else words
+def correction_table(joint: int, figures: RvdtFigures) -> Html:
+    """What to add to an RVDT's readings, over the range the poses cover."""
+    columns = [
+        Column(title="reading", unit="deg", number=False),
+        Column(title="add", unit="mrad"),
+        Column(title="sigma", unit="mrad"),
+    ]
+    rows = [
+        [
+            fixed(math.degrees(reading), 2),
+            fixed(1e3 * correction, 2, signed=True),
+            fixed(1e3 * sigma, 2),
+        ]
+        for reading, correction, sigma in figures.table_rad.tolist()
+    ]
+    return table(f"Joint {joint}: corrections by reading", columns, rows, class_="small")
 
 
 def pose_table(subject: Subject, estimate: Estimate | None) -> Html:

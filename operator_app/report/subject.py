@@ -12,6 +12,7 @@ import numpy as np
 from fixtures.errors import FixtureError
 from operator_app.calibration import Solution, calibrate
 from operator_app.config.procedure import Procedure
+from operator_app.report.checks import Checks, check
 from operator_app.session.errors import SessionError
 from operator_app.session.journal import Event
 from operator_app.session.state import CapturedPose, SessionState, replay
@@ -46,6 +47,8 @@ class Subject:
         None when the poses cannot determine every parameter; `unidentifiable` says which, then.
     beside
         The implicit solution where `solution` is the paper's; None where there is none.
+    checks
+        Second opinions on the implicit solution.
     drift_from_journal
         Largest difference (rad, m) between this solution and the one the session recorded for the same
         poses; None when it recorded none.
@@ -67,6 +70,7 @@ class Subject:
     solution: Solution | None
     unidentifiable: tuple[UnidentifiableDirection, ...]
     beside: Solution | None
+    checks: Checks
     drift_from_journal: float | None
 
     @property
@@ -154,6 +158,8 @@ def subject_of_session(
     except UnidentifiableError as error:
         blind = error.directions
     beside = None if solution is None else _beside(solution, state, procedure, joints)
+    judged = beside if beside is not None else solution
+    implicit = judged is not None and judged.estimate.estimator == "implicit"
     return Subject(
         name=name,
         procedure=procedure,
@@ -171,6 +177,9 @@ def subject_of_session(
         solution=solution,
         unidentifiable=blind,
         beside=beside,
+        checks=check(judged, procedure, state.pose_set())
+        if judged is not None and implicit
+        else Checks(),
         drift_from_journal=None if solution is None else _drift(solution, recorded),
     )
 

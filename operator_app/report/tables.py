@@ -16,21 +16,7 @@ from solver.component_report import Component
 from solver.estimate import Estimate
 from solver.goodness import ClosureSigmas
 from solver.parameters import DhEntry, DhKind, Parameter
-
-NORMAL_95 = 1.959963984540054
-
-
-def two_sided_95(estimate: Estimate) -> float:
-    """Factor from a standard deviation to half a 95 % interval.
-
-    Student's where the noise itself was estimated from the residuals (paper), normal where the sensors
-    state it.
-    """
-    if estimate.chi2 is not None:
-        return NORMAL_95
-    from scipy.special import stdtrit
-
-    return float(stdtrit(estimate.dof, 0.975))
+from solver.statistics import correlations, intervals
 
 
 def parameter_table(subject: Subject, estimate: Estimate) -> Html:
@@ -47,13 +33,16 @@ def parameter_table(subject: Subject, estimate: Estimate) -> Html:
         Column(title="95 % from", group=chosen),
         Column(title="to", group=chosen),
     ]
+    bounds = intervals(estimate)
+    spread = subject.checks.jackknife_sd if estimate is subject.implicit else None
+    if spread is not None:
+        columns.append(Column(title="sigma by jackknife", group=chosen))
     if other is not None:
         columns += [
             Column(title="identified", group=other.estimator),
             Column(title="sigma", group=other.estimator),
             Column(title="difference", group=other.estimator),
         ]
-    reach = two_sided_95(estimate)
     places = {
         angle: places_to_show(
             [
@@ -78,9 +67,11 @@ def parameter_table(subject: Subject, estimate: Estimate) -> Html:
             element("span", fixed(value * scale, n), class_="found"),
             fixed(_change(p, value, p.nominal) * scale, n, signed=True),
             fixed(sigma * scale, n),
-            fixed((value - reach * sigma) * scale, n),
-            fixed((value + reach * sigma) * scale, n),
+            fixed(bounds[k].low * scale, n),
+            fixed(bounds[k].high * scale, n),
         ]
+        if spread is not None:
+            row.append(fixed(float(spread[k]) * scale, n))
         if other is not None:
             beside = float(other.x[k])
             row += [
@@ -142,11 +133,15 @@ def sigma_table(subject: Subject, estimate: Estimate) -> Html:
         group = f"{figure} [{unit}]"
         columns += [Column(title="rms", group=group), Column(title="as printed", group=group)]
     others = [e for e in (subject.implicit, subject.paper) if e is not None and e is not estimate]
+    held = subject.checks.held_out
     rows = [
         ["nominal, before", *_sigmas(solution.before, estimate)],
         [f"{estimate.estimator} (chosen), after", *_sigmas(estimate.sigmas, estimate)],
         *([f"{e.estimator}, for comparison", *_sigmas(e.sigmas, e)] for e in others),
     ]
+    if held is not None and subject.implicit is not None:
+        parts = f"implicit, poses held out ({len(held.parts)} parts)"
+        rows.append([parts, *_sigmas(held.sigmas, subject.implicit)])
     return table("Closure at the measured joints (eqs. 14 and 15)", columns, rows)
 
 
@@ -188,8 +183,7 @@ def component_words(name: str) -> str:
 
 def correlation_table(estimate: Estimate) -> Html:
     """Correlations of the parameters, lower triangle, shaded by size."""
-    sd = estimate.standard_deviation
-    correlation = estimate.covariance / np.where(np.outer(sd, sd) > 0.0, np.outer(sd, sd), 1.0)
+    correlation = correlations(estimate.covariance)
     names = [p.name for p in estimate.parameters]
     head = element(
         "tr",
@@ -221,8 +215,7 @@ def correlation_table(estimate: Estimate) -> Html:
 
 def strongest_correlations(estimate: Estimate, count: int = 3) -> list[tuple[str, str, float]]:
     """Return the pairs of parameters that are hardest to tell apart."""
-    sd = estimate.standard_deviation
-    correlation = estimate.covariance / np.where(np.outer(sd, sd) > 0.0, np.outer(sd, sd), 1.0)
+    correlation = correlations(estimate.covariance)
     names = [p.name for p in estimate.parameters]
     pairs = [(a, b, float(correlation[k, j])) for k, a in enumerate(names)
              for j, b in enumerate(names[:k])]  # fmt: skip

@@ -150,6 +150,8 @@ def _derivatives(
     ``tr(P C P C')`` and its kin need sums over poses and small Gram matrices only.
     """
     K, split = model.components, len(model.noise)
+    if K == 0:
+        return np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
     C = [
         np.swapaxes(np.linalg.solve(L, np.swapaxes(np.linalg.solve(L, c), -1, -2)), -1, -2)
         for c in model.noise

@@ -91,8 +91,16 @@ def measure(
     measured: LoopAngle,
     sensor: Rvdt,
     parameter_covariance: FloatArray,
+    *,
+    most_loop_variance: float,
 ) -> RvdtFigures:
     """Split the deviations of readings (m,) from the measured angles.
+
+    Parameters
+    ----------
+    most_loop_variance
+        Largest mean variance of the measured angles that the data allow, rad^2: what the readings
+        scatter beyond that is certainly theirs.
 
     Raises
     ------
@@ -107,7 +115,7 @@ def measure(
     constant = float(np.mean(curve(grid)))
     slope = float(np.polyfit(grid, curve(grid), 1)[0])
     line = np.polynomial.polynomial.polyval(grid, _line(grid, curve(grid)))
-    variance, low, high = _noise(curve, measured)
+    variance, low, high = _noise(curve, measured, most_loop_variance)
     of_points = measured.covariance(parameter_covariance) + variance * np.eye(len(angle))
     # Deviation from its own best-fit line and from its own mean, as linear maps of the curve.
     ones = np.stack((np.ones_like(grid), grid - grid.mean()), axis=1)
@@ -140,14 +148,16 @@ def _line(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(np.polynomial.polynomial.polyfit(x, y, 1), dtype=np.float64)
 
 
-def _noise(curve: SmoothCurve, measured: LoopAngle) -> tuple[float, float, float]:
+def _noise(
+    curve: SmoothCurve, measured: LoopAngle, most_loop_variance: float
+) -> tuple[float, float, float]:
     """Noise variance of the readings and its 95 % interval, rad^2."""
     from scipy.special import chdtri
 
     squares = float(curve.residual @ curve.residual)
     loop = float(np.mean(measured.pose_variance))
     low, high = (squares / chdtri(curve.dof, (0.025, 0.975))).tolist()
-    found = (squares / curve.dof - loop, low - loop, high - loop)
+    found = (squares / curve.dof - loop, low - most_loop_variance, high - loop)
     return (max(found[0], 0.0), max(found[1], 0.0), max(found[2], 0.0))
 
 

@@ -1,4 +1,4 @@
-"""What an estimate is worth: intervals, correlations, chi-square band, jackknife, outlier poses.
+"""What an estimate is worth: intervals, correlations, chi-square band, jackknife.
 
 Works on estimates and on the reduced linear system at the solution. Knows no fixture and no screen.
 """
@@ -9,17 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray
+from solver.arrays import FloatArray
 from solver.closure import ClosureModel
 from solver.estimate import Estimate, require_enough_poses
 from solver.implicit_estimator import LinearisedPoses, NoiseModel, fit_implicit
-from solver.pose_adjustment import adjust_poses
 
 BAND = 0.99
 """chi2/dof outside this central band says that the noise model is wrong."""
-
-OUTLIER_LEVEL = 0.01
-"""Chance of naming any pose of a pose set in which all are sound."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,26 +51,6 @@ class Chi2Test:
     def accepted(self) -> bool:
         """Whether chi2/dof lies inside the band."""
         return self.low <= self.per_dof <= self.high
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outlier:
-    """A pose whose readings do not fit.
-
-    Attributes
-    ----------
-    pose
-        Index, 0-based, in the order of the caller.
-    chi2, dof
-        Its studentised misfit and the degrees of freedom of that.
-    probability
-        Chance of so large a misfit anywhere in a sound pose set (Bonferroni).
-    """
-
-    pose: int
-    chi2: float
-    dof: int
-    probability: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,67 +177,3 @@ def one_step_without(system: LinearisedPoses) -> FloatArray:
     # At the solution all pulls sum to zero, but for rounding.
     target = (pull - pull.sum(0)) / scale
     return np.asarray((np.linalg.pinv(rest, hermitian=True) @ target[..., None])[..., 0] / scale)
-
-
-def outlier_poses(
-    model: ClosureModel,
-    q: FloatArray,
-    noise: NoiseModel,
-    x: FloatArray,
-    *,
-    level: float = OUTLIER_LEVEL,
-) -> tuple[Outlier, ...]:
-    """Name the poses whose readings do not fit the loop that the others agree on, worst first.
-
-    Each pose's misclosure is studentised by its own covariance *after* adjustment,
-    ``V_i - A_i C A_i'``: a pose that pulls hard on the parameters hides less. The worst pose is
-    taken out and the others judged anew, as long as one is improbable.
-    """
-    system = adjust_poses(model, x, q, noise).system
-    m, r, P = system.A.shape
-    WA = np.linalg.solve(system.V, system.A)
-    own = np.swapaxes(WA, -1, -2) @ system.A
-    pull = np.einsum("mrp,mr->mp", WA, system.w)
-    kept = np.ones(m, dtype=np.bool_)
-    named: list[Outlier] = []
-    while (int(kept.sum()) - 1) * r > P:
-        total = own[kept].sum(0)
-        scale = np.sqrt(np.maximum(np.diagonal(total), 1e-300))
-        C = np.linalg.pinv(total / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-        w = system.w - (system.A @ (C @ pull[kept].sum(0))[:, None])[..., 0]
-        Q = system.V - system.A @ C @ np.swapaxes(system.A, -1, -2)
-        worst = _most_improbable(w, Q, system.V, kept)
-        if worst is None or worst.probability >= level:
-            break
-        named.append(worst)
-        kept[worst.pose] = False
-    return tuple(named)
-
-
-def _most_improbable(
-    w: FloatArray, Q: FloatArray, V: FloatArray, kept: BoolArray
-) -> Outlier | None:
-    """Return the kept pose with the smallest chi-square probability."""
-    from scipy.special import chdtrc
-
-    L = np.linalg.cholesky(V)
-    white = np.linalg.solve(L, np.swapaxes(np.linalg.solve(L, Q), -1, -2))
-    values, vectors = np.linalg.eigh(0.5 * (white + np.swapaxes(white, -1, -2)))
-    # In whitened coordinates an eigenvalue is the share of a component that the fit left free.
-    free = values > 1e-6
-    along = np.einsum("mrc,mr->mc", vectors, np.linalg.solve(L, w[..., None])[..., 0])
-    chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0).sum(-1)
-    dof = free.sum(-1)
-    usable = np.flatnonzero(kept & (dof > 0))
-    if not len(usable):
-        return None
-    chance = np.asarray(chdtrc(dof[usable], chi2[usable]))
-    # Far out, probabilities are all zero: the larger misfit per degree of freedom decides.
-    order = np.lexsort((-(chi2 / np.maximum(dof, 1))[usable], chance))
-    pose = int(usable[order[0]])
-    return Outlier(
-        pose=pose,
-        chi2=float(chi2[pose]),
-        dof=int(dof[pose]),
-        probability=float(min(1.0, chance[order[0]] * int(kept.sum()))),
-    )

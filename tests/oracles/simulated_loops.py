@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -56,6 +57,13 @@ class Simulation:
         rng = np.random.default_rng(seed)
         return self.read(self.closed(rng), rng)
 
+    def rereadings(self, seed: int) -> np.ndarray:
+        """Readings (m, 7) of one and the same set of closed poses, with noise of their own."""
+        if self.flexure_m > 0.0 or self.flexure_rad > 0.0:
+            raise ValueError("a fixture that gives moves the poses: use readings()")
+        closed = _same_poses(self.poses, self.spread_deg)
+        return self.read(closed, np.random.default_rng([seed, 1]))
+
     def closed(self, rng: np.random.Generator) -> np.ndarray:
         """True angles (m, 8) on loops that close against what the fixture gives."""
         give = None
@@ -73,6 +81,12 @@ class Simulation:
         for joint, gain in self.gains.items():
             readings[:, joint - 1] += gain * (angles[:, joint - 1] - self.truth.home[joint - 1])
         return readings
+
+
+@lru_cache
+def _same_poses(poses: int, spread_deg: float) -> np.ndarray:
+    """Closed poses of the paper's loop, made once: making them is slower than solving."""
+    return closed_poses(paper_truth(), np.random.default_rng(99), poses, spread_deg=spread_deg)
 
 
 def wrist_bows(percent: float = 1.0) -> dict[int, Bow]:

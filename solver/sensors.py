@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-
 DITHER = 0.5
 """Noise (rms, in counts) from which rounding errors of repeated readings average out too."""
 

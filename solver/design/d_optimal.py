@@ -26,6 +26,10 @@ WORTHWHILE = 1e-9
 """An exchange that gains less log det than this is rounding."""
 
 
+class TooFewCandidatesError(ValueError):
+    """Not as many poses can be chosen as were asked for."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
     """A chosen set of poses.
@@ -94,14 +98,14 @@ def choose_poses(
 
     Raises
     ------
-    ValueError
-        If fewer than `count` candidates are allowed.
+    TooFewCandidatesError
+        If fewer than `count` candidates are allowed, or keep apart.
     """
     m, _, P = root.shape
     usable = np.ones(m, dtype=np.bool_) if allowed is None else allowed.copy()
     pool = _Pool(usable, q if apart_rad > 0.0 else None, apart_rad)
     if count > int(usable.sum()):
-        raise ValueError(f"{count} poses asked of {int(usable.sum())} candidates")
+        raise TooFewCandidatesError(f"{count} poses asked of {int(usable.sum())} candidates")
     scale = column_scale(root.reshape(-1, P))
     scaled = root / scale
     # Unit columns over all candidates: the average candidate has information 1/m on the diagonal.
@@ -155,7 +159,7 @@ def _fill(
         gain = np.where(pool.open(chosen), gains(root, M), -np.inf)
         best = int(np.argmax(gain))
         if not np.isfinite(gain[best]):
-            raise ValueError(
+            raise TooFewCandidatesError(
                 f"only {len(chosen)} of {count} poses keep {pool.apart_rad:.3f} rad from each other"
             )
         M += root[best].T @ root[best]

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.closing import close_loops
 from solver.closure import ClosureModel
 from solver.design.manifold import Ranges
 from solver.design.motion import chain_motion
+from solver.design.projection import project
 
 LOST_RAD = 0.25
 """A correction larger than this beside the predicted step means the chain jumped to another branch."""
@@ -73,8 +73,6 @@ def drive_straight(
         Points each line is divided into.
     """
     columns = [j - 1 for j in drives]
-    held = np.ones(q.shape[-1])
-    held[columns] = 0.0
     start = q[:, columns]
     share = np.linspace(0.0, 1.0, steps + 1)
     here_q, here_u = np.array(q), np.array(u)
@@ -99,9 +97,7 @@ def drive_straight(
         whole[lost] = 0.0
         first_q, first_u = here_q + whole[:, :n], here_u + whole[:, n:]
         first_q[:, columns] = line
-        found = close_loops(
-            model, x, first_q, sigma_rad=held, u=first_u, max_iterations=8, tolerance=1e-11
-        )
+        found = project(model, x, first_q, first_u, held=drives)
         jumped = np.abs(found.q - first_q).max(-1) > LOST_RAD
         closed &= found.closed & ~jumped & ~lost
         step = np.abs(found.q - here_q).max(-1) / np.maximum(np.abs(by_drive).max(-1), 1e-12)

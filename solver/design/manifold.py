@@ -17,14 +17,18 @@ from solver.arrays import FloatArray, IntArray
 from solver.closing import close_loops
 from solver.closure import ClosureModel
 from solver.design.motion import ChainMotion, chain_motion
+from solver.design.projection import project
 
 SPACING = 0.75
 """New poses keep this share of a step from all others, as a disc packing leaves few gaps there."""
+SHORT = 0.8
+"""Steps of the second ring; just longer than the spacing."""
 TOUCHING = 1.7
 """Poses within this many steps are neighbours: beyond the six around a pose, no further ring."""
 BENT = 0.35
 """A neighbour further off the tangent plane than this share of its distance is on another sheet."""
-CLOSING_ITERATIONS = 8
+TWINS = 0.2
+"""Tangent steps closer than this share of a step to an earlier one are not worth closing."""
 COARSE_STEP_RAD = 0.15
 
 
@@ -116,13 +120,14 @@ def grow_manifold(
         wave_q, wave_u = _wave(front_q, front_u, front, step_rad, rng)
         inside = ranges.clearance(wave_q) > -step_rad
         wave_q, wave_u = wave_q[inside], wave_u[inside]
-        new = _far_from(cKDTree(q), wave_q, 0.5 * step_rad)
+        new = _far_from(cKDTree(q), wave_q, 0.6 * step_rad)
         wave_q, wave_u = wave_q[new], wave_u[new]
+        # Twins of another pose's step need not be closed to be dropped.
+        alone = _spread(wave_q, TWINS * step_rad)
+        wave_q, wave_u = wave_q[alone], wave_u[alone]
         if len(wave_q) == 0:
             break
-        closed = close_loops(
-            model, x, wave_q, u=wave_u, max_iterations=CLOSING_ITERATIONS, tolerance=1e-11
-        )
+        closed = project(model, x, wave_q, wave_u)
         # A correction as long as the step itself has landed somewhere else.
         moved = np.sqrt(((closed.q - wave_q) ** 2).sum(-1))
         keep = closed.closed & (ranges.clearance(closed.q) >= 0.0) & (moved < 0.7 * step_rad)
@@ -183,8 +188,13 @@ def _wave(
         directions = np.broadcast_to([[[1.0], [-1.0]]], (poses, 2, 1))
     elif degrees == 2:
         # Six around one is the densest packing; the phase is random so that rows do not line up.
-        angle = rng.uniform(0.0, np.pi / 3.0, (poses, 1)) + np.arange(6) * (np.pi / 3.0)
-        directions = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+        # A second ring, shorter and between, finds the way through necks narrower than a step.
+        turn = np.arange(12) * (np.pi / 6.0)
+        angle = rng.uniform(0.0, np.pi / 3.0, (poses, 1)) + np.concatenate(
+            (turn, turn + np.pi / 12.0)
+        )
+        length = np.repeat([1.0, SHORT], 12)[:, None]
+        directions = length * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
     else:
         directions = rng.normal(size=(poses, 3 * degrees, degrees))
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)

@@ -21,8 +21,15 @@ from solver.closure import ClosureModel
 from solver.design.drive_line import drive_straight
 from solver.design.manifold import Manifold, Ranges
 
+AT_START = 0.6
+"""Where the arm stands already this share of the least leverage will do: it must be able to leave."""
+BETWEEN = 0.8
+"""Likewise on a straight line between two good poses."""
 CHANGE_COST_RAD = 0.5
 """What a change of drive joints costs, as motion: stopping, switching and settling again."""
+FAR_RAD = 1e3
+MOST_ROUNDS = 50
+"""Of 2-opt; ten are many."""
 LINE_STEP_RAD = 0.03
 """Spacing at which straight drive moves are followed."""
 
@@ -40,7 +47,7 @@ class MotionLimits:
     """
 
     least_leverage: float = 0.2
-    most_rate: float = 6.0
+    most_rate: float = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,10 +130,11 @@ class PathGraph:
 
     def distances(self, sources: Sequence[int]) -> FloatArray:
         """Cheapest paths between poses, (len(sources), len(sources)), inf where there is none."""
-        size = self.manifold.size
-        all_layers = dijkstra(self._graph, directed=False, indices=list(sources))
-        over_layers = all_layers.reshape(len(sources), len(self.drive_sets), size)
-        return np.asarray(over_layers.min(axis=1)[:, list(sources)])
+        size, layers, count = self.manifold.size, len(self.drive_sets), len(sources)
+        nodes = np.concatenate([np.asarray(sources) + k * size for k in range(layers)])
+        between = dijkstra(self._graph, directed=False, indices=nodes)[:, nodes]
+        # Whichever drives suit: changing them in place has its cost where the path needs it.
+        return np.asarray(between.reshape(layers, count, layers, count).min(axis=(0, 2)))
 
     def route(
         self,
@@ -168,9 +176,18 @@ class PathGraph:
         volume = motion.orientation(drives)
         # The same side of every fold: the drives' rows keep their sign as the tangent is carried over.
         carried = np.linalg.det(np.swapaxes(motion.tangent[i], -1, -2) @ motion.tangent[j])
-        usable = self._allowed & (leverage >= self.limits.least_leverage)
-        usable &= np.linalg.norm(motion.rates(drives), axis=-1).max(-1) <= self.limits.most_rate
+        least, most = self._thresholds()
+        usable = self._allowed & (leverage >= least)
+        usable &= np.linalg.norm(motion.rates(drives), axis=-1).max(-1) <= most
         return np.asarray(usable[i] & usable[j] & (volume[i] * volume[j] * carried > 0.0))
+
+    def _thresholds(self) -> tuple[FloatArray, FloatArray]:
+        """Least leverage and largest rate for every pose (m,); pose 0 is where the arm stands."""
+        least = np.full(self.manifold.size, self.limits.least_leverage)
+        most = np.full(self.manifold.size, self.limits.most_rate)
+        least[0] *= AT_START
+        most[0] /= AT_START
+        return least, most
 
     def _costs(self, drives: tuple[int, ...]) -> FloatArray:
         """Length of each edge, dearer where the drives have little leverage."""
@@ -193,9 +210,9 @@ class PathGraph:
         leverage = [self.manifold.motion.leverage(drives) for drives in self.drive_sets]
         for a in range(layers):
             for b in range(a + 1, layers):
+                least, _ = self._thresholds()
                 both = np.flatnonzero(
-                    self._allowed
-                    & (np.minimum(leverage[a], leverage[b]) >= self.limits.least_leverage)
+                    self._allowed & (np.minimum(leverage[a], leverage[b]) >= least)
                 )
                 first.append(both + a * size)
                 second.append(both + b * size)
@@ -260,8 +277,9 @@ class PathGraph:
             )
             safe = lines.safe(
                 ranges,
-                least_leverage=0.8 * self.limits.least_leverage,
-                most_rate=1.25 * self.limits.most_rate,
+                least_leverage=(AT_START if poses[here] == 0 else BETWEEN)
+                * self.limits.least_leverage,
+                most_rate=self.limits.most_rate / (AT_START if poses[here] == 0 else BETWEEN),
             )
             # The same drive angles on another branch are another pose.
             safe &= np.abs(lines.q[:, -1] - q[ahead]).max(-1) < 1e-6
@@ -295,13 +313,13 @@ def visiting_order(distances: FloatArray) -> tuple[int, ...]:
     Points 1..k-1 in visiting order.
     """
     size = len(distances)
-    finite = np.where(np.isfinite(distances), distances, 1e9)
+    # Far, yet not so far that rounding hides what the rest of the tour gains.
+    finite = np.where(np.isfinite(distances), distances, FAR_RAD)
     tour, left = [0], set(range(1, size))
     while left:
         tour.append(min(left, key=lambda p: (float(finite[tour[-1], p]), p)))
         left.remove(tour[-1])
-    improved = True
-    while improved:
+    for _ in range(MOST_ROUNDS):
         improved = False
         for a in range(1, size - 1):
             for b in range(a + 1, size):
@@ -313,4 +331,6 @@ def visiting_order(distances: FloatArray) -> tuple[int, ...]:
                 if new < old - 1e-9:
                     tour[a : b + 1] = reversed(tour[a : b + 1])
                     improved = True
+        if not improved:
+            break
     return tuple(tour[1:])

@@ -51,6 +51,8 @@ def pose_information(
 ) -> PoseInformation:
     """Information of closed poses `q` (m, n), `u` (m, U) about the parameters `x` (P,) of `model`.
 
+    The noise's fixture variance may be (6,) or one row a pose, (m, 6).
+
     Raises
     ------
     ValueError
@@ -63,7 +65,8 @@ def pose_information(
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     V = B @ (variance[..., :, None] * np.swapaxes(B, -1, -2))
     if noise.fixture_variance is not None:
-        V = V + Et @ (noise.fixture_variance[: E.shape[-2], None] * E)
+        give = np.asarray(noise.fixture_variance)[..., : E.shape[-2], None]
+        V = V + Et @ (give * E)
     try:
         L = np.linalg.cholesky(V)
     except np.linalg.LinAlgError as error:

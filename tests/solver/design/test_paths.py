@@ -105,3 +105,19 @@ def test_tour_is_short() -> None:
     order = visiting_order(distances)
     assert sorted(order) == list(range(1, 9))
     assert length(order) <= 1.15 * best
+
+
+def test_tour_ends_when_some_points_cannot_be_reached() -> None:
+    rng = np.random.default_rng(6)
+    points = rng.uniform(size=(12, 2))
+    distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    distances[3:7] = distances[:, 3:7] = np.inf
+    assert sorted(visiting_order(distances)) == list(range(1, 12))
+
+
+def test_distances_count_poses_that_only_another_pair_reaches(graph) -> None:
+    only_both = np.flatnonzero(graph.reachable(0) & ~graph.reachable(0, drives=(1, 5)))[:5]
+    points = [0, *far_poses(graph, 3), *(int(k) for k in only_both)]
+    distances = graph.distances(points)
+    assert np.isfinite(distances).all()
+    assert distances == pytest.approx(distances.T)

@@ -1,0 +1,109 @@
+"""What a planned calibration may propose, and how a move is watched. Knows no arm and no policy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.design.manifold import Ranges
+from solver.design.stop_rule import StopDecision
+
+NOISE_RAD = float(np.deg2rad(0.3))
+"""What a resting joint's reading may wander."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoTo:
+    """Move the drives straight, in step.
+
+    Attributes
+    ----------
+    targets_rad
+        Drive joints (1-based) and where they should go.
+    trace_rad
+        (t, n) predicted readings of all joints on the way; None while nothing can be predicted.
+    tolerance_rad
+        How far readings may stray from the trace.
+    why
+        In words.
+    """
+
+    targets_rad: Mapping[int, float]
+    trace_rad: FloatArray | None
+    tolerance_rad: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Capture:
+    """Settle and read a pose."""
+
+    planned: bool
+    why: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeDrives:
+    """Stop, and put these joints (1-based) into position mode, all others into free mode."""
+
+    drives: tuple[int, ...]
+    why: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished:
+    """Nothing left to do.
+
+    Attributes
+    ----------
+    complete
+        Whether all planned poses were taken or the precision asked for was reached.
+    decision
+        Of the stop rule; None when no precision was asked for or nothing could be estimated.
+    text
+        Why it ended.
+    """
+
+    complete: bool
+    decision: StopDecision | None
+    text: str
+
+
+Action = GoTo | Capture | ChangeDrives | Finished
+
+
+def path_watch(
+    trace_rad: FloatArray | None, tolerance_rad: float, ranges: Ranges
+) -> Callable[[FloatArray], str | None]:
+    """Judge readings (n,) during one move: a sentence when the move should end, else None.
+
+    Parameters
+    ----------
+    trace_rad
+        Predicted readings (t, n); None to watch the ranges only.
+    ranges
+        Narrowed by what is needed to come to rest.
+    """
+    worst: list[FloatArray] = []
+
+    def watch(q: FloatArray) -> str | None:
+        room = np.minimum(q - ranges.lower_rad, ranges.upper_rad - q)
+        if not worst:
+            # A move that starts too close to an end may lead away from it, but no closer.
+            worst.append(np.minimum(0.0, room - NOISE_RAD))
+        beyond = room < worst[0]
+        if np.any(beyond):
+            return f"joint {int(np.argmin(room - worst[0])) + 1} came close to the end of its range"
+        if trace_rad is not None:
+            apart = np.abs(trace_rad - q)
+            nearest = int(np.argmin(apart.max(-1)))
+            joint = int(np.argmax(apart[nearest]))
+            if apart[nearest, joint] > tolerance_rad:
+                degrees = np.rad2deg(apart[nearest, joint])
+                return f"joint {joint + 1} is {degrees:.1f} deg from where it was expected"
+        return None
+
+    return watch

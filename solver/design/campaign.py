@@ -1,0 +1,368 @@
+"""A whole planned calibration as a policy: explore, calibrate in between, plan on that, visit, stop.
+
+`propose` says what to do next, `observe` takes how a move ended, `captured` a pose as read. It never
+touches an arm: the session feeds it and keeps the journal; the same readings give the same proposals.
+Knows no bus, no screen and no file.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.closure import poses_needed
+from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
+from solver.design.exploration import ExplorationLimits, Explorer
+from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
+from solver.design.plan import Plan, PlanningTask, information_of, make_plan
+from solver.design.stop_rule import StopDecision, judge_progress
+from solver.errors import SolverError
+
+SPARE_POSES = 4
+"""Poses beyond the fewest possible before an interim calibration is tried."""
+MOST_UNREACHED = 12
+"""Chosen poses in a row to which no path is found before the campaign ends."""
+EASIER = 0.7
+"""Share of the least leverage that is accepted when nothing else can be reached."""
+REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
+"""A plan is made again when the estimate moves its poses by more than this."""
+
+
+class Phase(Enum):
+    """What the campaign is at."""
+
+    EXPLORING = "exploring"
+    PLANNED = "visiting planned poses"
+    FINISHED = "finished"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignSettings:
+    """How a campaign goes.
+
+    Attributes
+    ----------
+    poses
+        Planned poses to take, beside those of the exploration.
+    requested
+        Standard deviations to reach by parameter name (rad, m); empty for none.
+    exploration
+        How boldly to explore.
+    tolerance_rad
+        How far readings may stray from the predicted trace of a planned move.
+    most_blocked
+        Planned moves that may be stopped short before the campaign gives up.
+    """
+
+    poses: int = 12
+    requested: Mapping[str, float] | None = None
+    exploration: ExplorationLimits = field(default_factory=ExplorationLimits)
+    tolerance_rad: float = float(np.deg2rad(8.0))
+    most_blocked: int = 8
+
+
+class Campaign:
+    """The policy. Loop: `propose`, carry it out, report with `observe` (moves) or `captured` (poses).
+
+    Parameters
+    ----------
+    task
+        Planning task; its first drive set is the pair the arm stands in.
+    start_rad
+        Readings at the start (n,).
+    settings
+        How it goes.
+    calibrate
+        Interim calibration; the implicit estimator from nominal values by default.
+    """
+
+    def __init__(
+        self,
+        *,
+        task: PlanningTask,
+        start_rad: FloatArray,
+        settings: CampaignSettings | None = None,
+        calibrate: Calibrate | None = None,
+    ) -> None:
+        if not task.drive_sets:
+            raise ValueError("a campaign needs to know which joints drive at the start")
+        self.task = task
+        self.settings = CampaignSettings() if settings is None else settings
+        self.phase = Phase.EXPLORING
+        self.plan: Plan | None = None
+        self.estimate: InterimEstimate | None = None
+        self.drives = task.drive_sets[0]
+        self._calibrate = calibrate or implicit_interim(task.model, task.noise)
+        self._explorer = Explorer(
+            start_rad=start_rad,
+            drives=self.drives,
+            ranges=task.ranges,
+            limits=self.settings.exploration,
+        )
+        self._q = np.array(start_rad)
+        self._before = np.array(start_rad)
+        self._readings: list[FloatArray] = []
+        self._queue: deque[Action] = deque()
+        self._taken = 0
+        self._blocked: list[FloatArray] = []
+        self._backing = 0
+        self._unreached: list[FloatArray] = []
+
+    @property
+    def readings_rad(self) -> FloatArray:
+        """All captured poses (m, n), exploration included."""
+        return np.array(self._readings).reshape(-1, len(self._q))
+
+    def propose(self) -> Action:
+        """What to do next; the same answer until it is reported done."""
+        while not self._queue:
+            match self.phase:
+                case Phase.EXPLORING:
+                    self._explore()
+                case Phase.PLANNED:
+                    self._next_visit()
+                case Phase.FINISHED:
+                    raise ValueError("the campaign has ended")
+        return self._queue[0]
+
+    def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
+        """A proposed move or change of drives ended with readings `q_rad` (n,); `stopped` says why early."""
+        action = self._queue[0] if self._queue else None
+        if not isinstance(action, GoTo | ChangeDrives):
+            raise ValueError("no move was proposed")  # noqa: TRY004 - a wrong call, not a wrong type
+        self._queue.popleft()
+        self._before, self._q = self._q, np.array(q_rad)
+        if isinstance(action, ChangeDrives):
+            self.drives = action.drives
+            return
+        if self.phase is Phase.EXPLORING:
+            self._explorer.observe(q_rad, stopped)
+            if stopped:
+                self._queue.clear()
+        elif stopped:
+            self._stopped_short(action, stopped)
+        elif self._backing:
+            self._backing = 0
+
+    def captured(self, q_rad: FloatArray) -> None:
+        """A proposed capture gave the mean readings `q_rad` (n,)."""
+        action = self._queue[0] if self._queue else None
+        if not isinstance(action, Capture):
+            raise ValueError("no capture was proposed")  # noqa: TRY004 - a wrong call, not a wrong type
+        self._queue.popleft()
+        self._q = np.array(q_rad)
+        self._readings.append(np.array(q_rad))
+        self._taken += action.planned
+        if action.planned:
+            self._unreached.clear()
+        P = len(self.task.model.parameters)
+        enough = poses_needed(P, self.task.model.equations_per_pose) + SPARE_POSES
+        if len(self._readings) >= enough:
+            self._interim()
+
+    # -- exploring -------------------------------------------------------------------------------
+
+    def _explore(self) -> None:
+        if self.estimate is not None and self.estimate.trusted and self._try_plan():
+            return
+        step = self._explorer.propose()
+        if step is None:
+            self._end_exploration()
+            return
+        self._queue.append(
+            GoTo(targets_rad=step.targets_rad, trace_rad=None, tolerance_rad=np.inf, why=step.why)
+        )
+        if step.capture:
+            self._queue.append(Capture(planned=False, why=step.why))
+
+    def _end_exploration(self) -> None:
+        if self._explorer.failure:
+            self._finish(self._explorer.failure, complete=False)
+        elif self.estimate is None:
+            self._finish(
+                f"exploration gave only {len(self._readings)} poses, too few to calibrate",
+                complete=False,
+            )
+        elif not self._try_plan():
+            self._finish(
+                f"no plan can be made on the estimate of the explored poses: {self.estimate.text}",
+                complete=False,
+            )
+
+    # -- calibrating and planning ----------------------------------------------------------------
+
+    def _interim(self) -> None:
+        try:
+            self.estimate = self._calibrate(self.readings_rad)
+        except SolverError as error:
+            self.estimate = None
+            self._last_refusal = str(error)
+        if (
+            self.phase is Phase.PLANNED
+            and self.plan is not None
+            and self.estimate is not None
+            and self._shift() > REPLAN_SHIFT_RAD
+        ):
+            self.plan = None
+
+    def _shift(self) -> float:
+        """How far the estimate has moved the rest of the plan's poses, rad."""
+        if self.plan is None or self.estimate is None or not self.plan.visits:
+            return 0.0
+        index = list(self.plan.visits)
+        manifold = self.plan.manifold
+        error = self.task.model.loop(self.estimate.x, manifold.q[index], manifold.u[index])
+        J = np.concatenate((error.jac_q, error.jac_u), axis=-1)
+        passive = [c for c in range(J.shape[-1]) if c + 1 not in self.drives]
+        step = (np.linalg.pinv(J[..., passive]) @ error.residual[..., None])[..., 0]
+        return float(np.abs(step).max())
+
+    def _try_plan(self) -> bool:
+        """Make a plan from where the arm stands; False when it cannot be made (yet)."""
+        if self.estimate is None:
+            return False
+        left = self.settings.poses - self._taken
+        sets = self.task.drive_sets or (self.drives,)
+        ordered = (self.drives, *(d for d in sets if d != self.drives))
+        task = replace(self.task, drive_sets=ordered, noise=self.estimate.noise)
+        plan = self._plan_with(task, left)
+        if plan is None and self._taken:
+            # Rather a little nearer to a fold, or fewer poses, than none.
+            plan = self._plan_with(
+                replace(
+                    task,
+                    limits=replace(
+                        task.limits,
+                        least_leverage=EASIER * task.limits.least_leverage,
+                        most_rate=task.limits.most_rate / EASIER,
+                    ),
+                    pose_leverage=task.limits.least_leverage,
+                ),
+                left,
+            )
+        if plan is None:
+            return False
+        self.plan = plan
+        self.phase = Phase.PLANNED
+        self._visits = deque(plan.visits)
+        self._node = 0
+        return True
+
+    def _plan_with(self, task: PlanningTask, left: int) -> Plan | None:
+        if self.estimate is None:
+            return None
+        avoid = self._blocked + self._unreached
+        try:
+            return make_plan(
+                task,
+                self.estimate.x,
+                self._q,
+                left,
+                captured=self.readings_rad,
+                covariance=self.estimate.covariance,
+                avoid_rad=np.array(avoid) if avoid else None,
+            )
+        except ValueError:
+            return None
+
+    # -- visiting --------------------------------------------------------------------------------
+
+    def _next_visit(self) -> None:
+        if self._taken >= self.settings.poses:
+            self._finish(f"all {self._taken} planned poses are taken", complete=True)
+            return
+        if self.plan is None and not self._try_plan():
+            self._finish(
+                f"{self._taken} of {self.settings.poses} planned poses: "
+                "no further pose can be reached safely from here",
+                complete=False,
+            )
+            return
+        decision = self._judge()
+        if decision is not None and decision.stop:
+            self._finish(decision.text, complete=True, decision=decision)
+            return
+        plan, estimate = self.plan, self.estimate
+        if plan is None or estimate is None:
+            raise ValueError("a visit without a plan")
+        if not self._visits:
+            self.plan = None
+            return
+        target = self._visits.popleft()
+        route = plan.graph.route(
+            self.task.model,
+            plan.x,
+            self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),
+            source=self._node,
+            target=target,
+            drives=self.drives,
+        )
+        if route is None:
+            # The others may still be reached; a later plan fills the gap, away from this one.
+            self._unreached.append(plan.manifold.q[target])
+            if len(self._unreached) > MOST_UNREACHED:
+                self._finish(
+                    f"{self._taken} of {self.settings.poses} planned poses: "
+                    "no safe path to any further pose was found",
+                    complete=False,
+                )
+            return
+        drives = self.drives
+        number = self._taken + 1
+        for leg in route.legs:
+            if leg.drives != drives:
+                drives = leg.drives
+                self._queue.append(
+                    ChangeDrives(drives=drives, why=f"joints {drives} reach planned pose {number}")
+                )
+            for k in range(len(leg.waypoints_rad)):
+                self._queue.append(
+                    GoTo(
+                        targets_rad=leg.targets(k),
+                        trace_rad=leg.trace_rad,
+                        tolerance_rad=self.settings.tolerance_rad,
+                        why=f"to planned pose {number} of {self.settings.poses}",
+                    )
+                )
+        self._queue.append(Capture(planned=True, why=f"planned pose {number}"))
+        self._node = target
+
+    def _judge(self) -> StopDecision | None:
+        if not self.settings.requested or self.plan is None:
+            return None
+        task = self.task if self.estimate is None else replace(self.task, noise=self.estimate.noise)
+        return judge_progress(
+            information_of(task, self.plan.x, self.readings_rad),
+            self.plan.information,
+            self.settings.requested,
+            poses_left=self.settings.poses - self._taken,
+            allowed=self.plan.allowed,
+        )
+
+    def _stopped_short(self, action: GoTo, stopped: str) -> None:
+        """Go back the way the drives came; then plan round the place."""
+        self._queue.clear()
+        self._blocked.append(self._q.copy())
+        self.plan = None
+        if len(self._blocked) > self.settings.most_blocked or self._backing > 2:
+            self._finish(f"planned moves are stopped again and again: {stopped}", complete=False)
+            return
+        self._backing += 1
+        back = {j: float(self._before[j - 1]) for j in action.targets_rad}
+        self._queue.append(
+            GoTo(
+                targets_rad=back,
+                trace_rad=None,
+                tolerance_rad=np.inf,
+                why=f"back where it came from ({stopped})",
+            )
+        )
+
+    def _finish(self, text: str, *, complete: bool, decision: StopDecision | None = None) -> None:
+        self.phase = Phase.FINISHED
+        self._queue.append(Finished(complete=complete, decision=decision, text=text))

@@ -1,0 +1,273 @@
+"""Exploring with drive joints by measured readings alone, before any model can be trusted.
+
+A policy without an arm: `propose` says where the drives should go next, `observe` takes what the
+sensors then read and why a move stopped short, if it did. Small steps go out from the start along
+rays in drive space and back the way they came. The rate of every joint per drive is learnt from the
+steps themselves (Broyden's secant update) and says whether the next step would meet a range or a
+fold. Knows no kinematic model and no fixture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from solver.arrays import FloatArray, frozen
+from solver.design.manifold import Ranges
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExplorationLimits:
+    """How bold to be.
+
+    Attributes
+    ----------
+    wiggle_rad
+        First steps, which teach the rates.
+    step_rad
+        Length of a step of the drives.
+    reach_rad
+        How far a ray goes.
+    capture_every
+        Steps between poses worth capturing.
+    margin_rad
+        What every joint keeps from the ends of its range.
+    most_rate
+        Largest motion of a passive joint over that of the drives; more means a fold is near. Where
+        it is exceeded at the start already, up to twice as much is let through.
+    """
+
+    wiggle_rad: float = float(np.deg2rad(1.5))
+    step_rad: float = float(np.deg2rad(4.0))
+    reach_rad: float = float(np.deg2rad(28.0))
+    capture_every: int = 3
+    margin_rad: float = float(np.deg2rad(5.0))
+    most_rate: float = 2.5
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.wiggle_rad <= self.step_rad <= self.reach_rad:
+            raise ValueError("wiggle, step and reach must be positive and grow in this order")
+        if self.capture_every < 1:
+            raise ValueError("poses can be captured every step at most")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExplorationStep:
+    """One small move.
+
+    Attributes
+    ----------
+    targets_rad
+        Drive joints (1-based) and where they should go, straight and in step.
+    capture
+        Whether the pose at its end is worth capturing.
+    why
+        In words.
+    """
+
+    targets_rad: Mapping[int, float]
+    capture: bool
+    why: str
+
+
+@dataclass(slots=True)
+class _Ray:
+    """A direction in drive space and how it went."""
+
+    direction: FloatArray
+    steps: int
+    ended: str = ""
+
+
+@dataclass(slots=True)
+class _Here:
+    """Latest readings and the rates that belong to them."""
+
+    q: FloatArray
+    rates: FloatArray
+    rate: float = 0.0
+    growth: float = 1.0
+    on_ray: int = 0
+    away: bool = False
+    returning: int = 0
+
+
+class Explorer:
+    """The policy. Alternate `propose` and `observe` until `propose` gives None.
+
+    Parameters
+    ----------
+    start_rad
+        Readings at the start (n,), which every ray comes back to.
+    drives
+        Joints (1-based) in position mode.
+    ranges
+        Of all joints, sensor coordinates.
+    limits
+        How bold to be.
+    """
+
+    def __init__(
+        self,
+        *,
+        start_rad: FloatArray,
+        drives: tuple[int, ...],
+        ranges: Ranges,
+        limits: ExplorationLimits | None = None,
+    ) -> None:
+        self.drives = drives
+        self.limits = ExplorationLimits() if limits is None else limits
+        self._ranges = ranges
+        self._columns = [j - 1 for j in drives]
+        self._start = frozen(start_rad)
+        self._start_rates = np.zeros((len(start_rad), len(drives)))
+        self._start_rates[self._columns, range(len(drives))] = 1.0
+        self._here = _Here(q=np.array(start_rad), rates=self._start_rates.copy())
+        self._rays = self._plan_rays()
+        self._ray = 0
+        self._pending: FloatArray | None = None
+        self.failure = ""
+        self.ended: dict[tuple[float, ...], str] = {}
+
+    def propose(self) -> ExplorationStep | None:
+        """Return the next move, or None when exploration is over (`failure` says if it went wrong)."""
+        if self.failure:
+            return None
+        while self._ray < len(self._rays):
+            ray = self._rays[self._ray]
+            if ray.ended or self._here.on_ray >= ray.steps:
+                if self._here.away:
+                    return self._return(ray)
+                self._finish(ray)
+                continue
+            wiggle = self._ray < 2 * len(self.drives)
+            step = self.limits.wiggle_rad if wiggle else self.limits.step_rad
+            move = step * ray.direction
+            ray.ended = self._ahead(move, trusted=not wiggle)
+            if ray.ended:
+                continue
+            self._pending = self._here.q[self._columns] + move
+            taken = self._here.on_ray + 1
+            return ExplorationStep(
+                targets_rad=self._targets(self._pending),
+                capture=not wiggle and taken % self.limits.capture_every == 0,
+                why="small wiggle to see how the other joints follow"
+                if wiggle
+                else f"exploring, ray {self._ray - 2 * len(self.drives) + 1}, step {taken}",
+            )
+        return None
+
+    def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
+        """Take the readings (n,) at the end of the proposed move; `stopped` says why it ended early.
+
+        Raises
+        ------
+        ValueError
+            If no move was proposed.
+        """
+        if self._pending is None:
+            raise ValueError("nothing was proposed")
+        here, ray = self._here, self._rays[self._ray]
+        target, self._pending = self._pending, None
+        moved, by = q_rad - here.q, (q_rad - here.q)[self._columns]
+        here.q = np.array(q_rad)
+        length = float(np.linalg.norm(by))
+        if here.returning:
+            self._observe_return(target, stopped)
+            return
+        here.away = True
+        here.on_ray += 1
+        if length > 0.2 * self.limits.wiggle_rad:
+            here.rates = here.rates + np.outer(moved - here.rates @ by, by) / length**2
+            fastest = int(np.argmax(np.abs(moved)))
+            rate = float(np.abs(moved[fastest])) / float(np.abs(by).max())
+            here.growth = max(1.0, rate / here.rate) if here.rate > 0.0 else 1.0
+            here.rate = rate
+            if rate > self._most_rate(ray.direction):
+                ray.ended = f"joint {fastest + 1} moved {rate:.1f} times as far as the drives"
+        elif not stopped:
+            ray.ended = "the drives did not move"
+        if stopped:
+            ray.ended = stopped
+
+    @property
+    def rates(self) -> FloatArray:
+        """Learnt motion of every joint per motion of each drive (n, d), where the arm is now."""
+        return self._here.rates.copy()
+
+    def _plan_rays(self) -> list[_Ray]:
+        """Wiggles there and back of each drive, then rays: single drives first, diagonals after."""
+        count = len(self.drives)
+        unit = np.eye(count)
+        wiggles = [_Ray(direction=s * e, steps=1) for e in unit for s in (1.0, -1.0)]
+        signs = [np.array(v, dtype=np.float64) for v in product((1.0, -1.0, 0.0), repeat=count)]
+        signs = [v for v in signs if np.any(v)]
+        signs.sort(key=lambda v: int(np.abs(v).sum()))
+        steps = int(self.limits.reach_rad / self.limits.step_rad)
+        # The faster drive sets the step: a diagonal goes as far in each of its drives as an axis.
+        return wiggles + [_Ray(direction=v, steps=steps) for v in signs]
+
+    def _ahead(self, move: FloatArray, *, trusted: bool) -> str:
+        """Why the next step should not be taken; empty if nothing speaks against it."""
+        here = self._here
+        change = here.rates @ move
+        # Until the rates are learnt, allow for joints that run as fast as may be.
+        slack = self.limits.margin_rad + 0.3 * np.abs(change)
+        if not trusted:
+            slack = np.full(len(change), 2.0 * self.limits.most_rate * np.abs(move).max())
+        after = here.q + change
+        low = after - slack < self._ranges.lower_rad
+        high = after + slack > self._ranges.upper_rad
+        outward = (low & (change <= 0.0)) | (high & (change >= 0.0))
+        if trusted:
+            outward &= change != 0.0
+        if np.any(outward):
+            joint = int(np.flatnonzero(outward)[0]) + 1
+            return f"joint {joint} would come close to the end of its range"
+        # Towards a fold rates grow faster and faster: expect the next step to grow as the last did.
+        rate = np.abs(change) / np.abs(move).max() * here.growth
+        if trusted and float(rate.max()) > self._most_rate(move):
+            return f"joint {int(np.argmax(rate)) + 1} would run ahead: a fold is near"
+        return ""
+
+    def _most_rate(self, direction: FloatArray) -> float:
+        """How fast joints may run along a ray, given how fast they run on it at the start."""
+        there = np.abs(self._start_rates @ direction).max() / np.abs(direction).max()
+        least = self.limits.most_rate
+        return float(np.clip(1.3 * there, least, 2.0 * least))
+
+    def _return(self, ray: _Ray) -> ExplorationStep:
+        self._here.returning += 1
+        self._pending = self._start[self._columns].copy()
+        return ExplorationStep(
+            targets_rad=self._targets(self._pending),
+            capture=False,
+            why=f"back to the start ({ray.ended or 'the end of the ray'})",
+        )
+
+    def _observe_return(self, target: FloatArray, stopped: str) -> None:
+        here = self._here
+        gap = float(np.abs(here.q[self._columns] - target).max())
+        if gap > 0.5 * self.limits.wiggle_rad:
+            if here.returning >= 3:
+                self.failure = f"the arm does not come back to the start: {stopped or 'it stands'}"
+            return
+        here.returning = 0
+        here.away = False
+        self._finish(self._rays[self._ray])
+
+    def _finish(self, ray: _Ray) -> None:
+        """Close the ray; at the start the rates learnt from the wiggles hold again."""
+        if ray.ended:
+            self.ended[tuple(ray.direction.tolist())] = ray.ended
+        if self._ray < 2 * len(self.drives):
+            self._start_rates = self._here.rates.copy()
+        self._here.rates = self._start_rates.copy()
+        self._here.on_ray, self._here.rate, self._here.growth = 0, 0.0, 1.0
+        self._ray += 1
+
+    def _targets(self, point: FloatArray) -> dict[int, float]:
+        return {j: float(value) for j, value in zip(self.drives, point, strict=True)}

@@ -1,0 +1,102 @@
+"""Calibration in the middle of a session: good enough to plan on, and honest when it is not.
+
+Knows the implicit estimator; no plan and no arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.closure import ClosureModel
+from solver.estimate import Estimate
+from solver.implicit_estimator import NoiseModel, estimate_implicit
+from solver.parameters import nominal_vector
+
+UNEXPLAINED = 3.0
+"""chi2 per degree of freedom above which the sensors' noise alone is not believed."""
+GIVE_ROUNDS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InterimEstimate:
+    """What planning needs of a calibration.
+
+    Attributes
+    ----------
+    x, covariance
+        Values (P,) and covariance (P, P).
+    noise
+        The noise that explains the closures; plans are made with it.
+    trusted
+        Whether to plan on it at all.
+    text
+        How it went, in words.
+    """
+
+    x: FloatArray
+    covariance: FloatArray
+    noise: NoiseModel
+    trusted: bool
+    text: str
+
+
+Calibrate = Callable[[FloatArray], InterimEstimate]
+"""Readings (m, n) of the poses so far to an estimate; SolverError when they do not suffice."""
+
+
+def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
+    """Interim calibration by the implicit estimator, from nominal values or the last good estimate.
+
+    When the joint sensors' noise explains the closures by far not, the rest is put down to the
+    fixture's give, sized by the closures themselves, and the poses are fitted again: a flexing
+    fixture must not make a short pose set look certain.
+    """
+    last: list[FloatArray] = []
+    explained = [noise]
+
+    def calibrate(q: FloatArray) -> InterimEstimate:
+        start = last[-1] if last else None
+        used = explained[-1]
+        found = estimate_implicit(model, q, used, x0=start)
+        for _ in range(GIVE_ROUNDS):
+            scatter = found.chi2_per_dof or 0.0
+            overstated = used.fixture_variance is not None and scatter < 1.0 / UNEXPLAINED
+            if scatter <= UNEXPLAINED and not overstated:
+                break
+            used = _with_give(noise, found, used)
+            found = estimate_implicit(model, q, used, x0=start)
+        scatter = max(1.0, found.chi2_per_dof or 1.0)
+        trusted = (
+            found.converged
+            and not found.flipped
+            and scatter <= 10.0 * UNEXPLAINED
+            and bool(np.all(np.isfinite(found.x)))
+        )
+        if trusted:
+            last.append(found.x)
+            explained.append(used)
+        change = np.abs(found.x - nominal_vector(model.parameters))
+        largest = int(np.argmax(change))
+        return InterimEstimate(
+            x=found.x,
+            covariance=found.covariance * scatter,
+            noise=used,
+            trusted=trusted,
+            text=f"chi2 per degree of freedom {scatter:.1f}; "
+            f"{model.parameters[largest].name} is farthest from nominal",
+        )
+
+    return calibrate
+
+
+def _with_give(noise: NoiseModel, found: Estimate, used: NoiseModel) -> NoiseModel:
+    """Noise with fixture give: the size of the closures first, then scaled by what stays unexplained."""
+    if used.fixture_variance is not None:
+        scale = found.chi2_per_dof or 1.0
+        return replace(noise, fixture_variance=used.fixture_variance * scale)
+    turn, shift = found.sigmas.orientation_rad.rms, found.sigmas.position_m.rms
+    return replace(noise, fixture_variance=np.array([turn**2] * 3 + [shift**2] * 3))

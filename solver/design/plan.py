@@ -1,0 +1,299 @@
+"""From an estimate to a plan: which poses to visit, in which order, with which drive joints.
+
+Puts manifold, drive ranking, paths and D-optimal choice together, inside the region in which the
+estimate can be trusted to predict where free joints will be. Knows no bus and no capture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from solver.arrays import BoolArray, FloatArray
+from solver.closing import close_loops
+from solver.closure import ClosureModel
+from solver.design.d_optimal import (
+    Design,
+    TooFewCandidatesError,
+    choose_poses,
+    log_det,
+    next_best,
+)
+from solver.design.drive_joints import RankedDrives, rank_over_region
+from solver.design.manifold import Manifold, Ranges, candidate_poses
+from solver.design.paths import MotionLimits, PathGraph, visiting_order
+from solver.design.pose_information import PoseInformation, pose_information
+from solver.design.stop_rule import standard_deviations
+from solver.identifiability import Identifiability, judge_jacobian
+from solver.implicit_estimator import NoiseModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanningTask:
+    """What stays the same from plan to plan.
+
+    Attributes
+    ----------
+    model
+        The loop with all joints sensed.
+    ranges
+        Of the joints, sensor coordinates, as the arm's own.
+    margin_rad
+        What planned poses and paths keep from the ends of the ranges, scalar or (n,).
+    noise
+        For the information of a pose.
+    parameters
+        Names the design is for; the others count as known. None takes all.
+    drive_sets
+        Sets of drive joints to plan with, the present one first; None ranks all and takes the best.
+    limits
+        Leverage and rates of every path.
+    pose_leverage
+        Leverage of the drives at a planned pose: more than on the way, for there the free joints'
+        weight must not bend the fixture.
+    candidates
+        How many poses to choose from.
+    apart_rad
+        How far apart chosen poses have to be.
+    most_uncertain_rad
+        A pose is planned only where the free joints' predicted angles are this certain (sigma).
+    seed
+        Of the candidates.
+    """
+
+    model: ClosureModel
+    ranges: Ranges
+    margin_rad: float | FloatArray
+    noise: NoiseModel
+    parameters: tuple[str, ...] | None = None
+    drive_sets: tuple[tuple[int, ...], ...] | None = None
+    limits: MotionLimits = field(default_factory=MotionLimits)
+    pose_leverage: float = 0.3
+    candidates: int = 3000
+    apart_rad: float = 0.1
+    most_uncertain_rad: float = float(np.deg2rad(3.0))
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """Poses to visit, and everything to go on planning with.
+
+    Attributes
+    ----------
+    x
+        Parameters (P,) the plan was made with.
+    manifold, information, graph
+        Candidates, what each would tell, and how to get there.
+    allowed
+        (m,): candidates that can be reached and whose prediction is trusted.
+    visits
+        Indices of the chosen candidates in visiting order.
+    ranked
+        Drive sets over the region, best first; empty when the task named them.
+    predicted_sigma
+        Standard deviations (P,) with all chosen poses and what was fixed before; inf if undetermined.
+    log_det
+        Of that information.
+    design
+        Condition, rank and weakest direction of the chosen poses under the paper's Jacobian.
+    """
+
+    x: FloatArray
+    manifold: Manifold
+    information: PoseInformation
+    graph: PathGraph
+    allowed: BoolArray
+    visits: tuple[int, ...]
+    ranked: tuple[RankedDrives, ...]
+    predicted_sigma: FloatArray
+    log_det: float
+    design: Identifiability
+
+    @property
+    def poses_rad(self) -> FloatArray:
+        """Planned poses (k, n) in visiting order: predicted readings of all joints."""
+        return self.manifold.q[list(self.visits)]
+
+    def best_now(self, information: FloatArray) -> tuple[int, float]:
+        """Candidate that adds most to `information` (P, P) of the poses so far, and its log det gain."""
+        return next_best(self.information.root, information, allowed=self.allowed)
+
+
+def make_plan(
+    task: PlanningTask,
+    x: FloatArray,
+    q_start: FloatArray,
+    count: int,
+    *,
+    captured: FloatArray | None = None,
+    covariance: FloatArray | None = None,
+    avoid_rad: FloatArray | None = None,
+    avoid_radius_rad: float = 0.15,
+) -> Plan:
+    """Plan `count` poses from readings `q_start` (n,) with the estimate `x` (P,).
+
+    Parameters
+    ----------
+    captured
+        Joint angles (c, n) of poses captured already, whose information counts.
+    covariance
+        (P, P) of `x`; None trusts it everywhere.
+    avoid_rad
+        Readings (b, n) where a move had to be stopped: nothing is planned near them.
+
+    Raises
+    ------
+    ValueError
+        If the loop does not close near the start, or fewer than `count` poses can be reached.
+    """
+    manifold = candidate_poses(
+        task.model,
+        x,
+        q_start,
+        task.ranges.within(task.margin_rad),
+        count=task.candidates,
+        seed=task.seed,
+    )
+    trusted = _trusted(task, x, manifold, covariance)
+    if avoid_rad is not None:
+        for pose in avoid_rad:
+            # Where the arm stands close by, it must still be able to leave.
+            radius = min(avoid_radius_rad, 0.5 * float(np.linalg.norm(q_start - pose)))
+            trusted &= ((manifold.q - pose) ** 2).sum(-1) > radius**2
+    # The arm is where it is.
+    trusted[0] = True
+    ranked: tuple[RankedDrives, ...] = ()
+    sets = task.drive_sets
+    if sets is None:
+        ranked = rank_over_region(task.model, manifold, limits=task.limits)
+        sets = (ranked[0].drives,)
+    graph = PathGraph(manifold, sets, task.limits, allowed=trusted)
+    allowed = graph.reachable(0)
+    information = pose_information(
+        task.model, x, manifold.q, manifold.u, _noise_by_pose(task, manifold, sets[0])
+    )
+    if task.parameters is not None:
+        information = information.about(task.parameters)
+    fixed = None if captured is None else information_of(task, x, captured)
+    allowed &= np.max([manifold.motion.leverage(d) for d in sets], axis=0) >= task.pose_leverage
+    design = _choose(task, manifold, information, fixed, allowed, count)
+    points = [0, *design.chosen]
+    visits = tuple(points[k] for k in visiting_order(graph.distances(points)))
+    total = information.of(visits) + (0.0 if fixed is None else fixed)
+    q = manifold.q[list(visits)]
+    J = task.model.reduced(x, q).jac_x
+    return Plan(
+        x=np.array(x),
+        manifold=manifold,
+        information=information,
+        graph=graph,
+        allowed=allowed,
+        visits=visits,
+        ranked=ranked,
+        predicted_sigma=standard_deviations(total),
+        log_det=log_det(total),
+        design=judge_jacobian(
+            J.reshape(-1, J.shape[-1]),
+            tuple(p.name for p in task.model.parameters),
+            poses=len(visits),
+            spans_rad=np.ptp(q, axis=0),
+        ),
+    )
+
+
+def _choose(
+    task: PlanningTask,
+    manifold: Manifold,
+    information: PoseInformation,
+    fixed: FloatArray | None,
+    allowed: BoolArray,
+    count: int,
+) -> Design:
+    """D-optimal choice, with the poses closer together where the room is short."""
+    for share in (1.0, 0.5):
+        try:
+            return choose_poses(
+                information.root,
+                count,
+                fixed=fixed,
+                allowed=allowed,
+                q=manifold.q,
+                apart_rad=share * task.apart_rad,
+                seed=task.seed,
+            )
+        except TooFewCandidatesError:
+            continue
+    return choose_poses(information.root, count, fixed=fixed, allowed=allowed, seed=task.seed)
+
+
+def _noise_by_pose(task: PlanningTask, manifold: Manifold, drives: tuple[int, ...]) -> NoiseModel:
+    """Give of the fixture, where there is any, larger where the passive joints hold the hand badly.
+
+    Free joints bear no torque: what loads them goes through the passive Jacobian into the fixture,
+    ``w = J_p^-T tau``. The size of ``J_p^-1`` relative to the start's scales the give.
+    """
+    if task.noise.fixture_variance is None:
+        return task.noise
+    load = manifold.motion.fixture_load(drives)
+    share = (load / load[0]) ** 2
+    return replace(task.noise, fixture_variance=task.noise.fixture_variance * share[:, None])
+
+
+def information_of(task: PlanningTask, x: FloatArray, q: FloatArray) -> FloatArray:
+    """Information (P, P) of captured readings `q` (c, n), on the closed loops next to them."""
+    P = len(task.model.parameters) if task.parameters is None else len(task.parameters)
+    if len(q) == 0:
+        return np.zeros((P, P))
+    variance = np.broadcast_to(task.noise.joint_variance, q.shape).mean(axis=0)
+    closed = close_loops(task.model, x, q, sigma_rad=np.sqrt(variance))
+    told = pose_information(task.model, x, closed.q, closed.u, task.noise)
+    if task.parameters is not None:
+        told = told.about(task.parameters)
+    return told.of(range(len(q)))
+
+
+def prediction_sigma(
+    model: ClosureModel,
+    x: FloatArray,
+    q: FloatArray,
+    u: FloatArray,
+    covariance: FloatArray,
+    drives: tuple[int, ...],
+) -> FloatArray:
+    """How uncertain free joints' readings are at given drive angles: largest sigma a pose (m,), rad.
+
+    With the drives held, the loop gives ``dq = -J_p^-1 J_x dx``.
+    """
+    error = model.loop(x, q, u)
+    J = np.concatenate((error.jac_q, error.jac_u), axis=-1)
+    passive = [c for c in range(J.shape[-1]) if c + 1 not in drives]
+    n = q.shape[-1]
+    arm_rows = [k for k, c in enumerate(passive) if c < n]
+    answer = np.linalg.pinv(J[..., passive]) @ error.jac_x
+    G = answer[..., arm_rows, :]
+    variance = ((G @ covariance) * G).sum(-1)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)).max(-1))
+
+
+def _trusted(
+    task: PlanningTask, x: FloatArray, manifold: Manifold, covariance: FloatArray | None
+) -> BoolArray:
+    if covariance is None:
+        return np.ones(manifold.size, dtype=np.bool_)
+    sets = task.drive_sets
+    if sets is None:
+        motion = manifold.motion
+        every = combinations(range(1, motion.joint_count + 1), motion.degrees)
+        sets = (max(every, key=lambda drives: float(np.median(motion.leverage(drives)))),)
+    sigma = np.min(
+        [
+            prediction_sigma(task.model, x, manifold.q, manifold.u, covariance, drives)
+            for drives in sets
+        ],
+        axis=0,
+    )
+    room = task.ranges.within(task.margin_rad).clearance(manifold.q)
+    return np.asarray((sigma <= task.most_uncertain_rad) & (room >= 2.0 * sigma))

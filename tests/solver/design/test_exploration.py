@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.closing import close_loops
+from solver.design.exploration import ExplorationLimits, Explorer
+from solver.design.manifold import Ranges
+from tests.solver.design.conftest import HOME, paper_ranges
+
+DRIVES = (1, 5)
+
+
+class ClosedChain:
+    """The true loop with two joints driven: what an arm would read. The explorer never sees it."""
+
+    def __init__(self, loop, x, drives: tuple[int, ...] = DRIVES) -> None:
+        self.loop, self.x = loop, x
+        self.held = np.ones(7)
+        self.held[[j - 1 for j in drives]] = 0.0
+        pose = close_loops(loop, x, HOME[None, :])
+        self.q, self.u = pose.q, pose.u
+
+    def move(self, targets: dict[int, float]) -> np.ndarray:
+        start = self.q[0].copy()
+        for share in np.linspace(0.0, 1.0, 9)[1:]:
+            self.q[0, [j - 1 for j in targets]] = [
+                start[j - 1] + share * (v - start[j - 1]) for j, v in targets.items()
+            ]
+            pose = close_loops(self.loop, self.x, self.q, u=self.u, sigma_rad=self.held)
+            assert pose.closed[0]
+            self.q, self.u = pose.q, pose.u
+        return self.q[0].copy()
+
+
+def explore(explorer: Explorer, chain: ClosedChain, most: int = 500):
+    """Every reading, and those worth capturing."""
+    seen, captured = [], []
+    for _ in range(most):
+        step = explorer.propose()
+        if step is None:
+            break
+        q = chain.move(dict(step.targets_rad))
+        explorer.observe(q)
+        seen.append(q)
+        if step.capture:
+            captured.append(q)
+    return np.array(seen), np.array(captured)
+
+
+def test_explores_inside_ranges_and_comes_home(loop, x) -> None:
+    ranges = paper_ranges()
+    explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=ranges)
+    seen, captured = explore(explorer, ClosedChain(loop, x))
+    assert not explorer.failure
+    assert explorer.propose() is None
+    assert ranges.clearance(seen).min() > np.deg2rad(3.0)
+    assert seen[-1] == pytest.approx(HOME, abs=1e-4)
+    assert len(captured) >= 8
+    spans = np.ptp(captured, axis=0)
+    assert spans[[0, 4]].min() > np.deg2rad(25.0)
+    assert spans.min() > np.deg2rad(5.0)
+
+
+def test_steps_are_small(loop, x) -> None:
+    limits = ExplorationLimits()
+    chain = ClosedChain(loop, x)
+    explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges(), limits=limits)
+    before = HOME
+    while (step := explorer.propose()) is not None:
+        asked = np.array([step.targets_rad[j] - before[j - 1] for j in DRIVES])
+        if "back" not in step.why:
+            assert np.abs(asked).max() <= limits.step_rad + 1e-9
+        before = chain.move(dict(step.targets_rad))
+        explorer.observe(before)
+
+
+def test_turns_back_before_a_tight_range(loop, x) -> None:
+    """Joint 7 may move 12 degrees only: readings alone must keep it inside."""
+    wide = paper_ranges()
+    lower, upper = wide.lower_rad.copy(), wide.upper_rad.copy()
+    lower[6], upper[6] = HOME[6] - np.deg2rad(12.0), HOME[6] + np.deg2rad(12.0)
+    tight = Ranges(lower_rad=lower, upper_rad=upper)
+    explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=tight)
+    seen, _ = explore(explorer, ClosedChain(loop, x))
+    assert tight.clearance(seen).min() > 0.0
+    assert any("joint 7" in reason for reason in explorer.ended.values())
+
+
+def test_turns_back_before_a_fold(loop, x) -> None:
+    """Driving joint 2 outwards folds the chain after some 45 degrees; the readings tell in time."""
+    limits = ExplorationLimits(reach_rad=float(np.deg2rad(60.0)))
+    everywhere = Ranges(lower_rad=HOME - 3.0, upper_rad=HOME + 3.0)
+    explorer = Explorer(start_rad=HOME, drives=(2, 5), ranges=everywhere, limits=limits)
+    _, captured = explore(explorer, ClosedChain(loop, x, (2, 5)))
+    assert any("fold" in reason or "times" in reason for reason in explorer.ended.values())
+    assert not explorer.failure
+    assert len(captured) > 5
+
+
+def test_a_stop_ends_the_ray_and_it_goes_back(loop, x) -> None:
+    explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
+    chain = ClosedChain(loop, x)
+    while not (step := explorer.propose()).capture:
+        explorer.observe(chain.move(dict(step.targets_rad)))
+    explorer.observe(chain.move(dict(step.targets_rad)), stopped="joint 3 needs too much torque")
+    back = explorer.propose()
+    assert back.targets_rad == pytest.approx({1: HOME[0], 5: HOME[4]})
+    assert "torque" in back.why
+    explorer.observe(chain.move(dict(back.targets_rad)))
+    assert "joint 3 needs too much torque" in explorer.ended.values()
+    assert explorer.propose() is not None
+
+
+def test_gives_up_when_the_arm_does_not_come_back() -> None:
+    explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
+    step = explorer.propose()
+    away = HOME.copy()
+    away[0] = step.targets_rad[1]
+    explorer.observe(away)
+    for _ in range(3):
+        explorer.propose()
+        explorer.observe(away, stopped="blocked")
+    assert explorer.propose() is None
+    assert "does not come back" in explorer.failure
+
+
+def test_observing_nothing_is_a_wrong_call() -> None:
+    explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
+    with pytest.raises(ValueError, match="nothing was proposed"):
+        explorer.observe(HOME)

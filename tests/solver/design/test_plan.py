@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+from time import process_time
+
+import numpy as np
+import pytest
+
+from solver.design.plan import PlanningTask, information_of, make_plan, prediction_sigma
+from solver.design.pose_information import planning_noise
+from solver.design.stop_rule import standard_deviations
+from tests.oracles.loop_oracle import closed_poses, cramer_rao, paper_truth
+from tests.solver.conftest import NAMES
+from tests.solver.design.conftest import HOME, SIGMA, paper_ranges
+
+JUDGED = [k for k, name in enumerate(NAMES) if name not in ("theta_off_6", "theta_off_7")]
+
+
+@pytest.fixture(scope="module")
+def task(loop) -> PlanningTask:
+    return PlanningTask(
+        model=loop,
+        ranges=paper_ranges(),
+        margin_rad=np.deg2rad(3.0),
+        noise=planning_noise(SIGMA),
+        drive_sets=((1, 5),),
+    )
+
+
+@pytest.fixture(scope="module")
+def plan(task, x):
+    return make_plan(task, x, HOME, 20)
+
+
+def test_condition_of_twenty_planned_poses(plan) -> None:
+    assert plan.design.scaled_condition_number < 18.0
+    assert plan.design.rank == 14
+    assert len(set(plan.visits)) == 20
+
+
+def test_planned_poses_are_inside_and_reachable(plan, task) -> None:
+    assert task.ranges.clearance(plan.poses_rad).min() >= np.deg2rad(3.0) - 1e-9
+    assert plan.allowed[list(plan.visits)].all()
+    assert plan.manifold.motion.leverage((1, 5))[list(plan.visits)].min() >= task.pose_leverage
+
+
+def test_twelve_planned_beat_sixty_random_by_the_oracle(task, x) -> None:
+    """Cramer-Rao bounds of the second implementation, random poses as the data sets have them."""
+    truth = paper_truth()
+    plan = make_plan(task, x, HOME, 12)
+    u = plan.manifold.u[list(plan.visits)]
+    planned = cramer_rao(truth, np.concatenate((u, plan.poses_rad), axis=1), NAMES, SIGMA**2)
+    random = closed_poses(truth, np.random.default_rng(1), 60)
+    unplanned = cramer_rao(truth, random, NAMES, SIGMA**2)
+    ratio = np.sqrt(np.diag(planned) / np.diag(unplanned))[JUDGED]
+    assert ratio.mean() < 0.85
+    assert plan.predicted_sigma == pytest.approx(np.sqrt(np.diag(planned)), rel=1e-3)
+
+
+def test_planning_is_fast(task, x) -> None:
+    start = process_time()
+    plan = make_plan(task, x, HOME, 20)
+    assert process_time() - start < 2.0
+    assert plan.manifold.size > 2500
+    information = information_of(task, x, plan.poses_rad)
+    start = process_time()
+    plan.best_now(information)
+    assert process_time() - start < 0.05
+
+
+def test_captured_poses_change_the_plan(task, x, plan) -> None:
+    first = plan.poses_rad[:10]
+    more = make_plan(task, x, HOME, 10, captured=first)
+    assert more.predicted_sigma == pytest.approx(plan.predicted_sigma, rel=0.15)
+    again = information_of(task, x, np.concatenate((first, more.poses_rad)))
+    assert standard_deviations(again) == pytest.approx(more.predicted_sigma, rel=1e-4)
+
+
+def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, task) -> None:
+    few = closed_poses(paper_truth(), np.random.default_rng(2), 5, spread_deg=8.0, box_deg=10.0)
+    covariance = np.linalg.inv(information_of(task, x, few[:, 1:])) * 4.0
+    plan = make_plan(task, x, HOME, 6, covariance=covariance)
+    trusting = make_plan(task, x, HOME, 6)
+    assert plan.allowed.sum() < 0.9 * trusting.allowed.sum()
+    sigma = prediction_sigma(
+        loop,
+        x,
+        plan.poses_rad,
+        plan.manifold.u[list(plan.visits)],
+        covariance,
+        (1, 5),
+    )
+    assert sigma.max() <= task.most_uncertain_rad
+
+
+def test_prediction_sigma_is_what_happens(loop, x, region) -> None:
+    """Move the parameters at random, hold the drives, close the loop: the scatter of free joints."""
+    from solver.closing import close_loops
+
+    rng = np.random.default_rng(4)
+    covariance = np.diag(np.full(14, 1e-4) ** 2)
+    pose = 40
+    q = region.q[pose : pose + 1]
+    held = np.ones(7)
+    held[[0, 4]] = 0.0
+    moved = []
+    for _ in range(200):
+        other = x + rng.multivariate_normal(np.zeros(14), covariance)
+        moved.append(close_loops(loop, other, q, sigma_rad=held).q[0] - q[0])
+    expected = prediction_sigma(loop, x, q, region.u[pose : pose + 1], covariance, (1, 5))[0]
+    assert np.std(moved, axis=0).max() == pytest.approx(expected, rel=0.2)
+
+
+def test_avoids_where_a_move_was_stopped(task, x, plan) -> None:
+    bad = plan.poses_rad[3]
+    other = make_plan(task, x, HOME, 8, avoid_rad=bad[None, :])
+    assert np.linalg.norm(other.poses_rad - bad, axis=-1).min() > 0.15

@@ -82,7 +82,7 @@ class SarcalApp(App[str]):
         """Begin a session, or offer to resume; then poll."""
         self.main.set_class(self.look.ascii_only, "-ascii")
         self.actions.begin()
-        self.set_interval(POLL_S, self.poll)
+        self.main.set_interval(POLL_S, self.poll)
 
     def leave(self, reason: str) -> None:
         """Leave; whoever runs the app closes the source, which holds the arm."""
@@ -91,7 +91,7 @@ class SarcalApp(App[str]):
     def poll(self) -> None:
         """Take one snapshot and show it."""
         desk = self.desk
-        if desk is None or not self.main.children or self._exit:
+        if desk is None or not self.main.is_running:
             return
         if desk.defect is not None:
             raise RuntimeError("the session's worker met a defect") from desk.defect

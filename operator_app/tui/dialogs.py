@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
@@ -12,6 +13,8 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
+
+from operator_app.tui.look import is_compact
 
 
 class Dialog(ModalScreen[str | None]):
@@ -26,6 +29,10 @@ class Dialog(ModalScreen[str | None]):
     def __init__(self, title: str, text: str) -> None:
         super().__init__()
         self._title, self._text = title, text
+
+    def on_resize(self, event: events.Resize) -> None:
+        """Leave strip and rail uncovered, whichever layout they have."""
+        self.set_class(is_compact(*event.size), "-compact")
 
     def compose(self) -> ComposeResult:
         """Title in the frame, text, then whatever the dialog is for."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 from operator_app.session.steps import Step
 from operator_app.tui.keys import ACTIONS, EVERYWHERE
 from operator_app.tui.lines import Lines
@@ -17,16 +19,22 @@ ABOUT = {
 }
 
 
-def help_text(step: Step, panel: Lines | None) -> str:
+def help_text(step: Step, panel: Lines | None, width: int) -> str:
     """Return the text for a step and the focused panel, if one is."""
-    blocks = [ABOUT[step]]
+    blocks = [textwrap.fill(ABOUT[step], width)]
     if panel is not None and panel.HELP:
-        blocks.append(f"This panel ({panel.TITLE}): {panel.HELP}")
+        blocks.append(textwrap.fill(f"This panel ({panel.TITLE}): {panel.HELP}", width))
     else:
         blocks.append("Tab focuses a panel; ? then explains that panel.")
     here = [a for a in ACTIONS if step in a.steps and a.steps != EVERYWHERE]
     everywhere = [a for a in ACTIONS if a.steps == EVERYWHERE]
     for title, actions in (("Keys of this step", here), ("Keys everywhere", everywhere)):
-        rows = [f"  {a.shown:<9} {a.label}: {a.help}" for a in actions]
+        rows = [
+            textwrap.fill(
+                f"{a.shown:<9} {a.label}: {a.help}", width, initial_indent="  ",
+                subsequent_indent=" " * 12,
+            )
+            for a in actions
+        ]  # fmt: skip
         blocks.append("\n".join([title, *rows]))
     return "\n\n".join(blocks)

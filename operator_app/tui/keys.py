@@ -93,7 +93,7 @@ ACTIONS: tuple[Action, ...] = (
            help="Write a note to the marked pose.", steps=_at(Step.CAPTURE)),
     Action(name="exclude", keys=("x",), shown="x", label="Exclude",
            help="Leave the marked pose out of the calibration, or let it count again.",
-           steps=_at(Step.CAPTURE, Step.RESULTS)),
+           steps=_at(Step.CAPTURE)),
     Action(name="calibrate", keys=("s",), shown="s", label="Solve",
            help="Calibrate from the poses that count.", steps=_at(Step.CALIBRATE)),
     Action(name="estimator", keys=("e",), shown="e", label="Estimator",
@@ -151,7 +151,7 @@ FOOTER: dict[Step, tuple[str, ...]] = {
     Step.MODES: ("stop", "primary", "toggle_mode", "suggest", "wiggle", "help"),
     Step.CAPTURE: ("stop", "primary", "go", "capture", "undo", "help"),
     Step.CALIBRATE: ("stop", "primary", "estimator", "unsensed", "back", "help"),
-    Step.RESULTS: ("stop", "primary", "view", "exclude", "back", "help"),
+    Step.RESULTS: ("stop", "primary", "view", "back", "help", "quit"),
     Step.EXPORT: ("stop", "primary", "upload", "verify", "new_session", "help"),
 }
 """At most six a step; everything else is in the palette and in help."""

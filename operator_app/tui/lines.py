@@ -90,7 +90,7 @@ class Lines(Widget, can_focus=True):
         app: Any = self.app
         new = Content(app.look.text(text)) if text else ""
         if str(self.border_title or "") != str(new):
-            self.border_title = new  # type: ignore[assignment]
+            self.border_title = new
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the lines for a snapshot."""
@@ -119,15 +119,8 @@ class Lines(Widget, can_focus=True):
         if len(changed) > 0.7 * max(1, self.content_size.height):
             self.refresh()
         else:
-            dx, dy = self.content_offset_in_widget
             width = self.content_size.width
-            self.refresh(*(Region(dx, dy + y, width, 1) for y in changed))
-
-    @property
-    def content_offset_in_widget(self) -> tuple[int, int]:
-        """Where the content starts inside the widget."""
-        gutter = self.gutter
-        return gutter.left, gutter.top
+            self.refresh(*(Region(0, y, width, 1) for y in changed))
 
     def forget(self) -> None:
         """Paint everything anew, after a change of look."""
@@ -139,9 +132,7 @@ class Lines(Widget, can_focus=True):
         strip = self._strips.get(y)
         if strip is None:
             width = self.content_size.width
-            strip = (
-                self._strip(self._lines[y], width) if y < len(self._lines) else Strip.blank(width)
-            )
+            strip = self._strip(self._lines[y] if y < len(self._lines) else (), width)
             self._strips[y] = strip
         return strip
 
@@ -153,12 +144,11 @@ class Lines(Widget, can_focus=True):
         app: Any = self.app
         look: Look = app.look
         row = clip(row, width)
-        cursor = bool(row) and row[0][1].startswith("cursor")
-        segments = [Segment(look.text(text), look.style(role)) for text, role in row]
+        base = self.rich_style
+        if row and row[0][1].startswith("cursor"):
+            base += look.style("cursor")
+        segments = [Segment(look.text(text), base + look.style(role)) for text, role in row]
         left = width - length(row)
         if left > 0:
-            segments.append(Segment(" " * left, look.style("cursor" if cursor else "blank")))
-        if cursor:
-            back = look.style("cursor")
-            segments = [Segment(text, back + (style or back)) for text, style, _ in segments]
+            segments.append(Segment(" " * left, base))
         return Strip(segments, width)

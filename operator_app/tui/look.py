@@ -74,6 +74,15 @@ class Look:
         return plain.encode("ascii", "replace").decode("ascii")
 
 
+SMALLEST = (80, 24)
+LARGE = (110, 32)
+
+
+def is_compact(width: int, height: int) -> bool:
+    """Whether a terminal gets the small layout."""
+    return width < LARGE[0] or height < LARGE[1]
+
+
 def look(theme: str, *, ascii_only: bool) -> Look:
     """Return the look of a theme."""
     return Look(theme=theme, ascii_only=ascii_only, styles=_styles(theme))

@@ -16,6 +16,7 @@ from operator_app.session.snapshot import Level, SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.keys import FOOTER, by_name
 from operator_app.tui.lines import Line, Lines, Span, clip, line, wrapped
+from operator_app.tui.look import SMALLEST, is_compact
 from operator_app.tui.primary import next_thing
 from operator_app.tui.steps.calibrate import CalibrateView
 from operator_app.tui.steps.capture import CaptureView
@@ -28,8 +29,6 @@ from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.safety_strip import Banner, Clicked, SafetyStrip
 from operator_app.tui.widgets.step_rail import StepRail, StepRow
 
-SMALLEST = (80, 24)
-LARGE = (110, 32)
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
 MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
 
@@ -123,56 +122,59 @@ class MainScreen(Screen[None]):
     class Ready(Message):
         """Everything is there to be filled."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self.hint, self.footer = Hint(id="hint"), Footer(id="footer")
+        self.rails = (StepRow(id="row"), StepRail(id="rail"))
+        self.strip, self.banner = SafetyStrip(id="strip"), Banner(id="banner")
+        self.log_lines = Log(id="log")
+        self.steps = tuple(view() for view in VIEWS)
+        self.too_small = TooSmall(id="too-small")
+
     def on_mount(self) -> None:
         """Say so."""
         self.post_message(self.Ready())
 
     def compose(self) -> ComposeResult:
         """From top to bottom."""
-        yield SafetyStrip(id="strip")
-        yield Banner(id="banner")
-        yield StepRow(id="row")
+        yield self.strip
+        yield self.banner
+        yield self.rails[0]
         with Horizontal(id="middle"):
-            yield StepRail(id="rail")
+            yield self.rails[1]
             with ContentSwitcher(id="body", initial="step-1"):
-                for view in VIEWS:
-                    yield view()
-        yield TooSmall(id="too-small")
-        yield Hint(id="hint")
-        yield Log(id="log")
-        yield Footer(id="footer")
+                yield from self.steps
+        yield self.too_small
+        yield self.hint
+        yield self.log_lines
+        yield self.footer
 
     @property
     def view(self) -> StepView:
         """The step on the screen."""
-        found = self.query_one(ContentSwitcher).visible_content
-        if not isinstance(found, StepView):
-            raise TypeError("the body shows steps only")
-        return found
+        return self.steps[self.hint.step - 1]
 
     def go_to(self, step: Step) -> None:
         """Show a step; the focus goes nowhere in particular."""
         self.query_one(ContentSwitcher).current = f"step-{int(step)}"
         self.set_focus(None)
-        for rail in self.query(StepRail):
+        for rail in self.rails:
             rail.current = step
-        self.query_one(Hint).step = step
-        self.query_one(Footer).step = step
+        self.hint.step = self.footer.step = step
 
     def set_wanted(self, wanted: tuple[JointMode, ...]) -> None:
         """Show the modes as marked."""
-        self.query_one(Hint).wanted = wanted
-        self.query_one(Footer).wanted = wanted
+        self.hint.wanted = self.footer.wanted = wanted
         self.query_one(ModesView).set_wanted(wanted)
 
     def refuse(self, sentence: str) -> None:
         """Say why something was not done; the empty string takes it away."""
-        self.query_one(Hint).refusal = sentence
+        self.hint.refusal = sentence
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot."""
-        for name in ("#strip", "#banner", "#row", "#rail", "#hint", "#log", "#footer"):
-            widget = self.query_one(name, Lines)
+        frame = (self.strip, self.banner, *self.rails, self.hint, self.log_lines, self.footer)
+        for widget in frame:
             if widget.display:
                 widget.show(s)
         self.view.show(s)
@@ -180,9 +182,9 @@ class MainScreen(Screen[None]):
     def on_resize(self, event: events.Resize) -> None:
         """Take the layout for this size."""
         width, height = event.size
-        compact = width < LARGE[0] or height < LARGE[1]
+        compact = is_compact(width, height)
         self.set_class(compact, "-compact")
         self.set_class(width < SMALLEST[0] or height < SMALLEST[1], "-small")
-        for view in self.query(StepView):
+        for view in self.steps:
             view.set_compact(compact)
-        self.query_one(TooSmall).show_size(width, height)
+        self.too_small.show_size(width, height)

@@ -192,7 +192,12 @@ class Navigation:
 
     def do_help(self) -> None:
         panel = self.app.focused if isinstance(self.app.focused, Lines) else None
-        self.app.push_screen(Read(f"Help: {self.app.step.title}", help_text(self.app.step, panel)))
+        self.app.push_screen(
+            Read(
+                f"Help: {self.app.step.title}",
+                help_text(self.app.step, panel, min(86, self.app.size.width - 8)),
+            )
+        )
 
     def do_palette(self) -> None:
         self.app.action_command_palette()

@@ -50,7 +50,7 @@ class NodesPanel(Lines):
         rows = [
             line(
                 (
-                    "  NODE  ROLE        DEVICE                SERIAL     REV       HEARTBEAT  DATA    STATE",
+                    "  NODE  ROLE        DEVICE                     SERIAL  HEARTBEAT      DATA  STATE",
                     "header",
                 )
             )
@@ -69,8 +69,8 @@ def _node(s: SessionSnapshot, node: NodeIdentity) -> Line:
     late = beat is not None and beat > 0.35
     state = "● answers" if joint is None else joint.drive.value
     return line(
-        f"  {node.node:>4}  {node.role[:11]:<11} {node.device_name[:21]:<21} "
-        f"{node.serial_number:>8}  {node.revision:08X}  ",
+        f"  {node.node:>4}  {node.role[:11]:<11} {node.device_name[:25]:<25} "
+        f"{node.serial_number:>7}  ",
         (f"{heartbeat:>9}  ", "warn" if late else "text"),
         (f"{age:>7}  ", "text"),
         (f"▲ LATE, {state}" if late else state, "warn" if late else "text"),

@@ -94,9 +94,7 @@ class ParametersPanel(Lines):
         rows = _rows(s.solution)
         room = max(1, height - 1)
         first = max(0, min(self.cursor - room // 2, len(rows) - room))
-        head = line(
-            ("  PARAMETER    NOMINAL  IDENTIFIED    CHANGE     SIGMA UNIT    PAPER", "header")
-        )
+        head = line((" PARAMETER    NOMINAL IDENTIFIED    CHANGE    SIGMA UNIT    PAPER", "header"))
         return [head, *rows[first : first + room]]
 
 
@@ -113,9 +111,9 @@ def _rows(solution: Solution) -> list[Line]:
         beside = "       —" if paper is None else f"{float(paper.x[k]) * scale:8.2f}"
         rows.append(
             line(
-                f"  {p.name:<11}{p.nominal * scale:9.3f} {value * scale:11.4f} ",
+                f" {p.name:<11}{p.nominal * scale:9.3f} {value * scale:10.4f} ",
                 (f"{change * scale:+9.3f}", "bold"),
-                f" {sigma * scale:9.4f} {unit} ",
+                f" {sigma * scale:8.4f} {unit} ",
                 (beside, "dim"),
             )
         )
@@ -125,7 +123,7 @@ def _rows(solution: Solution) -> list[Line]:
 class ResultsPlot(Lines):
     """Residuals by pose, by joint, RVDT curves, D-H table; `v` turns over."""
 
-    TITLE = "Residual of each pose (v: next)"
+    TITLE = "Residual of poses (v: next)"
     HELP = (
         "v turns over: residual of each pose, corrections by joint, the curve of each RVDT as the "
         "loops see it, the whole D-H table. A curve inside the dashed lines is within the sensor's "
@@ -145,11 +143,11 @@ class ResultsPlot(Lines):
         joints = rvdt_joints(s)
         page = self.page % self.pages(s)
         if page == 0:
-            self.retitle("Residual of each pose (v: next)")
+            self.retitle("Residual of poses (v: next)")
             return by_pose(s, width, height, ascii_only=ascii_only)
         if page <= len(joints):
             joint = joints[page - 1]
-            self.retitle(f"RVDT of J{joint} as the loops see it (v: next)")
+            self.retitle(f"RVDT of J{joint} (v: next)")
             return rvdt_curve(s, joint, width, height, ascii_only=ascii_only)
         if page == len(joints) + 1:
             self.retitle("Corrections by joint (v: next)")

@@ -30,7 +30,7 @@ def _view() -> FloatArray:
 class ArmView(Lines):
     """The chain as it stands; scale and place never change while a session runs."""
 
-    TITLE = "Arm (live; dotted: next pose)"
+    TITLE = "Arm (dotted: next pose)"
     HELP = (
         "The arm as the current estimate sees it, from its base (B) over joints 1 to 7 to the "
         "hinge (its axis is drawn through ⊕). Joints in position mode are marked in colour and "

@@ -44,7 +44,8 @@ class JointTable(Lines):
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Header and one line a joint."""
-        bar = max(7, min(13, width - 57 - (5 if self.show_wanted else 0)))
+        taken = 58 if self.show_wanted else 68
+        bar = max(7, min(13, width - taken))
         rows = [self._header(bar)]
         for k, joint in enumerate(s.procedure.arm.joints):
             state = s.arm.joints[k] if s.arm is not None else None
@@ -55,10 +56,10 @@ class JointTable(Lines):
         title = "−range+".center(bar)
         if self.show_wanted:
             return line(
-                ("  JOINT         SENS WANTED   ACTUAL    POS [deg]  T [N m] " + title, "header")
+                ("  JOINT         SENS WANTED   ACTUAL    POS[deg] T[N m] " + title, "header")
             )
         return line(
-            ("  JOINT         MODE      POS [deg] V[deg/s] T [N m] " + title + " STATE", "header")
+            ("  JOINT         MODE      POS[deg] V[°/s]  T[N m] " + title + " STATE", "header")
         )
 
     def _row(
@@ -70,11 +71,12 @@ class JointTable(Lines):
         spans: list[Span] = [("▌ " if marked else "  ", back + "text"), (name + " ", back + "text")]
         if self.show_wanted:
             wanted = self.wanted[k] if k < len(self.wanted) else None
-            actual = None if state is None else state.mode
-            changed = wanted is not None and wanted is not actual
             spans += [
                 (_sensor(joint.sensor).ljust(5), back + "dim"),
-                (_mode(wanted).ljust(9), back + ("accent" if changed else "text")),
+                (
+                    _mode(wanted).ljust(9),
+                    back + ("accent" if wanted is JointMode.POSITION else "text"),
+                ),
             ]
         if state is None:
             spans.append(("no data".ljust(9), back + "dim"))
@@ -83,17 +85,18 @@ class JointTable(Lines):
         spans.append(
             (
                 _mode(state.mode).ljust(9),
-                back + ("accent" if state.mode is JointMode.FREE else "text"),
+                back
+                + ("accent" if state.mode is JointMode.POSITION and s.drives_ready else "text"),
             )
         )
         position = math.degrees(state.position_rad)
         spans.append(
-            ((("?" if stale else " ") + f"{position:+9.3f}"), back + ("warn" if stale else "text"))
+            ((("?" if stale else " ") + f"{position:+8.3f}"), back + ("warn" if stale else "text"))
         )
         if not self.show_wanted:
-            speed = "       ?" if stale else f"{math.degrees(state.speed_rad_per_s):+8.2f}"
+            speed = "      ?" if stale else f"{math.degrees(state.speed_rad_per_s):+7.2f}"
             spans.append((" " + speed, back + ("warn" if stale else "text")))
-        torque = "      ?" if stale else f"{state.torque_nm:+7.1f}"
+        torque = "     ?" if stale else f"{state.torque_nm:+6.1f}"
         heavy = not stale and abs(state.torque_nm) > 0.6 * joint.max_torque_nm
         spans.append((" " + torque + " ", back + ("warn" if stale or heavy else "text")))
         spans.append((_bar(state.position_rad, joint, bar), back + "text"))
@@ -117,7 +120,7 @@ def _bar(position_rad: float, joint: Joint, cells: int) -> str:
 def _state(s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool) -> tuple[str, str]:
     if stale:
         word = "LOST" if s.data is DataState.LOST else "STALE"
-        return f"▲ {word} {1e3 * state.age_s:.0f} ms", "warn"
+        return f"▲ {word} {1e3 * state.age_s:.0f}", "warn"
     word = _DRIVES.get(state.drive, "disabled")
     if word != "ok":
         return (f"■ {word}", "alarm") if word != "disabled" else ("· off", "dim")
@@ -141,4 +144,3 @@ def _sensor(sensor: Sensor) -> str:
             return "RVDT"
         case NoSensor():
             return "none"
-    return ""

@@ -24,12 +24,11 @@ class Series:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axes:
-    """What the axes say: units, horizontal lines worth drawing, optional fixed range of y."""
+    """What the axes say: quantities with units, and horizontal lines worth drawing."""
 
     x_label: str
     y_label: str
     levels: tuple[float, ...] = (0.0,)
-    y_range: tuple[float, float] | None = None
     logarithmic: bool = False
 
 
@@ -39,18 +38,16 @@ def plot(
     """Return a plot of `height` lines; empty when it would not fit."""
     xs = [v for s in series for v in s.x]
     ys = [_scaled(v, axes) for s in series for v in s.y]
-    if not xs or width < LABEL + 10 or height < 5:
+    if not xs or width < LABEL + 10 or height < 6:
         return []
     levels = [_scaled(v, axes) for v in axes.levels]
-    low, high = axes.y_range or (min([*ys, *levels]), max([*ys, *levels]))
-    if axes.y_range is not None:
-        low, high = _scaled(low, axes), _scaled(high, axes)
+    low, high = min([*ys, *levels]), max([*ys, *levels])
     pad = 0.05 * (high - low) or max(abs(high), 1e-12) * 0.1
-    low, high = low - pad, high + pad
+    low, high = (low if low == 0.0 else low - pad), high + pad
     x_low, x_high = min(xs), max(xs)
     if x_high == x_low:
         x_low, x_high = x_low - 0.5, x_high + 0.5
-    canvas = Canvas(width - LABEL - 1, height - 2, ascii_only=ascii_only)
+    canvas = Canvas(width - LABEL - 1, height - 3, ascii_only=ascii_only)
 
     def place(x: float, y: float) -> tuple[float, float]:
         return (
@@ -64,7 +61,7 @@ def plot(
     for one in series:
         for x, y in zip(one.x, one.y, strict=True):
             canvas.blob(*place(x, _scaled(y, axes)), one.role)
-    rows: list[Line] = []
+    rows: list[Line] = [((f" {axes.y_label}"[:width], "dim"),)]
     picture = canvas.lines()
     marks = {0, (len(picture) - 1) // 2, len(picture) - 1}
     for k, row in enumerate(picture):
@@ -73,7 +70,7 @@ def plot(
         rows.append(((f"{label:>{LABEL - 1}} │", "dim"), *row))
     rows.append(((" " * LABEL + "└" + "─" * (width - LABEL - 1), "dim"),))
     left, right = _number(x_low), _number(x_high)
-    middle = f"{axes.x_label}   (up: {axes.y_label})"
+    middle = axes.x_label
     room = width - LABEL - 1 - len(left) - len(right)
     rows.append(
         ((" " * (LABEL + 1) + left + middle.center(max(room, 0))[: max(room, 0)] + right, "dim"),)

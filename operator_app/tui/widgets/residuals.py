@@ -36,7 +36,7 @@ def by_pose(s: SessionSnapshot, width: int, height: int, *, ascii_only: bool) ->
         Series(x=[n for n, w in zip(numbers, worst, strict=True) if w],
                y=[float(v) for v, w in zip(miss, worst, strict=True) if w], role="warn"),
     ]  # fmt: skip
-    axes = Axes(x_label="pose", y_label="mm; lines: rms and 2.5 rms", levels=(0.0, rms, 2.5 * rms))
+    axes = Axes(x_label="pose", y_label="mm   lines: rms, 2.5 rms", levels=(0.0, rms, 2.5 * rms))
     return plot(series, axes, width, height, ascii_only=ascii_only)
 
 
@@ -87,7 +87,7 @@ def rvdt_curve(
     limit = 1e3 * sensor.linearity_rad
     axes = Axes(
         x_label=f"reading of J{joint} [deg]",
-        y_label=f"correction [mrad]; lines: specification ±{limit:.0f}",
+        y_label=f"mrad   lines: spec ±{limit:.0f}",
         levels=(-limit, 0.0, limit),
     )
     return plot([Series(x=readings, y=found)], axes, width, height, ascii_only=ascii_only)

@@ -102,7 +102,7 @@ def _bus(s: SessionSnapshot, *, short: bool) -> list[Span]:
         return [("BUS ", "dim"), ("○" if short else "○ not connected", "dim")]
     if s.arm is None or s.data is DataState.LOST:
         return [("BUS ", "dim"), ("▲ SILENT", "alarm")]
-    rate = "" if short else f" {s.sync_rate_hz:3.0f} SYNC/s"
+    rate = "" if short else f" {s.sync_rate_hz:3.0f}/s"
     return [("BUS ", "dim"), ("● ok", "text"), (rate, "text")]
 
 
@@ -138,6 +138,8 @@ def _modes(s: SessionSnapshot, *, short: bool) -> list[Span]:
         return [("MODE ", "dim"), ("○", "dim")]
     position = [str(j.joint) for j in s.arm.joints if j.mode is JointMode.POSITION]
     free = sum(j.mode is JointMode.FREE for j in s.arm.joints)
+    if not position and not free:
+        return [("MODE ", "dim"), ("○", "dim")]
     if not free:
         return [("POS all" if short else "POSITION all", "text")]
     names = " ".join(f"J{j}" for j in position) or "none"

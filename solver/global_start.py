@@ -222,7 +222,7 @@ def _upright(
     them; its loop closes on the poses of its own branch and is upside down on the rest.
     """
     best = np.ones(len(q), dtype=np.bool_)
-    most = 0
+    score = (0, -np.inf)
     for _ in range(SAMPLES):
         few = np.sort(rng.choice(len(q), min(SAMPLE_POSES, len(q)), replace=False))
         search = StartSearch(model.at_poses(few), q[few], starts, rng, progress)
@@ -230,9 +230,11 @@ def _upright(
         near = np.linalg.norm(error.residual[:, error.rotation_rows :], axis=-1) < NEAR_M
         swing = np.linalg.norm(error.residual[:, : error.rotation_rows], axis=-1)
         upright, over = near & (swing < NEAR_RAD), near & (swing > np.pi - NEAR_RAD)
-        # Only a sample that explains nearly every pose, one way or the other, may tell them apart.
-        if (upright | over).sum() >= EXPLAINED * len(q) and upright.sum() > max(most, len(q) // 2):
-            best, most = ~over, int(upright.sum())
+        # A sample without strangers explains nearly every pose, one way or the other, and exactly.
+        explained = upright | over
+        here = (int(explained.sum()), -float(np.median(np.linalg.norm(error.residual, axis=-1))))
+        if here[0] >= EXPLAINED * len(q) and upright.sum() > over.sum() and here > score:
+            best, score = ~over, here
     return best
 
 

@@ -46,6 +46,10 @@ from solver.variance_components import VarianceComponents, estimate_implicit_wit
 
 ESTIMATORS = ("implicit", "paper")
 
+DOF_FOR_COMPONENTS = 10
+"""With fewer degrees of freedom no variance can be estimated beside the parameters: the sensors'
+specifications are believed."""
+
 
 class FixtureRefusedError(FixtureError):
     """A set-up check refuses this placement; `checks` say why and what to remount."""
@@ -147,7 +151,7 @@ def calibrate(
 
     kept, flipped = _on_branch(model, poses.q_rad)
     model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
-    require_enough_poses(model, len(q))
+    dof = require_enough_poses(model, len(q))
     sigma = arm.sigma_rad()
     found = global_start(model, q, progress=progress) if search else None
     held: tuple[str, ...] = ()
@@ -169,7 +173,7 @@ def calibrate(
             model,
             q,
             noise_model(arm, fixture, poses, kept),
-            component_plan(arm, unsensed_joints, fixture),
+            component_plan(arm, unsensed_joints, fixture, dof=dof),
             x0=x0,
             progress=progress,
         )
@@ -243,9 +247,11 @@ def noise_model(arm: ArmModel, fixture: Fixture, poses: PoseSet, kept: BoolArray
 
 
 def component_plan(
-    arm: ArmModel, unsensed_joints: tuple[int, ...], fixture: Fixture
+    arm: ArmModel, unsensed_joints: tuple[int, ...], fixture: Fixture, *, dof: int
 ) -> ComponentPlan:
     """Return which variances to estimate: each used RVDT's, and the flexure of what holds the hand."""
+    if dof < DOF_FOR_COMPONENTS:
+        return ComponentPlan(flexure=False)
     noisy = tuple(
         j
         for j, joint in enumerate(arm.joints, 1)

@@ -12,6 +12,10 @@ from solver.estimate import Estimate
 from solver.global_start import GlobalStart
 from solver.identifiability import Identifiability
 from solver.rvdt import RvdtVerdict
+from solver.statistics import chi2_test
+
+CHI2_BAND = 0.999
+"""A sound calibration fails this test once in two thousand times."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +30,8 @@ class Notice:
 class AcceptanceLimits:
     """What a calibration must reach to be accepted; None is no limit.
 
-    The sigmas are the ``rms`` reading of eqs. 14 and 15.
+    The sigmas are the ``rms`` reading of eqs. 14 and 15. Without a limit of its own, chi2/dof must
+    lie below the upper end of its 99.9 % band.
     """
 
     scaled_condition_number: float = 100.0
@@ -114,9 +119,12 @@ def reasons_against(
         if limit is not None and found > limit:
             reasons.append(f"{symbol} {1e3 * found:.2f} {unit} is above {1e3 * limit:.2f} {unit}")
     ratio = estimate.chi2_per_dof
-    if limits.chi2_per_dof is not None and ratio is not None and ratio > limits.chi2_per_dof:
-        reasons.append(
-            f"chi2/dof {ratio:.2f} is above {limits.chi2_per_dof:.2f}: the sensors or the fixture "
-            "are worse than stated"
-        )
+    if estimate.chi2 is not None and ratio is not None:
+        limit = limits.chi2_per_dof or chi2_test(estimate.chi2, estimate.dof, band=CHI2_BAND).high
+        if ratio > limit:
+            reasons.append(
+                f"chi2/dof {ratio:.2f} is above {limit:.2f}: these readings do not fit the sensors' "
+                "and the fixture's specifications; take more poses, look for a pose that was "
+                "disturbed, or leave out the joint that the warnings name"
+            )
     return tuple(reasons)

@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from solver.arm_model import ArmModel
 from solver.arrays import BoolArray, FloatArray
 from solver.closure import ClosureModel
 from solver.implicit_estimator import ImplicitFit, NoiseModel, ParameterPrior
 from solver.parameters import nominal_vector
 from solver.reml import MixedModel
-from solver.sensor_curve import SensorCurve
+from solver.sensor_curve import SensorCurve, curves_of
 
 FLOOR = 1e-3
 """No reading is believed beyond this share of its stated standard deviation."""
@@ -50,6 +51,12 @@ class ComponentPlan:
     curves: tuple[SensorCurve, ...] = ()
     flexure: bool = True
     tolerance: Mapping[str, float] = field(default_factory=dict)
+
+
+def plan_of(arm: ArmModel, *, unsensed_joints: tuple[int, ...] = ()) -> ComponentPlan:
+    """Plan for an arm: noise and curve of every RVDT whose reading is used, and the flexure."""
+    curves = curves_of(arm, unsensed_joints=unsensed_joints)
+    return ComponentPlan(noisy_joints=tuple(c.joint for c in curves), curves=curves)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""What a report checks a calibration by: jackknife, outliers, hold-out, RVDT verdicts. Knows no HTML."""
+"""What a report checks a calibration by: jackknife, outliers, hold-out. Knows no HTML."""
 
 from __future__ import annotations
 
@@ -6,19 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.errors import FixtureError
 from operator_app.calibration import Solution, component_plan, noise_model
 from operator_app.config.procedure import Procedure
-from solver.arrays import BoolArray, FloatArray
-from solver.closure import ClosureModel, DhLoop
+from solver.arrays import FloatArray
+from solver.closure import ClosureModel
 from solver.errors import SolverError
-from solver.estimate import Estimate
+from solver.estimate import Estimate, require_enough_poses
 from solver.holdout import HoldOut, fold_poses, hold_out
 from solver.implicit_estimator import NoiseModel
+from solver.outliers import Outlier, outlier_poses
 from solver.poses import PoseSet
-from solver.rvdt import RvdtVerdict, rvdt_verdicts
-from solver.sensors import Rvdt
-from solver.statistics import Outlier, jackknife, outlier_poses
+from solver.statistics import jackknife
 from solver.variance_components import estimate_implicit_with_components
 
 FOLDS = 5
@@ -36,14 +34,11 @@ class Checks:
         Poses that do not fit the others; indices into the poses used.
     held_out
         Parts of the poses judged by what the others give.
-    rvdt
-        One verdict an RVDT joint.
     """
 
     jackknife_sd: FloatArray | None = None
     outliers: tuple[Outlier, ...] = ()
     held_out: HoldOut | None = None
-    rvdt: tuple[RvdtVerdict, ...] = ()
 
 
 def check(solution: Solution, procedure: Procedure, poses: PoseSet) -> Checks:
@@ -58,7 +53,6 @@ def check(solution: Solution, procedure: Procedure, poses: PoseSet) -> Checks:
         jackknife_sd=_jackknife_sd(model, q, found, x),
         outliers=outlier_poses(model, q, found, x),
         held_out=_held_out(solution, procedure, q, stated),
-        rvdt=_rvdt(procedure, poses, kept, stated),
     )
 
 
@@ -74,9 +68,13 @@ def _jackknife_sd(
 def _held_out(
     solution: Solution, procedure: Procedure, q: FloatArray, noise: NoiseModel
 ) -> HoldOut | None:
-    plan = component_plan(procedure.arm, solution.model.unsensed_joints, procedure.fixture.fixture)
-
     def estimator(model: ClosureModel, rest: FloatArray, of_rest: NoiseModel) -> Estimate:
+        plan = component_plan(
+            procedure.arm,
+            model.unsensed_joints,
+            procedure.fixture.fixture,
+            dof=require_enough_poses(model, len(rest)),
+        )
         return estimate_implicit_with_components(model, rest, of_rest, plan)[0]
 
     if len(q) < 2 * FOLDS:
@@ -86,19 +84,3 @@ def _held_out(
     except SolverError:
         # The rest is too small to be estimated from.
         return None
-
-
-def _rvdt(
-    procedure: Procedure, poses: PoseSet, kept: BoolArray, noise: NoiseModel
-) -> tuple[RvdtVerdict, ...]:
-    arm = procedure.arm
-    joints = [j for j, joint in enumerate(arm.joints, 1) if isinstance(joint.sensor, Rvdt)]
-    unsensed = tuple(sorted({*joints, *arm.unsensed_joints}))
-    try:
-        model = procedure.fixture.fixture.model(arm, unsensed_joints=unsensed)
-        # Other loops have no equations to spare for measuring joints.
-        if not joints or not isinstance(model, DhLoop):
-            return ()
-        return rvdt_verdicts(model, arm, poses.q_rad[kept], noise)
-    except (SolverError, FixtureError):
-        return ()

@@ -16,7 +16,8 @@ CURVE_WORDS = (
     "sensor's curve, not noise: no number of poses averages it out, and it pulls at the parameters."
 )
 TABLE_WORDS = (
-    "Corrections to add to the readings, over the range the poses cover; they belong to the offsets "
+    "Corrections to add to the readings over the range the poses cover, straight lines in between (sarcal "
+    "solve --json lists twice as many); they belong to the offsets "
     "that are found without these readings, not to those above."
 )
 CLOSURE_WORDS = (
@@ -67,7 +68,7 @@ def rvdt(subject: Subject) -> Section | None:
     if not joints:
         return None
     content: list[str] = []
-    verdicts = subject.checks.rvdt
+    verdicts = subject.rvdt
     if verdicts:
         content.append(bullets(_judged(verdict) for verdict in verdicts))
         measured = [(v.joint, v.figures) for v in verdicts if v.figures is not None]

@@ -89,7 +89,7 @@ def rvdt_table(subject: Subject) -> Html:
         Column(title="share of squared closure error", unit="%"),
     ]
     rows = []
-    for verdict in subject.checks.rvdt:
+    for verdict in subject.rvdt:
         sensor = subject.procedure.arm.joints[verdict.joint - 1].sensor
         found = verdict.figures
         if found is None or not isinstance(sensor, Rvdt):
@@ -125,7 +125,7 @@ def correction_table(joint: int, figures: RvdtFigures) -> Html:
             fixed(1e3 * correction, 2, signed=True),
             fixed(1e3 * sigma, 2),
         ]
-        for reading, correction, sigma in figures.table_rad.tolist()
+        for reading, correction, sigma in figures.table_rad[::2].tolist()
     ]
     return table(f"Joint {joint}: corrections by reading", columns, rows, class_="small")
 

@@ -19,6 +19,7 @@ from operator_app.session.state import CapturedPose, SessionState, replay
 from solver.arrays import FloatArray
 from solver.errors import SolverError, UnidentifiableDirection, UnidentifiableError
 from solver.estimate import Estimate
+from solver.rvdt import RvdtVerdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +91,11 @@ class Subject:
         """By the implicit estimator."""
         found = self.implicit_solution
         return None if found is None else found.estimate
+
+    @property
+    def rvdt(self) -> tuple[RvdtVerdict, ...]:
+        """One verdict an RVDT joint, where the poses allow it."""
+        return () if self.solution is None else self.solution.rvdt
 
     @property
     def used(self) -> tuple[CapturedPose, ...]:

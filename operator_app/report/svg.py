@@ -68,7 +68,7 @@ def axis(
         high = max(abs(low), abs(high))
         low = -high
     if high - low <= 1e-12 * max(abs(low), abs(high)) or high == low:
-        margin = max(0.5 * abs(high), 1e-9) if not whole else 0.5
+        margin = 0.0 if whole else max(0.5 * abs(high), 1e-9)
         low, high = low - margin, high + margin
     room = 0.5 if whole else 0.06 * (high - low)
     low, high = low - room, high + room

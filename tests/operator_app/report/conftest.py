@@ -1,0 +1,114 @@
+"""A page taken apart: what tests of reports look at. Knows html.parser, and nothing of sarcal's markup."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+VOID = {"meta", "br", "col", "link", "hr", "img", "input"}
+
+
+class Page(HTMLParser):
+    """Tables, texts, attributes and nesting errors of a page."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.errors: list[str] = []
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str, str]] = []
+        self.tables: list[dict[str, list[list[tuple[str, dict[str, str], str]]]]] = []
+        self.text = ""
+        self._open: list[str] = []
+        self._part = ""
+        self.feed(source)
+        self.close()
+        self.errors += [f"<{tag}> is never closed" for tag in self._open]
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        names = [name for name, _ in attrs]
+        if len(set(names)) != len(names):
+            self.errors.append(f"<{tag}> has an attribute twice")
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        if tag not in VOID:
+            self._open.append(tag)
+        if tag == "table":
+            self.tables.append({"caption": [], "thead": [], "tbody": []})
+        elif tag in ("thead", "tbody", "caption"):
+            self._part = tag
+            if tag == "caption":
+                self.tables[-1]["caption"].append([("caption", {}, "")])
+        elif tag == "tr":
+            self.tables[-1][self._part].append([])
+        elif tag in ("th", "td"):
+            found = {name: value or "" for name, value in attrs}
+            self.tables[-1][self._part][-1].append((tag, found, ""))
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self._open or self._open.pop() != tag:
+            self.errors.append(f"</{tag}> closes something else")
+
+    def handle_data(self, data: str) -> None:
+        if "style" in self._open:
+            return
+        self.text += data
+        if any(tag in self._open for tag in ("th", "td", "caption")):
+            row = self.tables[-1][self._part][-1]
+            tag, attrs, before = row[-1]
+            row[-1] = (tag, attrs, before + data)
+
+    def table(self, caption: str) -> dict[str, list[list[tuple[str, dict[str, str], str]]]]:
+        """Return the one table whose caption begins so."""
+        (found,) = [t for t in self.tables if t["caption"][0][0][2].startswith(caption)]
+        return found
+
+    def rows(self, caption: str) -> list[list[str]]:
+        """Return the texts of a table's body."""
+        return [[cell[2] for cell in row] for row in self.table(caption)["tbody"]]
+
+
+def units_missing(page: Page, without_unit: set[str]) -> list[str]:
+    """Columns of numbers whose header, group, caption or row gives no unit."""
+    missing = []
+    for table in page.tables:
+        caption = table["caption"][0][0][2]
+        headers = _headers(table["thead"])
+        has_unit_column = any(title == "unit" for title, _ in headers)
+        for column, (title, group) in enumerate(headers):
+            numbers = [row[column] for row in table["tbody"] if row[column][1].get("class") == "n"]
+            said = f"{title} {group} {caption}"
+            if not numbers or has_unit_column or re.search(r"\[[^\]]+\]|no unit", said):
+                continue
+            if title not in without_unit:
+                missing.append(f"{caption}: {title}")
+    return missing
+
+
+def _headers(
+    rows: list[list[tuple[str, dict[str, str], str]]],
+) -> list[tuple[str, str]]:
+    """Title and group of every column, from one or two header rows."""
+    if len(rows) == 1:
+        return [(cell[2], "") for cell in rows[0]]
+    second = iter(rows[1])
+    found = []
+    for _, attrs, words in rows[0]:
+        if attrs.get("rowspan"):
+            found.append((words, ""))
+        else:
+            found += [(next(second)[2], words) for _ in range(int(attrs["colspan"]))]
+    return found
+
+
+@pytest.fixture
+def take_apart() -> type[Page]:
+    """Parse a page."""
+    return Page
+
+
+@pytest.fixture
+def find_missing_units() -> object:
+    """Find columns without a unit."""
+    return units_missing

@@ -1,0 +1,310 @@
+"""A report says what the session measured and what was found, in a page that is whole and harmless."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.headless.runner import run
+from operator_app.report.html import report_html
+from operator_app.report.subject import Subject, subject_of_session
+from operator_app.session.errors import SessionError
+from operator_app.session.journal import JOURNAL_NAME, read_journal
+from operator_app.session.workflow import Session
+
+MakeSession = Callable[..., Session]
+HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
+DIMENSIONLESS = {
+    "times noise", "gain, reading per angle", "chi2",
+}  # fmt: skip
+
+
+class Silent:
+    """A listener that does not listen."""
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return lambda *_: None
+
+
+def procedure(poses: int) -> Procedure:
+    from hardware.virtual.scenarios import scenario
+
+    found = load_procedure("hinge")
+    return replace(
+        found,
+        arm=scenario("datasheet").arm(found.arm),
+        capture=replace(found.capture, poses=poses, samples_per_pose=8),
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded() -> dict[str, Any]:
+    """What this module's tests share: the journal is captured once and solved once."""
+    return {}
+
+
+@pytest.fixture
+def folder(make_session: MakeSession, recorded: dict[str, Any], tmp_path: Path) -> Path:
+    """A session of 18 poses on the virtual plant; one is excluded, one has a hostile note."""
+    where = tmp_path / "session"
+    if "hinge" in recorded:
+        where.mkdir()
+        (where / JOURNAL_NAME).write_bytes(recorded["hinge"])
+        return where
+    session = make_session(procedure(18), "datasheet")
+    run(session, Silent())
+    session.exclude(4, "bumped the table <b>")
+    session.note(7, HOSTILE.replace("\ud800", ""))
+    session.calibrate()
+    session.close("done")
+    recorded["hinge"] = (where / JOURNAL_NAME).read_bytes()
+    return where
+
+
+@pytest.fixture
+def subject(folder: Path, recorded: dict[str, Any]) -> Subject:
+    if "subject" not in recorded:
+        events = read_journal(folder).events
+        recorded["subject"] = subject_of_session("session", events, procedure(18))
+    found = recorded["subject"]
+    assert isinstance(found, Subject)
+    return found
+
+
+@pytest.fixture
+def page(subject: Subject, take_apart: type) -> object:
+    return take_apart(report_html(subject).decode())
+
+
+def test_the_page_is_whole_and_loads_nothing(page: object, subject: Subject) -> None:
+    source = report_html(subject).decode()
+    assert page.errors == []
+    assert not {"script", "img", "link", "iframe", "object", "form", "input"} & set(page.tags)
+    assert "http:" not in source
+    assert "https:" not in source
+    assert "url(" not in source
+    links = [value for _, name, value in page.attributes if name in ("href", "src", "action")]
+    anchors = {value for _, name, value in page.attributes if name == "id"}
+    assert all(link.startswith("#") and link[1:] in anchors for link in links)
+    assert not [name for _, name, _ in page.attributes if name.startswith("on") or name == "style"]
+    assert ("html", "lang", "en") in page.attributes
+    identifiers = [value for _, name, value in page.attributes if name == "id"]
+    assert len(set(identifiers)) == len(identifiers)
+    policy = [v for _, name, v in page.attributes if name == "content" and "default-src" in v]
+    assert policy == [
+        "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+    ]
+
+
+def test_notes_stay_text(page: object, subject: Subject) -> None:
+    source = report_html(subject).decode()
+    assert "alert(" in page.text
+    assert "<script" not in source
+    poses = page.rows("Captured poses")
+    assert poses[6][-1].startswith('<script>alert("1")</script></td></table>')
+    assert "\x07" not in source
+    assert poses[3][-1] == "✕ excluded: bumped the table <b>"
+
+
+def test_a_note_that_no_text_can_hold_is_marked(subject: Subject) -> None:
+    poses = tuple(replace(p, note=HOSTILE) for p in subject.poses)
+    assert "\ufffd" in report_html(replace(subject, poses=poses)).decode()
+
+
+def test_the_same_journal_gives_the_same_page(folder: Path, subject: Subject) -> None:
+    again = subject_of_session("session", read_journal(folder).events, procedure(18))
+    assert report_html(again) == report_html(subject)
+
+
+def test_every_column_of_numbers_has_a_unit(
+    page: object, find_missing_units: Callable[..., list[str]]
+) -> None:
+    assert find_missing_units(page, DIMENSIONLESS) == []
+
+
+def test_pictures_are_named_and_headers_scoped(page: object) -> None:
+    pictures = [i for i, tag in enumerate(page.tags) if tag == "svg"]
+    assert len(pictures) >= 4
+    named = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "role")]
+    assert named == ["img"] * len(pictures)
+    assert page.tags.count("desc") == len(pictures)
+    headers = page.tags.count("th")
+    scopes = [value for tag, name, value in page.attributes if (tag, name) == ("th", "scope")]
+    assert len(scopes) == headers
+    assert set(scopes) == {"col", "row", "colgroup"}
+    assert page.tags.count("caption") == page.tags.count("table")
+
+
+def test_the_verdict_comes_first_with_arm_serial_fixture_and_time(
+    page: object, subject: Subject
+) -> None:
+    assert page.tags.index("h1") < page.tags.index("h2")
+    for words in (
+        "Accepted",
+        "sarcos_dextrous, serial SDA-0001, in fixture hinge, 2026-01-31 12:00 UTC",
+        subject.pose_set_sha256,
+        f"sarcal {subject.software_version}",
+    ):
+        assert words in page.text
+
+
+def number(words: str) -> float:
+    return float(words.replace("\u2212", "-"))
+
+
+def test_parameters_are_those_of_the_solution(page: object, subject: Subject) -> None:
+    assert subject.solution is not None
+    estimate = subject.solution.estimate
+    rows = page.rows("Identified parameters")
+    assert [row[0] for row in rows] == [p.name for p in estimate.parameters]
+    for row, p, value, sd in zip(
+        rows, estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
+    ):
+        scale = 180.0 / math.pi if p.is_angle else 1e3
+        assert row[1] == ("deg" if p.is_angle else "mm")
+        resolution = 10.0 ** -len(row[3].partition(".")[2])
+        assert number(row[2]) == pytest.approx(p.nominal * scale, abs=0.005)
+        assert number(row[3]) == pytest.approx(value * scale, abs=resolution)
+        assert number(row[4]) == pytest.approx((value - p.nominal) * scale, abs=resolution)
+        assert number(row[5]) == pytest.approx(sd * scale, abs=resolution)
+        # Two figures of every sigma are there.
+        assert number(row[5]) >= 0.9 * resolution
+        low, high = number(row[6]), number(row[7])
+        assert high - low == pytest.approx(2.0 * 1.96 * sd * scale, abs=3.0 * resolution)
+
+
+def test_both_estimators_stand_side_by_side(page: object, subject: Subject) -> None:
+    assert subject.paper is not None
+    assert subject.implicit is not None
+    assert subject.paper is not subject.implicit
+    assert "implicit (chosen)" in page.text
+    row = page.rows("Identified parameters")[0]
+    assert number(row[9]) == pytest.approx(math.degrees(subject.paper.x[0]), abs=1e-3)
+    change = math.degrees(subject.paper.x[0] - subject.implicit.x[0])
+    assert number(row[-1]) == pytest.approx(change, abs=1e-3)
+
+
+def test_closure_before_and_after_in_both_readings(page: object, subject: Subject) -> None:
+    assert subject.solution is not None
+    rows = {row[0]: [number(cell) for cell in row[1:]] for row in page.rows("Closure at")}
+    before, after = subject.solution.before, subject.solution.estimate.sigmas
+    for name, sigmas in (("nominal, before", before), ("implicit (chosen), after", after)):
+        expected = [
+            1e3 * sigmas.position_m.rms,
+            1e3 * sigmas.position_m.as_printed,
+            1e3 * sigmas.orientation_rad.rms,
+            1e3 * sigmas.orientation_rad.as_printed,
+        ]
+        assert rows[name] == pytest.approx(expected, rel=1e-3)
+    held_out = next(values for name, values in rows.items() if "held out" in name)
+    assert held_out[0] > rows["implicit (chosen), after"][0]
+
+
+def test_poses_and_joints_are_all_there(page: object, subject: Subject) -> None:
+    poses = page.rows("Captured poses")
+    assert [row[0] for row in poses] == [str(p.number) for p in subject.poses]
+    assert "Excluded by the operator: 4" in page.text
+    for row, pose in zip(poses, subject.poses, strict=True):
+        assert [number(cell) for cell in row[2:9]] == pytest.approx(
+            np.rad2deg(pose.mean_rad).tolist(), abs=6e-4
+        )
+    assert poses[3][10] == "n/a"
+    joints = page.rows("Joints:")
+    assert [row[2] for row in joints] == [
+        "position", "free", "free", "free", "position", "free", "free",
+    ]  # fmt: skip
+    assert "RVDT, 12 bit over 120 deg" in joints[5][1]
+    low = np.rad2deg(subject.readings_rad).min(axis=0)
+    assert [number(row[6]) for row in joints] == pytest.approx(low.tolist(), abs=0.006)
+
+
+def test_rvdt_verdicts_and_condition_are_told(page: object, subject: Subject) -> None:
+    assert subject.solution is not None
+    assert len(subject.rvdt) == 2
+    for verdict in subject.rvdt:
+        assert verdict.text in page.text
+    assert f"{subject.solution.seen.scaled_condition_number:.1f}; below 100" in page.text
+    assert "Rank14 of 14 parameters" in page.text.replace("\n", "")
+    for k, value in enumerate(subject.solution.seen.observability, 1):
+        assert re.search(rf"O{k} {value:.3g}"[:8], page.text)
+
+
+def test_a_drifted_program_is_said(subject: Subject, take_apart: type) -> None:
+    assert subject.drift_from_journal == 0.0
+    assert "bit for bit" in take_apart(report_html(subject).decode()).text
+    other = take_apart(report_html(replace(subject, drift_from_journal=0.02)).decode())
+    assert "gives other parameters than the session recorded, by up to 0.020" in other.text
+    assert "bit for bit" not in other.text
+
+
+def test_simulated_is_said_and_real_is_not(subject: Subject, take_apart: type) -> None:
+    assert "SIMULATED" not in take_apart(report_html(subject).decode()).text
+    told = report_html(replace(subject, simulated=True, settings={"scenario": "wild"})).decode()
+    text = take_apart(told).text
+    assert text.index("SIMULATED") < text.index("Accepted")
+    assert "scenario wild" in text
+
+
+def test_the_paper_may_be_the_chosen_one(folder: Path, take_apart: type) -> None:
+    subject = subject_of_session(
+        "session", read_journal(folder).events, procedure(18), estimator="paper"
+    )
+    assert subject.solution is not None
+    page = take_apart(report_html(subject).decode())
+    assert "paper (chosen)" in page.text
+    assert subject.implicit is not None
+    # Student's interval: the noise was estimated from the residuals.
+    estimate = subject.solution.estimate
+    from scipy.stats import t
+
+    row = page.rows("Identified parameters")[0]
+    half = t.ppf(0.975, estimate.dof) * math.degrees(estimate.standard_deviation[0])
+    assert number(row[7]) - number(row[6]) == pytest.approx(2.0 * half, rel=0.02)
+
+
+def test_joints_left_out_are_said_to_be(folder: Path, take_apart: type) -> None:
+    subject = subject_of_session(
+        "session", read_journal(folder).events, procedure(18), unsensed_joints=(6, 7)
+    )
+    page = take_apart(report_html(subject).decode())
+    assert page.errors == []
+    assert "The readings of joint 6 and 7 were not used" in page.text
+    assert "theta_off_6" not in [row[0] for row in page.rows("Identified parameters")]
+    assert "The paper's estimator needs every joint sensed" in page.text
+    assert page.rows("Joints:")[5][1].endswith("(reading not used)")
+
+
+def test_what_cannot_be_identified_is_reported_without_numbers(
+    folder: Path, take_apart: type
+) -> None:
+    events = list(read_journal(folder).events)
+    for k, event in enumerate(events):
+        if event.name == "pose":
+            still = [*event.data["mean_rad"]]
+            still[3] = -2.0
+            events[k] = replace(event, data={**event.data, "mean_rad": still})
+    subject = subject_of_session("session", events, procedure(18))
+    assert subject.solution is None
+    page = take_apart(report_html(subject).decode())
+    assert page.errors == []
+    assert "Not identifiable" in page.text
+    assert "joint 4 does not move" in page.text
+    assert "condition" not in page.text
+    assert len(page.rows("Captured poses")) == 18
+
+
+def test_a_session_without_poses_has_nothing_to_report(make_session: MakeSession) -> None:
+    session = make_session(procedure(3))
+    session.close("done")
+    events = read_journal(session.journal.path.parent).events
+    with pytest.raises(SessionError, match="no pose"):
+        subject_of_session("s", events, procedure(3))

@@ -1,0 +1,111 @@
+"""Parameter documents of a hinge calibration with planted values, made without any estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from datetime import UTC, datetime
+
+from operator_app.config.parameters import (
+    CalibratedEntry,
+    DhRow,
+    JointParameters,
+    ParametersDocument,
+    Quality,
+    TwoFigures,
+)
+
+VALUES: Mapping[str, float] = {
+    "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,
+    "theta_off_5": 27.1, "theta_off_6": 116.3, "theta_off_7": 89.3, "a_0": 0.202, "s_0": 0.014,
+    "alpha_0": -38.5, "s_1": 0.273, "a_7": -0.101, "s_7": 0.038, "alpha_7": 99.8,
+}  # fmt: skip
+"""Table 2 of the paper, deg and m: what a calibration identifies."""
+
+CONSTANTS: Mapping[str, float] = {
+    "alpha_1": 90.0, "alpha_2": -90.0, "alpha_3": 90.0, "alpha_4": -90.0, "alpha_5": 90.0,
+    "alpha_6": -90.0, "s_3": 0.355, "s_5": 0.32,
+}  # fmt: skip
+
+SIGMA_DEG = 1e-3
+SIGMA_M = 1e-5
+
+
+def is_angle(name: str) -> bool:
+    """Whether an entry is an angle."""
+    return name.startswith(("theta_off_", "alpha_"))
+
+
+def make_document(
+    changes: Mapping[str, float] | None = None,
+    *,
+    values: Mapping[str, float] | None = None,
+    nominal: Mapping[str, float] | None = None,
+    without: Collection[str] = (),
+    sigma: float = 1.0,
+    chi2_per_dof: float | None = 1.0,
+    poses: str = "a",
+) -> ParametersDocument:
+    """Build a document.
+
+    Parameters
+    ----------
+    changes
+        Added to the values, deg and m.
+    values, nominal
+        Instead of those of `VALUES` and `CONSTANTS`, where given.
+    without
+        Entries that were not calibrated.
+    sigma
+        Standard deviations, in units of `SIGMA_DEG` and `SIGMA_M`.
+    poses
+        Which pose set: one hexadecimal digit.
+    """
+    table = {**CONSTANTS, **(nominal or {}), **VALUES, **(values or {})}
+    for name, change in (changes or {}).items():
+        table[name] += change
+    calibrated = tuple(
+        CalibratedEntry(entry=name, sigma=sigma * (SIGMA_DEG if is_angle(name) else SIGMA_M))
+        for name in VALUES
+        if name not in without
+    )
+    sigma_of = {entry.entry: entry.sigma for entry in calibrated}
+    joints = tuple(
+        JointParameters(
+            joint=j,
+            theta_off_deg=table[f"theta_off_{j}"],
+            sigma_deg=sigma_of.get(f"theta_off_{j}"),
+            home_offset_counts=0,
+        )
+        for j in range(1, 8)
+    )
+    return ParametersDocument(
+        arm_model="sarcos_dextrous",
+        arm_serial="SDA-0001",
+        joints=joints,
+        dh=tuple(
+            DhRow(
+                row=row,
+                theta_off_deg=table.get(f"theta_off_{row}", 0.0),
+                s_m=table.get(f"s_{row}", 0.0),
+                a_m=table.get(f"a_{row}", 0.0),
+                alpha_deg=table.get(f"alpha_{row}", 0.0),
+            )
+            for row in range(8)
+        ),
+        calibrated=calibrated,
+        fixture="hinge",
+        fixture_kind="hinge",
+        quality=Quality(
+            poses=40,
+            rank=len(calibrated),
+            scaled_condition_number=33.0,
+            sigma_pos_mm=TwoFigures(rms=0.1, as_printed=0.01),
+            sigma_ori_mrad=TwoFigures(rms=0.2, as_printed=0.02),
+            chi2_per_dof=chi2_per_dof,
+        ),
+        warnings=(),
+        estimator="implicit",
+        pose_set_sha256=poses * 64,
+        software_version="0.1.0",
+        utc=datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC),
+    )

@@ -1,0 +1,117 @@
+"""`sarcal report` as a script sees it: a page in the session folder, exit codes, words when it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.cli import main
+from operator_app.config.poses_file import load_poses
+from operator_app.session.journal import Journal
+from operator_app.session.opening import Choices, begin
+
+MakeFolder = Callable[..., Path]
+
+
+@pytest.fixture
+def make_folder(tmp_path: Path, shared_data: Path) -> MakeFolder:
+    """A session folder with poses of the reference set, journaled as a run would."""
+    poses = load_poses(shared_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
+
+    def make(count: int = 20, still: int | None = None, **choices: object) -> Path:
+        choices = {"scenario": "exact", **choices}
+        opening = begin("hinge", Choices(**choices), root=tmp_path / "sessions")  # type: ignore[arg-type]
+        journal = Journal.create(opening.folder)
+        journal.append(
+            "opened", {"sources": dict(opening.sources), "settings": dict(opening.settings)}
+        )
+        journal.append("connected", {"model": "sarcos_dextrous", "serial_number": "SDA-0009"})
+        for k in range(count):
+            angles = poses.q_rad[k].copy()
+            if still is not None:
+                angles[still - 1] = poses.q_rad[0, still - 1]
+            pose = {
+                "number": k + 1, "waypoint": k, "mean_rad": angles.tolist(),
+                "sd_rad": np.full(7, 1e-5).tolist(), "samples": 8, "note": "",
+            }  # fmt: skip
+            journal.append("pose", pose)
+        journal.close()
+        return opening.folder
+
+    return make
+
+
+def test_the_page_is_written_into_the_session_folder(
+    make_folder: MakeFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make_folder()
+    assert main(["report", str(folder)]) == 0
+    assert capsys.readouterr().out == f"Report      {folder / 'report.html'}\n"
+    page = (folder / "report.html").read_bytes()
+    assert page.startswith(b"<!DOCTYPE html>\n<html lang=")
+    assert b"SDA-0009" in page
+    assert main(["report", folder.name, "--sessions", str(folder.parent)]) == 0
+    assert (folder / "report.html").read_bytes() == page
+    assert sorted(p.name for p in folder.iterdir()) == ["journal.jsonl", "report.html"]
+
+
+def test_elsewhere_and_to_standard_output(
+    make_folder: MakeFolder, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    folder = make_folder()
+    target = tmp_path / "elsewhere.html"
+    assert main(["report", str(folder), "-o", str(target), "--estimator", "paper"]) == 0
+    assert not (folder / "report.html").exists()
+    capfdbinary.readouterr()
+    assert main(["report", str(folder), "-o", "-", "--estimator", "paper"]) == 0
+    assert capfdbinary.readouterr().out == target.read_bytes()
+    assert b"paper (chosen)" in target.read_bytes()
+
+
+def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder: MakeFolder) -> None:
+    folder = make_folder(still=4)
+    assert main(["report", str(folder)]) == 5
+    page = (folder / "report.html").read_text()
+    assert "Not identifiable" in page
+    assert "joint 4 does not move" in page
+
+
+@pytest.mark.parametrize(
+    ("poses", "options", "words"),
+    [
+        (0, [], "no pose to report on"),
+        (2, [], "at least 3 poses"),
+        (4, ["--unsensed", "8"], "no joint 8"),
+        (4, ["--unsensed", "6", "--estimator", "paper"], "use --estimator implicit"),
+    ],
+)
+def test_nothing_is_written_when_there_is_nothing_to_say(
+    make_folder: MakeFolder,
+    poses: int,
+    options: list[str],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = make_folder(poses)
+    assert main(["report", str(folder), *options]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert words in said.err
+    assert not (folder / "report.html").exists()
+
+
+def test_a_folder_that_is_no_session_is_said_to_be_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", str(tmp_path)]) == 2
+    assert "is no session" in capsys.readouterr().err
+
+
+def test_a_page_that_cannot_be_written_is_said(
+    make_folder: MakeFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", str(make_folder(5)), "-o", str(tmp_path / "none" / "r.html")]) == 2
+    assert "cannot be written" in capsys.readouterr().err

@@ -21,7 +21,7 @@ from solver.loop_angles import LoopAngle, loop_angles
 from solver.parameters import wrap_angle
 from solver.rvdt_figures import RvdtFigures, measure, sensor_angle
 from solver.sensors import Rvdt
-from solver.variance_components import VarianceComponents, estimate_implicit_with_components
+from solver.variance_components import estimate_implicit_with_components
 
 MIN_POSES = 15
 MIN_SPAN = 0.15
@@ -114,8 +114,9 @@ def rvdt_verdicts(
         model, q, noise, ComponentPlan() if plan is None else plan, x0=x0
     )
     angles = {a.joint: a for a in loop_angles(model, estimate.x, q, found.noise)}
-    softest = loop_angles(model, estimate.x, q, _softest(found))
-    most = {a.joint: float(np.mean(a.pose_variance)) for a in softest}
+    # A fixture that turns looks like noise of the wrist, and no pose tells the two apart: where it
+    # gives at all, none of the scatter is held against the sensor.
+    gives = found.flexure is not None and found.flexure.gives
     offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
     verdicts = []
     for joint, sensor in sensors.items():
@@ -126,24 +127,12 @@ def rvdt_verdicts(
         if reason:
             verdicts.append(_undecided(joint, reason))
             continue
-        figures = measure(
-            reading, angle, sensor, estimate.covariance, most_loop_variance=most[joint]
-        )
+        own = np.inf if gives else float(np.mean(angle.pose_variance))
+        figures = measure(reading, angle, sensor, estimate.covariance, most_loop_variance=own)
         here = offsets | {joint: figures.theta_off_rad}
         share = _share(model, estimate.x, q, joint, figures, here)
         verdicts.append(_judge(joint, sensor, figures, share))
     return tuple(verdicts)
-
-
-def _softest(found: VarianceComponents) -> NoiseModel:
-    """Noise model with the most flexure that the data allow."""
-    high = {c.name: c.high**2 for c in found.components}
-    stated = found.noise.fixture_variance
-    give = np.zeros(6) if stated is None else stated
-    most = np.repeat([high.get("fixture_rad", 0.0), high.get("fixture_m", 0.0)], 3)
-    return NoiseModel(
-        joint_variance=found.noise.joint_variance, fixture_variance=np.maximum(give, most)
-    )
 
 
 def _undecidable(
@@ -221,11 +210,9 @@ def _words(
         parts.append(f"noise {figures.noise_lsb:.1f} LSB (specification {sensor.noise_lsb:g})")
     else:
         parts.append(
-            f"noise below {figures.noise_high:.1f} LSB (the loop's own: "
-            f"{1e3 * figures.loop_sd_rad:.2g} mrad)"
+            f"noise below {figures.noise_high:.1f} LSB, not told from the loop's own "
+            f"{1e3 * figures.loop_sd_rad:.2g} mrad"
         )
-    if figures.noise_low > NOISE_MARGIN * sensor.noise_lsb:
-        parts.append("of the sensor, or of a fixture that turns")
     if verdict is not Verdict.SOUND and share > 0.0:
         parts.append(f"explains {100.0 * share:.0f} % of the squared closure error")
     if harmful:

@@ -12,7 +12,7 @@ from solver.rvdt import RvdtVerdict, Verdict
 from solver.rvdt_figures import RvdtFigures
 
 CURVE_WORDS = (
-    "With the readings of joint {joints} used, these corrections close the loops. A bow or an S is the "
+    "With the readings of {joints} used, these corrections close the loops. A bow or an S is the "
     "sensor's curve, not noise: no number of poses averages it out, and it pulls at the parameters."
 )
 TABLE_WORDS = (
@@ -80,10 +80,10 @@ def rvdt(subject: Subject) -> Section | None:
     estimate = subject.implicit
     used = [j for j in joints if j not in subject.unsensed_joints]
     if len(used) < len(joints):
-        unused = names(j for j in joints if j not in used)
-        content.append(remark(f"The readings of joint {unused} were not used."))
+        unused = _joints([j for j in joints if j not in used])
+        content.append(remark(f"The readings of {unused} were not used."))
     if used and estimate is not None and estimate.corrections is not None:
-        content.append(remark(CURVE_WORDS.format(joints=names(used))))
+        content.append(remark(CURVE_WORDS.format(joints=_joints(used))))
         content.append(plots(_corrections(subject, estimate, j) for j in used))
     tables_of = [
         joint_tables.correction_table(v.joint, v.figures)
@@ -91,9 +91,13 @@ def rvdt(subject: Subject) -> Section | None:
         if v.figures is not None and v.verdict is not Verdict.SOUND
     ]
     if tables_of:
-        content.append(remark(TABLE_WORDS))
+        content.append(remark(prose(TABLE_WORDS)))
         content.append(plots(tables_of))
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
+
+
+def _joints(numbers: list[int]) -> str:
+    return f"joint{'s' if len(numbers) > 1 else ''} {names(numbers)}"
 
 
 def _judged(verdict: RvdtVerdict) -> Html:

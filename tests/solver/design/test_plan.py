@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from time import process_time
 
 import numpy as np
@@ -24,6 +25,11 @@ def task(loop) -> PlanningTask:
         noise=planning_noise(SIGMA),
         drive_sets=((1, 5),),
     )
+
+
+@pytest.fixture(scope="module")
+def quick(task) -> PlanningTask:
+    return replace(task, candidates=500)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +81,8 @@ def test_captured_poses_change_the_plan(task, x, plan) -> None:
     assert standard_deviations(again) == pytest.approx(more.predicted_sigma, rel=1e-4)
 
 
-def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, task) -> None:
+def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, quick) -> None:
+    task = quick
     few = closed_poses(paper_truth(), np.random.default_rng(2), 5, spread_deg=8.0, box_deg=10.0)
     covariance = np.linalg.inv(information_of(task, x, few[:, 1:])) * 4.0
     plan = make_plan(task, x, HOME, 6, covariance=covariance)
@@ -110,7 +117,7 @@ def test_prediction_sigma_is_what_happens(loop, x, region) -> None:
     assert np.std(moved, axis=0).max() == pytest.approx(expected, rel=0.2)
 
 
-def test_avoids_where_a_move_was_stopped(task, x, plan) -> None:
+def test_avoids_where_a_move_was_stopped(quick, x, plan) -> None:
     bad = plan.poses_rad[3]
-    other = make_plan(task, x, HOME, 8, avoid_rad=bad[None, :])
+    other = make_plan(quick, x, HOME, 8, avoid_rad=bad[None, :])
     assert np.linalg.norm(other.poses_rad - bad, axis=-1).min() > 0.15

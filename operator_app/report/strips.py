@@ -113,7 +113,10 @@ class Range:
 
 
 def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequence[Range]) -> Html:
-    """Draw each range as a bar of full width with a tick a value; its ends are written below it."""
+    """Draw each range as a bar with a tick a value; its ends are written below it.
+
+    Bars have the full width, less what values beyond the range need.
+    """
     right = WIDTH - RIGHT - SCALE
     height = HEAD + ROW * len(rows) + 4.0
     parts = [
@@ -123,21 +126,27 @@ def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequenc
     for k, row in enumerate(rows):
         top = HEAD + ROW * k + 4.0
 
-        def place(value: float, row: Range = row) -> float:
-            return NAME + (value - row.low) / (row.high - row.low) * (right - NAME)
-
-        start, end = place(min(row.values)), place(max(row.values))
+        scale = Axis(
+            label="",
+            unit=unit,
+            low=min(row.low, *row.values),
+            high=max(row.high, *row.values),
+            ticks=(),
+        )
+        low, high = (scale.place(v, NAME, right) for v in (row.low, row.high))
+        start, end = (scale.place(v, NAME, right) for v in (min(row.values), max(row.values)))
         parts += [
             label(row.name, 2.0, top + 9.0, class_="legend"),
-            element("rect", x=NAME, y=top, width=right - NAME, height=11.0, class_="range"),
+            element("rect", x=low, y=top, width=high - low, height=11.0, class_="range"),
             element(
                 "rect", x=start, y=top, width=max(0.8, end - start), height=11.0, class_="band"
             ),
         ]
-        parts += [segment(place(v), top, place(v), top + 11.0, "rug") for v in row.values]
+        marks = (scale.place(v, NAME, right) for v in row.values)
+        parts += [segment(x, top, x, top + 11.0, "rug") for x in marks]
         parts += [
-            label(fixed(row.low, 0), NAME, top + 22.0),
-            label(fixed(row.high, 0), right, top + 22.0, anchor="end"),
+            label(fixed(row.low, 0), low, top + 22.0),
+            label(fixed(row.high, 0), high, top + 22.0, anchor="end"),
             label(fixed(100.0 * row.covered, 0), WIDTH - 2.0, top + 9.0, anchor="end"),
         ]
     return picture(ident, title, description, height, parts)

@@ -20,6 +20,7 @@ from solver.design.manifold import Manifold
 from solver.design.motion import ChainMotion, chain_motion
 from solver.design.paths import MotionLimits, PathGraph
 
+SAMPLE = 200
 FOLDED = 0.02
 """Leverage below this is a fold: the free joints may go either way."""
 
@@ -86,9 +87,12 @@ def rank_over_region(
     ranked = []
     for drives in _sets(model, manifold.motion.degrees):
         reached = PathGraph(manifold, [drives], limits).reachable(0, drives=drives)
+        some = np.flatnonzero(reached)
+        # Medians need no more than some hundreds of poses.
+        some = some[:: max(1, len(some) // SAMPLE)]
         motion = ChainMotion(
-            tangent=manifold.motion.tangent[reached],
-            jacobian=manifold.motion.jacobian[reached],
+            tangent=manifold.motion.tangent[some],
+            jacobian=manifold.motion.jacobian[some],
             joint_count=manifold.motion.joint_count,
         )
         ranked.append(_judge(motion, drives, limits, reach=float(reached.mean())))

@@ -164,10 +164,9 @@ def candidate_poses(
 
     A coarse growth measures it; the step of the fine one follows.
     """
-    coarse = grow_manifold(
-        model, x, q_start, ranges, step_rad=COARSE_STEP_RAD, most=4 * count, seed=seed
-    )
-    step = COARSE_STEP_RAD * (coarse.size / count) ** (1.0 / coarse.motion.degrees)
+    first = COARSE_STEP_RAD if count > 1000 else 2.0 * COARSE_STEP_RAD
+    coarse = grow_manifold(model, x, q_start, ranges, step_rad=first, most=4 * count, seed=seed)
+    step = first * (coarse.size / count) ** (1.0 / coarse.motion.degrees)
     return grow_manifold(
         model,
         x,

@@ -64,7 +64,9 @@ class ChainMotion:
     def rates(self, drives: Sequence[int]) -> FloatArray:
         """Rate of every arm joint per rate of each drive joint, (m, n, d); huge near a fold."""
         rows = self.tangent[:, [j - 1 for j in drives], :]
-        return np.asarray(self.tangent[:, : self.joint_count] @ np.linalg.pinv(rows))
+        # The ridge keeps an exact fold from raising: its rates are as huge as they should be.
+        inverse = np.linalg.inv(rows + 1e-12 * np.eye(rows.shape[-1]))
+        return np.asarray(self.tangent[:, : self.joint_count] @ inverse)
 
     def passive_conditioning(self, drives: Sequence[int]) -> FloatArray:
         """Smallest singular value of the passive joints' closure Jacobian (m,), 1 m : 1 rad."""

@@ -296,4 +296,4 @@ def _trusted(
         axis=0,
     )
     room = task.ranges.within(task.margin_rad).clearance(manifold.q)
-    return np.asarray((sigma <= task.most_uncertain_rad) & (room >= 2.0 * sigma))
+    return np.asarray((sigma <= task.most_uncertain_rad) & (room >= 3.0 * sigma))

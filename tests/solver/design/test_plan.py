@@ -6,9 +6,11 @@ from time import process_time
 import numpy as np
 import pytest
 
+from operator_app.config.arm_file import load_arm
 from solver.design.plan import PlanningTask, information_of, make_plan, prediction_sigma
 from solver.design.pose_information import planning_noise
 from solver.design.stop_rule import standard_deviations
+from tests.benchmarks.planning import compare
 from tests.oracles.loop_oracle import closed_poses, cramer_rao, paper_truth
 from tests.solver.conftest import NAMES
 from tests.solver.design.conftest import HOME, SIGMA, paper_ranges
@@ -121,3 +123,13 @@ def test_avoids_where_a_move_was_stopped(quick, x, plan) -> None:
     bad = plan.poses_rad[3]
     other = make_plan(quick, x, HOME, 8, avoid_rad=bad[None, :])
     assert np.linalg.norm(other.poses_rad - bad, axis=-1).min() > 0.15
+
+
+@pytest.mark.parametrize("seed", [2, 8])
+def test_twelve_planned_beat_sixty_random_on_wild_arms(seed: int) -> None:
+    """Small version of tests/benchmarks/planning.py, which does fifty arms."""
+    arm = load_arm("sarcos_dextrous")
+    row = compare("wild", seed, arm, candidates=700)
+    assert row.session < 1.0
+    assert row.closed < 1.0
+    assert row.condition < 18.0

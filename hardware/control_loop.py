@@ -76,7 +76,8 @@ class Timing:
     """Periods and patience of the loop: seconds, `patience` in SYNCs.
 
     A joint has `answer_timeouts_s` for its answer. Simulated time does not pass meanwhile, so that in
-    fast forward a slow machine may take longer.
+    fast forward a slow machine may take longer. A joint is lost when it missed `patience` SYNCs in
+    a row and has been silent for `lost_after_s`; until then a move waits where it is.
     """
 
     period_s: float = CONTROL_PERIOD_S
@@ -86,7 +87,12 @@ class Timing:
         default_factory=lambda: {Pace.REAL_TIME: 0.05, Pace.FAST_FORWARD: 0.5}
     )
     patience: int = 3
+    lost_after_s: float = 1.0
     idle_poll_s: float = 0.002
+
+    def misses(self, pace: Pace) -> int:
+        """SYNCs in a row that a joint may miss before it is lost."""
+        return max(self.patience, round(self.lost_after_s / self.answer_timeouts_s[pace]))
 
 
 class ControlLoop:
@@ -143,7 +149,7 @@ class ControlLoop:
         self._on_sdo, self._allow, self._quick_stop = on_sdo, allow, quick_stop
         self._timing, self._clock = timing, clock
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
-        self._sampler = Sampler(joints, patience=timing.patience, now_s=clock())
+        self._sampler = Sampler(joints, patience=timing.misses(pace), now_s=clock())
         self._sent: list[Command | None] = [None] * joints
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
         self._tasks = TaskQueue(self._thread.is_alive, self._gone)

@@ -137,10 +137,10 @@ def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequenc
         start, end = (scale.place(v, NAME, right) for v in (min(row.values), max(row.values)))
         parts += [
             label(row.name, 2.0, top + 9.0, class_="legend"),
-            element("rect", x=low, y=top, width=high - low, height=11.0, class_="range"),
             element(
                 "rect", x=start, y=top, width=max(0.8, end - start), height=11.0, class_="band"
             ),
+            element("rect", x=low, y=top, width=high - low, height=11.0, class_="range"),
         ]
         marks = (scale.place(v, NAME, right) for v in row.values)
         parts += [segment(x, top, x, top + 11.0, "rug") for x in marks]

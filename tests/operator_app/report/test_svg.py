@@ -135,14 +135,14 @@ def test_ranges_say_what_is_covered() -> None:
     assert words[:2] == ["end of range [deg]", "covered [%]"]
     assert "\u221210" in words
     assert "25" in words
-    whole, covered = (float(b.get("width", "nan")) for b in svg.iter("rect"))
+    covered, whole = (float(b.get("width", "nan")) for b in svg.iter("rect"))
     assert covered == pytest.approx(0.25 * whole, abs=0.02)
 
 
 def test_values_beyond_a_range_stay_in_the_picture() -> None:
     row = Range(name="joint 2", low=-10.0, high=10.0, values=[-30.0, 5.0])
     svg = parse(ranges(ident="r", title="T", description="D", unit="deg", rows=[row]))
-    frame, covered = list(svg.iter("rect"))
+    covered, frame = list(svg.iter("rect"))
     left, width = float(covered.get("x", "nan")), float(covered.get("width", "nan"))
     assert left == 74.0
     # From -30 the range begins half of the way to 10.

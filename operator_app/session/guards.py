@@ -194,6 +194,11 @@ def may_write(s: SessionSnapshot) -> Missing:
     return idle(s) or export_ready(s)
 
 
+def may_report(s: SessionSnapshot) -> Missing:
+    """A report needs a calibration, accepted or not."""
+    return idle(s) or results_ready(s)
+
+
 def may_upload(s: SessionSnapshot) -> Missing:
     """Uploading needs an accepted calibration, an arm, and its drives under control."""
     missing = may_write(s) or may_use_data(s)

@@ -14,6 +14,7 @@ import numpy as np
 from hardware.arm import ArmSnapshot
 from operator_app.calibration import Solution
 from operator_app.config.parameters_file import parse_parameters
+from operator_app.report.checks import check
 from operator_app.session.errors import GuardError, SessionError
 from operator_app.session.forecast import Forecast, most_telling, predict
 from operator_app.session.live import LiveQuality, live_quality
@@ -23,7 +24,8 @@ from operator_app.session.workflow import Session
 from solver.arrays import FloatArray
 from solver.closure import ClosureModel
 from solver.design.drive_joints import rank_at_pose
-from solver.goodness import closure_at_readings, closure_sigmas
+from solver.holdout import verify
+from solver.implicit_estimator import NoiseModel
 from solver.parameters import nominal_vector
 
 ENDED = "ended by the operator"
@@ -193,7 +195,9 @@ class Operations:
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         """Calibrate; each iteration is published, and cancelling ends it at the next one."""
-        self._board.publish(iterations=(), solution=None, written=None, diff=(), receipt=None)
+        self._board.publish(
+            iterations=(), solution=None, checks_of_it=None, written=None, diff=(), receipt=None
+        )
         steps: list[Iteration] = []
 
         def progress(number: int, cost: float) -> None:
@@ -212,6 +216,10 @@ class Operations:
             Level.INFO if solution.accepted else Level.WARNING,
             f"calibrated from {solution.poses} poses: {verdict}",
         )
+        if solution.estimate.corrections is not None:
+            # Five smaller calibrations and one per pose: seconds, so the verdict is shown before.
+            poses = self._session.state.pose_set()
+            self._board.publish(checks_of_it=check(solution, self._session.procedure, poses))
         if solution.accepted:
             self._compare()
 
@@ -267,12 +275,23 @@ class Operations:
                 readings.append(session.read().mean_rad)
         if not readings:
             raise GuardError("No new pose could be reached", "Start a new session to verify")
-        error = closure_at_readings(solution.model, solution.estimate.x, np.array(readings))
-        sigmas = closure_sigmas(error.residual, error.rotation_rows)
+        sigma = np.maximum(session.model.sigma_rad(), 1e-9)
+        noise = NoiseModel(joint_variance=sigma**2)
+        if solution.components is not None:
+            noise = solution.components.noise
+        judged = verify(
+            solution.model,
+            solution.estimate.x,
+            solution.estimate.covariance,
+            np.array(readings),
+            noise,
+        )
         found = Verification(
             poses=len(readings),
-            position_m=sigmas.position_m.rms,
-            orientation_rad=sigmas.orientation_rad.rms,
+            position_m=judged.sigmas.position_m.rms,
+            orientation_rad=judged.sigmas.orientation_rad.rms,
+            chi2_per_dof=judged.chi2.per_dof,
+            inside_band=judged.chi2.accepted,
         )
         session.record(
             "verified",

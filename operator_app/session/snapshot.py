@@ -14,6 +14,7 @@ from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, UploadReceipt
 from operator_app.calibration import Solution
 from operator_app.config.procedure import Procedure
+from operator_app.report.checks import Checks
 from operator_app.session.forecast import Forecast
 from operator_app.session.live import LiveQuality
 from operator_app.session.state import SessionState
@@ -126,11 +127,16 @@ class DiffRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """New poses judged by parameters that were fixed before: rms of the closure at the readings."""
+    """New poses judged by parameters that were fixed before.
+
+    rms of the closure at the readings, chi2/dof, and whether that lies in its 99 % band.
+    """
 
     poses: int
     position_m: float
     orientation_rad: float
+    chi2_per_dof: float
+    inside_band: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,9 +188,11 @@ class SessionSnapshot:
     live: LiveQuality | None = None
     iterations: tuple[Iteration, ...] = ()
     solution: Solution | None = None
+    checks_of_it: Checks | None = None
     written: Written | None = None
     diff: tuple[DiffRow, ...] = ()
     receipt: UploadReceipt | None = None
+    report: Path | None = None
     verification: Verification | None = None
     stop: StopReport | None = None
     task: Task | None = None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from hardware.arm import JointMode
 from operator_app.session import guards
-from operator_app.session.snapshot import SessionSnapshot, TaskKind
+from operator_app.session.operations import Operations
+from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.tui.dialogs import Ask, Confirm
 from operator_app.tui.keys import by_name
 from operator_app.tui.navigation import Navigation
@@ -32,19 +33,23 @@ class Actions(Navigation):
             self.app.perform(by_name(thing.action))
 
     def do_connect(self) -> None:
+        """Find the arm on the bus and check its identity."""
         self._hand(guards.may_connect, TaskKind.CONNECT, "connecting", lambda o: o.connect())
 
     def do_stop_tested(self) -> None:
+        """Confirm that the hardware stop was pressed and every drive dropped out."""
         if self.app.desk is not None:
             self.app.desk.publish(stop_tested=True)
             self._note_down("hardware stop", "tested")
 
     def do_check_fixture(self) -> None:
+        """Judge the fixture's placement again where the arm stands now."""
         self._hand(
             guards.may_use_data, TaskKind.CHECK, "checking the fixture", lambda o: o.check_fixture()
         )
 
     def do_tick(self) -> None:
+        """Tick the marked item of the check list."""
         s = self._look()
         if s is not None:
             self._tick(s, here=True)
@@ -76,12 +81,14 @@ class Actions(Navigation):
             desk.submit(TaskKind.NOTE, "noting", lambda: desk.operations.confirm(item, text))
 
     def do_toggle_mode(self) -> None:
+        """Ask for the other mode of the marked joint."""
         k = self.app.main.query_one(ModesView).cursor
         other = JointMode.FREE if self.wanted[k] is JointMode.POSITION else JointMode.POSITION
         self.wanted = (*self.wanted[:k], other, *self.wanted[k + 1 :])
         self.app.main.set_wanted(self.wanted)
 
     def do_suggest(self) -> None:
+        """Mark the best ranked drive joints instead."""
         s = self._look()
         if s is None or not s.ranked:
             self.app.main.refuse("no ranking yet: connect first (step 1)")
@@ -94,6 +101,7 @@ class Actions(Navigation):
         self.app.main.set_wanted(self.wanted)
 
     def do_apply_modes(self) -> None:
+        """Take control and set the modes as marked."""
         joints = tuple(k for k, m in enumerate(self.wanted, 1) if m is JointMode.POSITION)
         s = self._look()
         if s is None or self._refused(guards.may_apply_modes(s, joints)):
@@ -116,12 +124,15 @@ class Actions(Navigation):
         self.app.push_screen(Confirm("Apply the modes?", text, "Apply"), answer)
 
     def do_wiggle(self) -> None:
+        """Move each drive joint by 2 deg and back, to see what follows."""
         self._hand(guards.may_move, TaskKind.WIGGLE, "trial wiggle", lambda o: o.wiggle())
 
     def do_go(self) -> None:
+        """Move to the next planned pose."""
         self._go_to(None if self.app.picture is None else self.app.picture.next_waypoint)
 
     def do_go_best(self) -> None:
+        """Move to the pose that would tell most."""
         s = self.app.picture
         best = None if s is None else s.best_waypoint
         if best is None:
@@ -134,11 +145,13 @@ class Actions(Navigation):
         self._hand(guards.may_move, TaskKind.MOVE, text, lambda o: o.go(waypoint or 0))
 
     def do_capture(self) -> None:
+        """Let the arm settle and capture a pose where it stands."""
         s = self.app.picture
         at = -1 if s is None or s.at_waypoint is None else s.at_waypoint
         self._hand(guards.may_capture, TaskKind.CAPTURE, "capturing", lambda o: o.capture(at))
 
     def do_automatic(self) -> None:
+        """Move, settle and capture, pose after pose, until there are enough."""
         self._hand(
             guards.may_run_automatically,
             TaskKind.AUTOMATIC,
@@ -147,9 +160,11 @@ class Actions(Navigation):
         )
 
     def do_undo(self) -> None:
+        """Take back the last pose."""
         self._hand(guards.may_edit_pose, TaskKind.NOTE, "taking back a pose", lambda o: o.undo())
 
     def do_exclude(self) -> None:
+        """Leave the marked pose out of the calibration, or let it count again."""
         number = self._marked_pose()
         if number is not None:
             self._hand(
@@ -157,6 +172,7 @@ class Actions(Navigation):
             )
 
     def do_note(self) -> None:
+        """Write a note to the marked pose."""
         number, s = self._marked_pose(), self._look()
         if number is None or s is None:
             return
@@ -180,6 +196,7 @@ class Actions(Navigation):
         return number
 
     def do_calibrate(self) -> None:
+        """Calibrate from the poses that count."""
         s = self._look()
         if s is not None:
             self._hand(
@@ -190,12 +207,14 @@ class Actions(Navigation):
             )
 
     def do_estimator(self) -> None:
+        """Change between the implicit and the paper's estimator."""
         s = self._look()
         if s is not None and self.app.desk is not None and not self._refused(guards.idle(s)):
             other = "paper" if s.estimator == "implicit" else "implicit"
             self.app.desk.publish(estimator=other)
 
     def do_unsensed(self) -> None:
+        """Change which joints count as unsensed: none, each RVDT joint, all of them."""
         s = self._look()
         if s is None or self.app.desk is None or self._refused(guards.idle(s)):
             return
@@ -207,9 +226,11 @@ class Actions(Navigation):
         self.app.desk.publish(unsensed_joints=choices[(at + 1) % len(choices)])
 
     def do_write(self) -> None:
+        """Write parameters.yaml and poses.csv into the session folder."""
         self._hand(guards.may_write, TaskKind.EXPORT, "writing the files", lambda o: o.write())
 
     def do_upload(self) -> None:
+        """Upload the parameters to the controller."""
         s = self._look()
         if s is None or self._refused(guards.may_upload(s)) or s.identity is None:
             return
@@ -225,7 +246,23 @@ class Actions(Navigation):
         )
         self.app.push_screen(Ask("Upload to the controller?", text, expected=serial), answer)
 
+    def do_report(self) -> None:
+        """Write report.html, one page about this calibration, into the session folder."""
+        s, desk = self._look(), self.app.desk
+        if s is None or desk is None:
+            return
+
+        def work(_: Operations) -> None:
+            from operator_app.tui.reporting import write_report
+
+            target = write_report(desk.session, s.estimator, s.unsensed_joints)
+            desk.publish(report=target)
+            desk.say(Level.INFO, f"report written: {target}")
+
+        self._hand(guards.may_report, TaskKind.EXPORT, "writing the report", work)
+
     def do_verify(self) -> None:
+        """Move to new poses and judge them by the parameters found."""
         self._hand(
             guards.may_verify,
             TaskKind.VERIFY,

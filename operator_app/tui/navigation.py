@@ -110,20 +110,25 @@ class Navigation:
         return True
 
     def do_step(self, number: int) -> None:
+        """Go to a step, if it is open."""
         self.go(Step(number))
 
     def do_next(self) -> None:
+        """Go to the next step, if its conditions hold."""
         if self.app.step is not Step.EXPORT:
             self.go(Step(self.app.step + 1))
 
     def do_back(self) -> None:
+        """Go back a step."""
         if self.app.step is not Step.CONNECT:
             self.go(Step(self.app.step - 1))
 
     def do_up(self) -> None:
+        """Mark the row before."""
         self._move(-1)
 
     def do_down(self) -> None:
+        """Mark the next row of the list."""
         self._move(1)
 
     def _move(self, by: int) -> None:
@@ -133,6 +138,7 @@ class Navigation:
             self.app.main.view.show(s)
 
     def do_view(self) -> None:
+        """Show the next panel or plot of this step."""
         self.app.main.view.turn_over()
 
     # -- safety ------------------------------------------------------------------------------------
@@ -150,19 +156,25 @@ class Navigation:
             self.app.main.refuse("STOP: no arm is connected, nothing was sent")
 
     def do_stop(self) -> None:
+        """Software STOP: quick stop to all drives, latched."""
         self.stop_now()
 
     def do_reset(self) -> None:
+        """Clear a latched STOP or a drive fault."""
         self._hand(guards.may_reset, TaskKind.RESET, "resetting STOP", lambda o: o.reset())
 
     def do_hold(self) -> None:
+        """All joints to position mode where they are."""
         self._hand(guards.may_use_data, TaskKind.HOLD, "holding all joints", lambda o: o.hold())
 
     def do_cancel(self) -> None:
+        """End the work in hand."""
         if self.app.desk is not None:
             self.app.desk.cancel()
 
     def do_new_session(self) -> None:
+        """Close this session, leave the arm held, and begin another."""
+
         def answer(said: str | None) -> None:
             if said:
                 self.open(self.app.source.new)
@@ -171,6 +183,7 @@ class Navigation:
         self.app.push_screen(Confirm("New session?", text, "Begin"), answer)
 
     def do_resume(self) -> None:
+        """Resume an earlier session."""
         here = None if self.app.desk is None else self.app.desk.session.journal.path.parent.name
         options = [
             (e.folder.name, f"{e.folder.name}  {len(e.state.used_poses)} poses, {_stage(e.state)}")
@@ -191,6 +204,7 @@ class Navigation:
     # -- everything else ---------------------------------------------------------------------------
 
     def do_help(self) -> None:
+        """Explain the focused panel and list the keys."""
         panel = self.app.focused if isinstance(self.app.focused, Lines) else None
         self.app.push_screen(
             Read(
@@ -200,12 +214,15 @@ class Navigation:
         )
 
     def do_palette(self) -> None:
+        """Find any action by name."""
         self.app.action_command_palette()
 
     def do_theme(self) -> None:
+        """Change between dark, light and no colour."""
         self.app.change_look()
 
     def do_quit(self) -> None:
+        """Leave."""
         s = self.app.picture
         if s is None or not s.connected:
             self.app.leave("left")

@@ -92,17 +92,16 @@ def _fixture(s: SessionSnapshot) -> NextThing:
 
 def _modes(s: SessionSnapshot, wanted: tuple[JointMode, ...]) -> NextThing:
     marked = tuple(k for k, m in enumerate(wanted, 1) if m is JointMode.POSITION)
-    if s.drives_ready and s.modes == wanted and not missing_for(Step.CAPTURE, s):
-        if not modes_problem(s, marked):
-            return _next(Step.CAPTURE, "the modes are set and read back")
     problem = modes_problem(s, marked)
+    if not problem and s.modes == wanted and not missing_for(Step.CAPTURE, s):
+        return _next(Step.CAPTURE, "the modes are set and read back")
     if problem:
-        return NextThing(action="suggest", label="Suggested pair", hint=problem[0])
+        return NextThing(action="suggest", label="Best pair", hint=problem[0])
     names = " and ".join(f"J{k}" for k in marked)
     return NextThing(
         action="apply_modes",
         label="Apply modes",
-        hint=f"Enter puts {names} into position mode and frees the others, after a question",
+        hint=f"Enter applies the modes: {names} drive, the others free (it asks first)",
     )
 
 

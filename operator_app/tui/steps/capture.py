@@ -97,15 +97,16 @@ class PosesPanel(Lines):
             noise = math.degrees(float(pose.sd_rad.max()))
             off = s.live.predicted_m.get(pose.number) if s.live is not None else None
             predicted = "        —" if off is None else f"{1e3 * off:9.3f}"
-            note = f"× excluded {pose.excluded} " if pose.excluded else ""
+            note = f"excluded {pose.excluded} " if pose.excluded else ""
             back = "cursor " if here else ""
+            figures = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:11.4f}  {predicted}  "
             rows.append(
                 line(
                     ("▌" if here else " ", back + "text"),
-                    (f"{pose.number:>4}  {pose.utc[11:19]}  {noise:11.4f}  {predicted}  ", back + ("dim" if pose.excluded else "text")),
+                    (figures, back + ("dim" if pose.excluded else "text")),
                     (note + pose.note, back + ("warn" if pose.excluded else "text")),
                 )
-            )  # fmt: skip
+            )
         return rows
 
 
@@ -162,11 +163,12 @@ class QualityPanel(Lines):
             )
         else:
             rows.append(line((" trend  —", "dim")))
-        weakest = ", ".join(live.weakest[:3]) if live is not None and live.weakest else "—"
-        rows.append(clip(line((" weakest  ", "dim"), weakest), width))
-        best = "—" if s.best_waypoint is None else f"waypoint {s.best_waypoint + 1} (b goes there)"
-        rows.append(line((" best next  ", "dim"), best))
-        rows.append(line((" coverage of each joint's range", "dim")))
+        names = 3 if width > 40 else 2
+        weakest = ", ".join(live.weakest[:names]) if live is not None and live.weakest else "—"
+        rows.append(clip(line((" weakest ", "dim"), weakest), width))
+        best = "—" if s.best_waypoint is None else f"waypoint {s.best_waypoint + 1} (key b)"
+        rows.append(line((" best next ", "dim"), best))
+        rows.append(line((" coverage of joint ranges", "dim")))
         for k, joint in enumerate(s.procedure.arm.joints):
             span = live.coverage[k] if live is not None and live.coverage else None
             rows.append(_coverage(k + 1, joint, span, width))
@@ -177,16 +179,18 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
     live = s.live
     if live is None or not live.history:
         needed = "" if live is None else f" (from {live.needed} poses on)"
-        return line((" condition  ", "dim"), ("—", "text"), (needed, "dim"))
+        return line((" condition ", "dim"), ("—", "text"), (needed, "dim"))
     value = live.scaled_condition_number
     shown = f"{value:.1f}" if value < 1e4 else f"{value:.1e}"
-    role, word = ("bold", "ok") if value < ACCEPTABLE else ("warn", "▲ too high")
+    good = value < ACCEPTABLE
+    role, word = ("bold", "ok") if good else ("warn", f"▲ over {ACCEPTABLE}")
+    more = f" (limit {ACCEPTABLE}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"
     return clip(
         line(
-            (" condition  ", "dim"),
+            (" condition ", "dim"),
             (shown, role),
             (f" {word}", role),
-            (f"  limit {ACCEPTABLE}, paper {PAPER}", "dim"),
+            (more if good or width > 40 else "", "dim"),
         ),
         width,
     )
@@ -214,8 +218,8 @@ class CaptureView(StepView):
     MAIN = "poses"
     VIEWS = (
         ("capture-joints", "still", "poses", "progress"),
-        ("quality", "progress"),
-        ("capture-arm", "progress"),
+        ("quality",),
+        ("capture-arm",),
     )
 
     def compose(self) -> ComposeResult:

@@ -47,30 +47,27 @@ class NodesPanel(Lines):
         """A line a node."""
         if s.identity is None:
             return [(), line(("  no node has been asked yet", "dim"))]
+        wide = width >= 90
+        device = "DEVICE".ljust(25) + " " if wide else ""
         rows = [
-            line(
-                (
-                    "  NODE  ROLE        DEVICE                     SERIAL  HEARTBEAT      DATA  STATE",
-                    "header",
-                )
-            )
+            line((f"  NODE  ROLE        {device} SERIAL  HEARTBEAT      DATA  STATE", "header"))
         ]
-        rows += [_node(s, node) for node in s.identity.nodes]
+        rows += [_node(s, node, wide=wide) for node in s.identity.nodes]
         return rows
 
 
-def _node(s: SessionSnapshot, node: NodeIdentity) -> Line:
+def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
     beat = None if s.arm is None else s.arm.heartbeat_age_s.get(node.node)
     joint = None
     if s.arm is not None and 1 <= node.node <= len(s.arm.joints):
         joint = s.arm.joints[node.node - 1]
     heartbeat = "     —" if beat is None else f"{1e3 * beat:4.0f} ms"
     age = "     —" if joint is None else f"{1e3 * joint.age_s:4.0f} ms"
+    device = f"{node.device_name[:25]:<25} " if wide else ""
     late = beat is not None and beat > 0.35
     state = "● answers" if joint is None else joint.drive.value
     return line(
-        f"  {node.node:>4}  {node.role[:11]:<11} {node.device_name[:25]:<25} "
-        f"{node.serial_number:>7}  ",
+        f"  {node.node:>4}  {node.role[:11]:<11} {device}{node.serial_number:>7}  ",
         (f"{heartbeat:>9}  ", "warn" if late else "text"),
         (f"{age:>7}  ", "text"),
         (f"▲ LATE, {state}" if late else state, "warn" if late else "text"),

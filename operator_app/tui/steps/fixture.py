@@ -97,11 +97,11 @@ class ChecksPanel(Lines):
                     ("(below 100 is acceptable)", "dim"),
                 )
             )
-            rows += _ranges(s, width)
+            rows += _ranges(s)
         return rows
 
 
-def _ranges(s: SessionSnapshot, width: int) -> list[Line]:
+def _ranges(s: SessionSnapshot) -> list[Line]:
     """Predicted range of every joint, two to a line."""
     if s.forecast is None:
         return []

@@ -14,7 +14,13 @@ from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Line, Lines, clip, line, wrapped
 from operator_app.tui.steps.view import StepView
-from operator_app.tui.widgets.residuals import by_joint, by_pose, rvdt_curve, rvdt_joints
+from operator_app.tui.widgets.residuals import (
+    by_joint,
+    by_pose,
+    kept_numbers,
+    rvdt_curve,
+    rvdt_joints,
+)
 from solver.closure import DhLoop
 from solver.goodness import TwoReadings
 
@@ -44,18 +50,51 @@ class VerdictPanel(Lines):
             head = line((" ■ NOT ACCEPTED", "alarm"))
         seen, chi = found.seen, found.estimate.chi2_per_dof
         ratio = "" if chi is None else f"   chi2/dof {chi:.2f}"
+        limit = s.procedure.acceptance.scaled_condition_number
+        figures = (
+            f"   condition {seen.scaled_condition_number:.1f} (limit {limit:.0f}, paper 28)   "
+            f"{found.poses} poses{ratio}"
+        )
+        after = found.estimate.sigmas
         rows = [
-            (*head, (f"   condition {seen.scaled_condition_number:.1f} (limit "
-                     f"{s.procedure.acceptance.scaled_condition_number:.0f}, paper 28)   "
-                     f"{found.poses} poses{ratio}", "text")),
-            _sigma("sigma_pos", "mm", MM, found.before.position_m, found.estimate.sigmas.position_m),
-            _sigma("sigma_ori", "mrad", MRAD, found.before.orientation_rad, found.estimate.sigmas.orientation_rad),
-        ]  # fmt: skip
+            (*head, (figures, "text")),
+            _sigma("sigma_pos", "mm", MM, found.before.position_m, after.position_m),
+            _sigma("sigma_ori", "mrad", MRAD, found.before.orientation_rad, after.orientation_rad),
+        ]
         for reason in found.reasons:
             rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
+        rows += _second_opinion(s)
         for notice in found.warnings:
-            rows += wrapped(f" ▲ {notice.text}", width, "warn", "   ")
+            rows.append(line((f" ▲ {notice.text.partition(';')[0]}", "warn")))
         return [clip(row, width) for row in rows]
+
+
+def _second_opinion(s: SessionSnapshot) -> list[Line]:
+    """Hold-out, and poses that do not fit."""
+    if s.solution is None or s.checks_of_it is None:
+        return []
+    rows = []
+    held = s.checks_of_it.held_out
+    if held is not None:
+        rows.append(
+            line(
+                (" hold-out  ", "dim"),
+                f"{MM * held.sigmas.position_m.rms:8.4f} mm, "
+                f"{MRAD * held.sigmas.orientation_rad.rms:.4f} mrad rms",
+                (f"   inside {MM * held.inside_sigmas.position_m.rms:.4f} mm", "dim"),
+            )
+        )
+    numbers = kept_numbers(s, s.solution)
+    for outlier in s.checks_of_it.outliers:
+        rows.append(
+            line(
+                (
+                    f" ▲ pose {numbers[outlier.pose]} does not fit the others: x excludes it in Capture",
+                    "warn",
+                )
+            )
+        )
+    return rows
 
 
 def _sigma(name: str, unit: str, scale: float, before: TwoReadings, after: TwoReadings) -> Line:
@@ -130,10 +169,11 @@ class ResultsPlot(Lines):
         "specification."
     )
     page = 0
+    count = 4
 
     def pages(self, s: SessionSnapshot) -> int:
         """How many there are."""
-        return 3 + len(rvdt_joints(s))
+        return 4 + len(rvdt_joints(s))
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """The present page."""
@@ -141,7 +181,8 @@ class ResultsPlot(Lines):
         if s.solution is None:
             return []
         joints = rvdt_joints(s)
-        page = self.page % self.pages(s)
+        self.count = self.pages(s)
+        page = self.page % self.count
         if page == 0:
             self.retitle("Residual of poses (v: next)")
             return by_pose(s, width, height, ascii_only=ascii_only)
@@ -151,11 +192,21 @@ class ResultsPlot(Lines):
             return rvdt_curve(s, joint, width, height, ascii_only=ascii_only)
         if page == len(joints) + 1:
             self.retitle("Corrections by joint (v: next)")
-            return by_joint(s, width, height, ascii_only=ascii_only)
+            return by_joint(s, width)
+        if page == len(joints) + 2:
+            self.retitle("Warnings in full (v: next)")
+            return _in_full(s.solution, width)
         self.retitle("D-H table, nominal and found (v: next)")
         if not isinstance(s.solution.model, DhLoop):
             return [line((" no D-H table for this fixture", "dim"))]
         return [line(row) for row in dh_table(s.solution).splitlines()]
+
+
+def _in_full(found: Solution, width: int) -> list[Line]:
+    rows: list[Line] = []
+    for notice in found.warnings:
+        rows += [*wrapped(f" ▲ {notice.text}", width, "warn", "   "), ()]
+    return rows or [line((" none", "dim"))]
 
 
 class ResultsView(StepView):
@@ -176,15 +227,18 @@ class ResultsView(StepView):
 
     def turn_over(self) -> None:
         """On a large terminal the plot turns; on a small one the plot comes after the table."""
-        page = self.query_one("#results-plot", ResultsPlot)
-        if not self.compact:
-            page.page += 1
+        plots = self.query_one("#results-plot", ResultsPlot)
+        if self.compact and self.view == 0:
+            plots.page = 0
+            super().turn_over()
             return
-        if self.view == 1 and page.page < 4:
-            page.page += 1
-            return
-        page.page = 0
-        super().turn_over()
+        plots.page = (plots.page + 1) % plots.count
+        if self.compact and plots.page == 0:
+            super().turn_over()
+        # Words and tables need the whole width.
+        self.query_one(".left").display = not (plots.page >= plots.count - 2 or self.compact) or (
+            self.compact and self.view == 0
+        )
 
     def row_count(self, s: SessionSnapshot) -> int:
         """Parameters."""

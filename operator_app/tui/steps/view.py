@@ -60,3 +60,5 @@ class StepView(Container):
         for panel in self.query(Lines):
             if panel.id in shown:
                 panel.display = panel.id in visible
+        for column in self.query(".left, .right"):
+            column.display = any(panel.display for panel in column.query(Lines))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -127,7 +128,7 @@ class _Placing:
 
     def path(self, points: FloatArray, *, role: str, every: int, thick: bool = False) -> None:
         dots = self._dots(points)
-        for (x0, y0), (x1, y1) in zip(dots[:-1], dots[1:], strict=True):
+        for (x0, y0), (x1, y1) in pairwise(dots):
             self._canvas.segment(x0, y0, x1, y1, role, every)
             if thick:
                 self._canvas.segment(x0 + 1, y0, x1 + 1, y1, role, every)

@@ -53,7 +53,7 @@ class JointTable(Lines):
         return rows
 
     def _header(self, bar: int) -> Line:
-        title = "−range+".center(bar)
+        title = "-range+".center(bar)
         if self.show_wanted:
             return line(
                 ("  JOINT         SENS WANTED   ACTUAL    POS[deg] T[N m] " + title, "header")
@@ -65,7 +65,7 @@ class JointTable(Lines):
     def _row(
         self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, bar: int
     ) -> Line:
-        marked = k == self.cursor
+        marked = self.show_wanted and k == self.cursor
         name = f"J{k + 1} {joint.name}"[:13].ljust(13)
         back = "cursor " if marked else ""
         spans: list[Span] = [("▌ " if marked else "  ", back + "text"), (name + " ", back + "text")]

@@ -98,6 +98,6 @@ def sparkline(values: Sequence[float], width: int) -> Span:
     recent = [math.log10(max(v, 1.0)) if math.isfinite(v) else 4.0 for v in values[-width:]]
     if not recent:
         return ("", "dim")
-    low, high = min(recent), max(max(recent), min(recent) + 0.3)
+    low, high = min(recent), max(*recent, min(recent) + 0.3)
     bars = "".join(SPARKS[int((v - low) / (high - low) * 7.99)] for v in recent)
     return (bars, "dim")

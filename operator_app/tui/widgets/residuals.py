@@ -9,7 +9,7 @@ import numpy as np
 
 from operator_app.calibration import Solution
 from operator_app.session.snapshot import SessionSnapshot
-from operator_app.tui.lines import Line, line
+from operator_app.tui.lines import Line, line, wrapped
 from operator_app.tui.widgets.plot import Axes, Series, plot
 from solver.sensors import Rvdt
 
@@ -40,7 +40,7 @@ def by_pose(s: SessionSnapshot, width: int, height: int, *, ascii_only: bool) ->
     return plot(series, axes, width, height, ascii_only=ascii_only)
 
 
-def by_joint(s: SessionSnapshot, width: int, height: int, *, ascii_only: bool) -> Sequence[Line]:
+def by_joint(s: SessionSnapshot, width: int) -> Sequence[Line]:
     """How much each joint had to be corrected for its loops to close, rms against its sensor."""
     solution = s.solution
     if solution is None:
@@ -50,17 +50,19 @@ def by_joint(s: SessionSnapshot, width: int, height: int, *, ascii_only: bool) -
         return [line((" the paper's estimator finds no joint corrections", "dim"))]
     sigma = s.procedure.arm.sigma_rad()
     rms = np.sqrt(np.mean(corrections**2, axis=0))
-    rows: list[Line] = [line((" JOINT   CORRECTION [mdeg rms]   SENSOR [mdeg]   RATIO", "header"))]
-    cells = max(4, width - 56)
+    rows: list[Line] = [
+        line((" how far the loops correct each", "dim")),
+        line((" joint, rms, against its sensor", "dim")),
+        line((" JOINT    mdeg   sensor  ratio", "header")),
+    ]
+    cells = max(0, min(30, width - 36))
     for k, (found, allowed) in enumerate(zip(rms, sigma, strict=True), 1):
         ratio = found / allowed if allowed > 0.0 else math.inf
-        role = "warn" if ratio > 3.0 else "text"
-        mark = "▲" if ratio > 3.0 else " "
+        role, mark = ("warn", "▲") if ratio > 3.0 else ("text", " ")
         bar = "█" * min(cells, int(ratio / 10.0 * cells))
-        shown = f"{ratio:5.1f}" if math.isfinite(ratio) else "    —"
-        rows.append(
-            line((f" J{k}      {1e3 * math.degrees(found):22.3f}   {1e3 * math.degrees(allowed):13.3f}   {shown} {mark} {bar}", role))
-        )  # fmt: skip
+        shown = f"{ratio:6.1f}" if math.isfinite(ratio) else "     —"
+        mdeg = [1e3 * math.degrees(v) for v in (found, allowed)]
+        rows.append(line((f" J{k}   {mdeg[0]:8.3f} {mdeg[1]:8.3f} {shown} {mark} {bar}", role)))
     return rows
 
 
@@ -72,22 +74,28 @@ def rvdt_joints(s: SessionSnapshot) -> list[int]:
 def rvdt_curve(
     s: SessionSnapshot, joint: int, width: int, height: int, *, ascii_only: bool
 ) -> Sequence[Line]:
-    """What the loops say of an RVDT: correction over reading, with its linearity as limits."""
-    solution = s.solution
+    """What the loops say of an RVDT: deviation over angle, its curve, its specification."""
     sensor = s.procedure.arm.joints[joint - 1].sensor
-    if solution is None or solution.estimate.corrections is None or not isinstance(sensor, Rvdt):
-        return [line((" needs the implicit estimator with this joint sensed", "dim"))]
-    dropped = set(solution.dropped_flipped)
-    readings = [
-        math.degrees(float(p.mean_rad[joint - 1]))
-        for k, p in enumerate(s.state.used_poses)
-        if k not in dropped
-    ]
-    found = [1e3 * float(v) for v in solution.estimate.corrections[:, joint - 1]]
+    found = (
+        None if s.solution is None else next((v for v in s.solution.rvdt if v.joint == joint), None)
+    )
+    if found is None or not isinstance(sensor, Rvdt):
+        return [line((f" the loops say nothing of J{joint}'s RVDT", "dim"))]
+    words = wrapped(f" {found.text}", width, "warn" if found.treat_as_unsensed else "text", " ")
+    if found.figures is None:
+        return words
+    figures = found.figures
+    grid = np.linspace(figures.curve.low, figures.curve.high, 2 * width)
     limit = 1e3 * sensor.linearity_rad
     axes = Axes(
-        x_label=f"reading of J{joint} [deg]",
+        x_label=f"J{joint} [deg]",
         y_label=f"mrad   lines: spec ±{limit:.0f}",
         levels=(-limit, 0.0, limit),
     )
-    return plot([Series(x=readings, y=found)], axes, width, height, ascii_only=ascii_only)
+    series = [
+        Series(x=np.rad2deg(grid).tolist(), y=(1e3 * figures.curve(grid)).tolist(), role="accent"),
+        Series(x=np.rad2deg(figures.angle_rad).tolist(), y=(1e3 * figures.deviation_rad).tolist()),
+    ]
+    room = max(8, height - len(words))
+    picture = plot(series, axes, width, room, ascii_only=ascii_only)
+    return [*picture, *words[: height - len(picture)]]

@@ -58,23 +58,25 @@ class Banner(Lines, can_focus=False):
 
 
 def _banner(s: SessionSnapshot) -> Line:
+    kind: Span = (" SIMULATED " if s.simulated else " REAL ARM ", "badge")
+    return (kind, (" ", "text"), *_status(s))
+
+
+def _status(s: SessionSnapshot) -> Line:
     if s.stopped or (s.stop is not None and s.stop.problem):
-        return ((" ■ SOFTWARE STOP ", "badge"), (" " + _stop_words(s), "alarm"))
+        return (("■ SOFTWARE STOP", "alarm"), (" " + _stop_words(s), "alarm"))
     if s.data is DataState.LOST:
         return (
-            (" ▲ DATA LOST ", "badge"),
+            ("▲ DATA LOST", "alarm"),
             (" quick stop sent; the drives hold by themselves", "alarm"),
         )
     if s.task is not None and ends_with_any_key(s.task):
-        return ((" ▶ ANY KEY STOPS ", "badge"), (f" {s.task.text}", "accent"))
+        return (("▶ ANY KEY STOPS ", "accent"), (f" {s.task.text}", "accent"))
     if s.task is not None:
-        return ((" ◌ ", "bold"), (s.task.text, "text"))
+        return (("◌ ", "bold"), (s.task.text, "text"))
     if s.simulated:
-        return ((" SIMULATED ", "badge"), (" no real arm on this bus: nothing can be hurt", "dim"))
-    return (
-        (" REAL ARM ", "badge"),
-        (" keep the hardware stop within reach: software STOP is no emergency stop", "dim"),
-    )
+        return (("no real arm on this bus: nothing can be hurt", "dim"),)
+    return (("hardware stop within reach? Software STOP is no emergency stop", "dim"),)
 
 
 def _stop_words(s: SessionSnapshot) -> str:
@@ -141,11 +143,11 @@ def _modes(s: SessionSnapshot, *, short: bool) -> list[Span]:
     if not position and not free:
         return [("MODE ", "dim"), ("○", "dim")]
     if not free:
-        return [("POS all" if short else "POSITION all", "text")]
+        return [("POS all", "text")]
     names = " ".join(f"J{j}" for j in position) or "none"
     if short:
         return [("POS ", "dim"), (names, "accent")]
-    return [("POSITION ", "dim"), (names, "accent"), (f" · FREE {free}", "text")]
+    return [("POS ", "dim"), (names, "accent"), (f" · FREE {free}", "text")]
 
 
 def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:

@@ -18,37 +18,34 @@ from operator_app.judgement import (
     Notice,
     flipped_notices,
     held_notices,
+    outlier_notices,
     reasons_against,
     rival_notices,
     rvdt_notices,
     setup_notices,
 )
-from operator_app.loop_of_poses import instrument_variance, loop_of_poses
+from operator_app.loop_of_poses import loop_of_poses
+from operator_app.noise import component_plan, noise_model
 from solver.arm_model import ArmModel
 from solver.arrays import BoolArray, FloatArray
 from solver.closure import ClosureModel
-from solver.component_model import ComponentPlan
 from solver.dropping import drop_unidentifiable
 from solver.errors import UnidentifiableError
 from solver.estimate import Estimate, require_enough_poses
 from solver.global_start import GlobalStart, global_start
 from solver.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.identifiability import Identifiability, identifiability
-from solver.implicit_estimator import NoiseModel
 from solver.least_squares import Progress
+from solver.outliers import outlier_poses
 from solver.paper_estimator import estimate_paper
 from solver.parameters import nominal_vector
 from solver.placements import Placements
 from solver.poses import PoseSet
 from solver.rvdt import RvdtVerdict, rvdt_verdicts
-from solver.sensors import NoSensor, Rvdt
+from solver.sensors import Rvdt
 from solver.variance_components import VarianceComponents, estimate_implicit_with_components
 
 ESTIMATORS = ("implicit", "paper")
-
-DOF_FOR_COMPONENTS = 10
-"""With fewer degrees of freedom no variance can be estimated beside the parameters: the sensors'
-specifications are believed."""
 
 
 class FixtureRefusedError(FixtureError):
@@ -83,6 +80,9 @@ class Solution:
         Noise of the RVDTs and flexure of the fixture as found with the parameters.
     search
         The global start, where one was asked for.
+    outliers
+        Labels of poses whose readings do not fit the others, the worst first. They still count: the
+        operator excludes them or not.
     rvdt
         What the loops say of each RVDT, its joint taken as unsensed for that.
     reasons
@@ -99,6 +99,7 @@ class Solution:
     held: tuple[str, ...]
     components: VarianceComponents | None
     search: GlobalStart | None
+    outliers: tuple[str, ...]
     rvdt: tuple[RvdtVerdict, ...]
     warnings: tuple[Notice, ...]
     reasons: tuple[str, ...]
@@ -149,17 +150,22 @@ def calibrate(
     require_enough_poses(model, len(poses))
     _refuse(fixture, arm, model, unsensed_joints)
 
-    kept, flipped = _on_branch(model, poses.q_rad)
+    found = global_start(model, poses.q_rad, progress=progress) if search else None
+    kept, flipped = (
+        _on_branch(model, poses.q_rad) if found is None else _without(found.set_aside, len(poses))
+    )
     model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
     dof = require_enough_poses(model, len(q))
     sigma = arm.sigma_rad()
-    found = global_start(model, q, progress=progress) if search else None
+    x0 = None if found is None else found.x
     held: tuple[str, ...] = ()
     if drop:
-        model, held = drop_unidentifiable(
-            model, None if found is None else found.x, q, sigma_rad=sigma
-        )
-    x0 = None if found is None or held else found.x
+        model, held = drop_unidentifiable(model, x0, q, sigma_rad=sigma)
+        dof = require_enough_poses(model, len(q))
+        if held and search:
+            # What is held now has other values than in the search: it is done again without it.
+            found = global_start(model, q, progress=progress)
+        x0 = None if found is None else found.x
     paper = None if unsensed_joints else estimate_paper(model, q, x0=x0)
     if paper is not None:
         # Before anything is weighted: an estimate along a blind direction is worth nothing.
@@ -191,6 +197,7 @@ def calibrate(
         held=held,
         components=components,
         search=found,
+        outliers=_outliers(estimate, components, model, q, poses, kept),
         rvdt=_rvdt(arm, fixture, poses, kept, held, estimate),
         warnings=(),
         reasons=(),
@@ -202,10 +209,27 @@ def calibrate(
             *flipped_notices(flipped, poses.label),
             *held_notices(held),
             *rival_notices(found),
+            *outlier_notices(solution.outliers),
             *rvdt_notices(solution.rvdt),
         ),
         reasons=reasons_against(estimate, seen, limits),
     )
+
+
+def _outliers(
+    estimate: Estimate,
+    components: VarianceComponents | None,
+    model: ClosureModel,
+    q: FloatArray,
+    poses: PoseSet,
+    kept: BoolArray,
+) -> tuple[str, ...]:
+    """Name poses that do not fit, by the noise found with the parameters; `paper` has no noise model."""
+    if components is None:
+        return ()
+    there = np.flatnonzero(kept)
+    found = outlier_poses(model, q, components.noise, estimate.x)
+    return tuple(poses.label[there[outlier.pose]] for outlier in found)
 
 
 def _rvdt(
@@ -229,35 +253,6 @@ def _rvdt(
     known = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
     x0 = np.array([known.get(p.name, p.nominal) for p in model.parameters])
     return rvdt_verdicts(model, arm, q, noise_model(arm, fixture, poses, kept), x0=x0)
-
-
-def noise_model(arm: ArmModel, fixture: Fixture, poses: PoseSet, kept: BoolArray) -> NoiseModel:
-    """Return what the sensors' specifications say of the mean readings of the kept poses."""
-    samples = np.ones(len(poses), dtype=np.int64) if poses.samples is None else poses.samples
-    variance = np.array(
-        [
-            [
-                0.0 if isinstance(j.sensor, NoSensor) else j.sensor.variance_of_mean_rad2(int(n))
-                for j in arm.joints
-            ]
-            for n in samples[kept]
-        ]
-    )
-    return NoiseModel(joint_variance=variance, fixture_variance=instrument_variance(fixture))
-
-
-def component_plan(
-    arm: ArmModel, unsensed_joints: tuple[int, ...], fixture: Fixture, *, dof: int
-) -> ComponentPlan:
-    """Return which variances to estimate: each used RVDT's, and the flexure of what holds the hand."""
-    if dof < DOF_FOR_COMPONENTS:
-        return ComponentPlan(flexure=False)
-    noisy = tuple(
-        j
-        for j, joint in enumerate(arm.joints, 1)
-        if isinstance(joint.sensor, Rvdt) and j not in unsensed_joints
-    )
-    return ComponentPlan(noisy_joints=noisy, flexure=fixture.kind != "measured")
 
 
 def _require_identifiable(
@@ -303,6 +298,13 @@ def _checks(
         for check in fixture.placement_checks(arm, here, unsensed_joints=unsensed_joints):
             found.setdefault((check.code, check.text), check)
     return tuple(found.values())
+
+
+def _without(set_aside: tuple[int, ...], poses: int) -> tuple[BoolArray, tuple[int, ...]]:
+    """Poses that the global start put on the main branch, and the indices of the others."""
+    kept = np.ones(poses, dtype=np.bool_)
+    kept[list(set_aside)] = False
+    return kept, set_aside
 
 
 def _on_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple[int, ...]]:

@@ -89,6 +89,22 @@ def flipped_notices(flipped: tuple[int, ...], labels: tuple[str, ...]) -> tuple[
     )
 
 
+def outlier_notices(labels: tuple[str, ...]) -> tuple[Notice, ...]:
+    """Name poses that do not fit the others; nothing is left out silently."""
+    if not labels:
+        return ()
+    several = len(labels) > 1
+    return (
+        Notice(
+            code="OUTLIER",
+            text=f"pose{'s' if several else ''} {', '.join(labels)} "
+            f"{'do' if several else 'does'} not fit the others and still "
+            f"{'count' if several else 'counts'}: look for what disturbed "
+            f"{'them' if several else 'it'}, then exclude {'them' if several else 'it'} or not",
+        ),
+    )
+
+
 def rvdt_notices(verdicts: tuple[RvdtVerdict, ...]) -> tuple[Notice, ...]:
     """Say what the loops say of each RVDT."""
     return tuple(Notice(code=f"RVDT_{v.joint}", text=v.text) for v in verdicts)

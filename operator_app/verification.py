@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration import Solution, noise_model
+from operator_app.calibration import Solution
 from operator_app.loop_of_poses import loop_of_poses
+from operator_app.noise import noise_model
 from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
 from solver.closure import ClosureModel

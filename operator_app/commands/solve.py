@@ -35,6 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="hold at its nominal value what the poses cannot see, instead of refusing",
     )
+    parser.add_argument(
+        "--checks",
+        action="store_true",
+        help="add the pose-wise jackknife and hold-out (5 folds, and a block far from the rest)",
+    )
     estimator_options(parser)
     json_option(parser)
 
@@ -42,13 +47,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Solve and report on stdout."""
     from operator_app.calibration import calibrate
+    from operator_app.checks import check
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
     from operator_app.judgement import Notice
     from operator_app.loop_of_poses import loop_of_poses, pick_placements
-    from operator_app.report.json_result import solution_json, unidentifiable_json
-    from operator_app.report.text import solution_text, unidentifiable_text
+    from operator_app.report.json_result import checks_json, solution_json, unidentifiable_json
+    from operator_app.report.text import checks_text, solution_text, unidentifiable_text
     from solver.errors import UnidentifiableError
 
     arm = load_arm(args.arm)
@@ -89,8 +95,14 @@ def execute(args: argparse.Namespace) -> int:
             print(unidentifiable_text(error.directions))
         return ExitCode.NOT_IDENTIFIABLE
     solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in loaded.warnings)
+    checks = check(solution, arm, fixture, poses) if args.checks else None
     if args.json:
-        print(json.dumps(solution_json(solution), indent=2, allow_nan=False))
+        document = solution_json(solution)
+        if checks is not None:
+            document["checks"] = checks_json(solution, checks)
+        print(json.dumps(document, indent=2, allow_nan=False))
     else:
         print(solution_text(solution))
+        if checks is not None:
+            print(f"\n{checks_text(solution, checks)}")
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED

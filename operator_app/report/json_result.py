@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 
 from operator_app.calibration import Solution
+from operator_app.checks import Checks
 from operator_app.judgement import Notice
 from solver.errors import UnidentifiableDirection
 from solver.estimate import Estimate
 from solver.goodness import TwoReadings
+from solver.holdout import HoldOut
 from solver.parameters import Parameter
 from solver.rvdt import RvdtVerdict
+from solver.statistics import chi2_test, correlations, intervals
 from solver.variance_components import VarianceComponents
 
 ACCEPTED = "accepted"
@@ -31,6 +34,7 @@ def solution_json(solution: Solution) -> dict[str, Any]:
         **estimate_json(estimate),
         **components_json(solution.components),
         "rvdt": [rvdt_json(verdict) for verdict in solution.rvdt],
+        "outlier_poses": list(solution.outliers),
         "held": list(solution.held),
         "global_start": _search_json(solution),
         "rank": solution.seen.rank,
@@ -53,20 +57,61 @@ def solution_json(solution: Solution) -> dict[str, Any]:
     }
 
 
+def checks_json(solution: Solution, checks: Checks) -> dict[str, Any]:
+    """Return the second opinions: jackknife, hold-out, far block."""
+    return {
+        "jackknife_sigma": None
+        if checks.jackknife_sd is None
+        else _named(solution.estimate, checks.jackknife_sd),
+        "hold_out": _hold_out_json(checks.held_out),
+        "far_block": _hold_out_json(checks.far_block),
+    }
+
+
+def _hold_out_json(found: HoldOut | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "parts": len(found.parts),
+        "sigma_pos_mm": {
+            "inside": 1e3 * found.inside_sigmas.position_m.rms,
+            "held_out": 1e3 * found.sigmas.position_m.rms,
+        },
+        "sigma_ori_mrad": {
+            "inside": 1e3 * found.inside_sigmas.orientation_rad.rms,
+            "held_out": 1e3 * found.sigmas.orientation_rad.rms,
+        },
+        "chi2_per_dof": [part.verification.chi2.per_dof for part in found.parts],
+    }
+
+
 def estimate_json(estimate: Estimate) -> dict[str, Any]:
     """Return what one estimator found."""
     return {
         "estimator": estimate.estimator,
         "parameters": _named(estimate, estimate.x),
         "sigma": _named(estimate, estimate.standard_deviation),
+        "interval_95": {
+            p.name: [in_file_units(p, i.low), in_file_units(p, i.high)]
+            for p, i in zip(estimate.parameters, intervals(estimate), strict=True)
+        },
+        "correlations": correlations(estimate.covariance).tolist(),
         "sigma_pos_mm": both_json(estimate.sigmas.position_m),
         "sigma_ori_mrad": both_json(estimate.sigmas.orientation_rad),
         "chi2_per_dof": estimate.chi2_per_dof,
+        "chi2_band_99": _band_json(estimate),
         "variance_components": {},
         "dof": estimate.dof,
         "iterations": estimate.iterations,
         "converged": estimate.converged,
     }
+
+
+def _band_json(estimate: Estimate) -> list[float] | None:
+    if estimate.chi2 is None:
+        return None
+    band = chi2_test(estimate.chi2, estimate.dof)
+    return [band.low, band.high]
 
 
 def components_json(found: VarianceComponents | None) -> dict[str, Any]:

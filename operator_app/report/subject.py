@@ -11,8 +11,8 @@ import numpy as np
 
 from fixtures.errors import FixtureError
 from operator_app.calibration import Solution, calibrate
+from operator_app.checks import Checks, check
 from operator_app.config.procedure import Procedure
-from operator_app.report.checks import Checks, check
 from operator_app.session.errors import SessionError
 from operator_app.session.journal import Event
 from operator_app.session.state import CapturedPose, SessionState, replay
@@ -183,7 +183,7 @@ def subject_of_session(
         solution=solution,
         unidentifiable=blind,
         beside=beside,
-        checks=check(judged, procedure, state.pose_set())
+        checks=check(judged, procedure.arm, procedure.fixture.fixture, state.pose_set())
         if judged is not None and implicit
         else Checks(),
         drift_from_journal=None if solution is None else _drift(solution, recorded),

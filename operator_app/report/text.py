@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from operator_app.calibration import Solution
+from operator_app.checks import FOLDS, Checks
 from operator_app.judgement import Notice
 from solver.closure import DhLoop
 from solver.errors import UnidentifiableDirection
@@ -95,6 +96,40 @@ def dh_table(solution: Solution) -> str:
 def warnings_text(notices: Iterable[Notice]) -> str:
     """Return warnings, one paragraph each."""
     return "\n".join(paragraph(f"! {n.text}", indent=2) for n in notices)
+
+
+def checks_text(solution: Solution, checks: Checks) -> str:
+    """Return second opinions: hold-out first, then each sigma beside its jackknife."""
+    rows = [["hold-out", "", "poses that took part", "poses held out"]]
+    for name, found in ((f"{FOLDS} folds", checks.held_out), ("far block", checks.far_block)):
+        if found is not None:
+            for symbol, unit, inside, outside in (
+                ("sigma_pos", "mm", found.inside_sigmas.position_m, found.sigmas.position_m),
+                (
+                    "sigma_ori",
+                    "mrad",
+                    found.inside_sigmas.orientation_rad,
+                    found.sigmas.orientation_rad,
+                ),
+            ):
+                rows.append(
+                    [
+                        f"{name}, {symbol}",
+                        unit,
+                        f"{1e3 * inside.rms:.3f}",
+                        f"{1e3 * outside.rms:.3f}",
+                    ]
+                )
+    blocks = [aligned(rows) if len(rows) > 1 else "Hold-out: too few poses."]
+    if checks.jackknife_sd is not None:
+        estimate = solution.estimate
+        rows = [["parameter", "unit", "sigma", "jackknife"]]
+        for k, p in enumerate(estimate.parameters):
+            unit, scale = ("deg", 180.0 / math.pi) if p.is_angle else ("mm", 1e3)
+            sigma, other = estimate.standard_deviation[k], checks.jackknife_sd[k]
+            rows.append([p.name, unit, f"{sigma * scale:.4f}", f"{other * scale:.4f}"])
+        blocks.append(aligned(rows))
+    return "\n\n".join(blocks)
 
 
 def unidentifiable_text(directions: Sequence[UnidentifiableDirection]) -> str:

@@ -13,8 +13,8 @@ import numpy as np
 
 from hardware.arm import ArmSnapshot
 from operator_app.calibration import Solution
+from operator_app.checks import check
 from operator_app.config.parameters_file import parse_parameters
-from operator_app.report.checks import check
 from operator_app.session.errors import GuardError, SessionError
 from operator_app.session.forecast import Forecast, most_telling, predict
 from operator_app.session.live import LiveQuality, live_quality
@@ -219,7 +219,9 @@ class Operations:
         if solution.estimate.corrections is not None:
             # Five smaller calibrations and one per pose: seconds, so the verdict is shown before.
             poses = self._session.state.pose_set()
-            self._board.publish(checks_of_it=check(solution, self._session.procedure, poses))
+            session = self._session
+            found = check(solution, session.model, session.fixture, poses)
+            self._board.publish(checks_of_it=found)
         if solution.accepted:
             self._compare()
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, UploadReceipt
 from operator_app.calibration import Solution
+from operator_app.checks import Checks
 from operator_app.config.procedure import Procedure
-from operator_app.report.checks import Checks
 from operator_app.session.forecast import Forecast
 from operator_app.session.live import LiveQuality
 from operator_app.session.state import SessionState

@@ -1,4 +1,4 @@
-"""What a report checks a calibration by: jackknife, outliers, hold-out. Knows no HTML."""
+"""Second opinions on a calibration from its own poses: jackknife, outliers, hold-out. Knows no screen."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from operator_app.calibration import Solution, component_plan, noise_model
-from operator_app.config.procedure import Procedure
-from solver.arrays import FloatArray
+from fixtures.base import Fixture
+from operator_app.calibration import Solution
+from operator_app.noise import component_plan, noise_model
+from solver.arm_model import ArmModel
+from solver.arrays import FloatArray, IntArray
 from solver.closure import ClosureModel
 from solver.errors import SolverError
 from solver.estimate import Estimate, require_enough_poses
-from solver.holdout import HoldOut, fold_poses, hold_out
+from solver.holdout import HoldOut, far_block, fold_poses, hold_out
 from solver.implicit_estimator import NoiseModel
 from solver.outliers import Outlier, outlier_poses
 from solver.poses import PoseSet
@@ -20,6 +22,7 @@ from solver.statistics import jackknife
 from solver.variance_components import estimate_implicit_with_components
 
 FOLDS = 5
+FAR_SHARE = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,25 +37,31 @@ class Checks:
         Poses that do not fit the others; indices into the poses used.
     held_out
         Parts of the poses judged by what the others give.
+    far_block
+        The same for one block of poses far from the rest: extrapolation.
     """
 
     jackknife_sd: FloatArray | None = None
     outliers: tuple[Outlier, ...] = ()
     held_out: HoldOut | None = None
+    far_block: HoldOut | None = None
 
 
-def check(solution: Solution, procedure: Procedure, poses: PoseSet) -> Checks:
+def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Checks:
     """Check an implicit solution by the poses it was made from."""
+    if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
+        return Checks()
     kept = np.ones(len(poses), dtype=np.bool_)
     kept[list(solution.dropped_flipped)] = False
     q, model = poses.q_rad[kept], solution.model
-    stated = noise_model(procedure.arm, procedure.fixture.fixture, poses, kept)
+    stated = noise_model(arm, fixture, poses, kept)
     found = stated if solution.components is None else solution.components.noise
     x = solution.estimate.x
     return Checks(
         jackknife_sd=_jackknife_sd(model, q, found, x),
         outliers=outlier_poses(model, q, found, x),
-        held_out=_held_out(solution, procedure, q, stated),
+        held_out=_held_out(solution, arm, fixture, q, stated, fold_poses(q, FOLDS)),
+        far_block=_held_out(solution, arm, fixture, q, stated, (far_block(q, FAR_SHARE),)),
     )
 
 
@@ -66,21 +75,24 @@ def _jackknife_sd(
 
 
 def _held_out(
-    solution: Solution, procedure: Procedure, q: FloatArray, noise: NoiseModel
+    solution: Solution,
+    arm: ArmModel,
+    fixture: Fixture,
+    q: FloatArray,
+    noise: NoiseModel,
+    parts: tuple[IntArray, ...],
 ) -> HoldOut | None:
     def estimator(model: ClosureModel, rest: FloatArray, of_rest: NoiseModel) -> Estimate:
         plan = component_plan(
-            procedure.arm,
+            arm,
             model.unsensed_joints,
-            procedure.fixture.fixture,
+            fixture,
             dof=require_enough_poses(model, len(rest)),
         )
         return estimate_implicit_with_components(model, rest, of_rest, plan)[0]
 
-    if len(q) < 2 * FOLDS:
-        return None
     try:
-        return hold_out(estimator, solution.model, q, noise, fold_poses(q, FOLDS))
+        return hold_out(estimator, solution.model, q, noise, parts)
     except SolverError:
         # The rest is too small to be estimated from.
         return None

@@ -78,6 +78,8 @@ class Timing:
     A joint has `answer_timeouts_s` for its answer. Simulated time does not pass meanwhile, so that in
     fast forward a slow machine may take longer. A joint is lost when it missed `patience` SYNCs in
     a row and has been silent for `lost_after_s`; until then a move waits where it is.
+
+    `speed` is how many times faster than its own clock a simulated arm runs; a real one knows only 1.
     """
 
     period_s: float = CONTROL_PERIOD_S
@@ -89,6 +91,12 @@ class Timing:
     patience: int = 3
     lost_after_s: float = 1.0
     idle_poll_s: float = 0.002
+    speed: float = 1.0
+
+    @property
+    def tick_s(self) -> float:
+        """Wall-clock time between SYNCs."""
+        return self.period_s / self.speed
 
     def misses(self, pace: Pace) -> int:
         """SYNCs in a row that a joint may miss before it is lost."""
@@ -326,10 +334,10 @@ class ControlLoop:
     def _wait_for_tick(self) -> None:
         """Receive until the next control period begins; a late one starts a new count."""
         now = self._clock()
-        if now > self._next_tick_s + self._timing.period_s:
+        if now > self._next_tick_s + self._timing.tick_s:
             self._next_tick_s = now
         while now < self._next_tick_s and not self._closing:
             self._receive_one(self._next_tick_s - now)
             self._beat()
             now = self._clock()
-        self._next_tick_s += self._timing.period_s
+        self._next_tick_s += self._timing.tick_s

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from hardware.buses import BusSettings, bus_settings, open_bus
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace
+from hardware.control_loop import Pace, Timing
 from hardware.description import (
     ArmDescription,
     EncoderDescription,
@@ -49,16 +49,25 @@ _channels = count(1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rig:
-    """An arm ready to be connected, and the procedure for the arm that is really there."""
+    """An arm ready to be connected, and the procedure for the arm that is really there.
+
+    `choices` are the operator's, completed by what the environment and the defaults chose: what the
+    journal keeps, so that nobody who reads it later depends on them.
+    """
 
     arm: CanopenArm
     procedure: Procedure
+    choices: Choices
     simulated: bool
 
 
 @contextmanager
 def open_arm(
-    opening: Opening, *, pace: Pace | None = None, record_to: Path | None = None
+    opening: Opening,
+    *,
+    pace: Pace | None = None,
+    speed: float = 1.0,
+    record_to: Path | None = None,
 ) -> Iterator[Rig]:
     """Open the bus a session asks for, with a virtual controller on it if it is this process's own.
 
@@ -66,6 +75,8 @@ def open_arm(
     ----------
     pace
         Default: fast-forward on the embedded virtual arm, real time on any bus that others share.
+    speed
+        In real time: how many times faster than that the embedded virtual arm runs.
 
     Raises
     ------
@@ -74,7 +85,7 @@ def open_arm(
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     procedure = carried_procedure(opening)
-    settings = _bus(opening.choices, procedure)
+    bus = settings = _bus(opening.choices, procedure)
     embedded = settings.interface == "virtual"
     with ExitStack() as stack:
         if embedded:
@@ -86,9 +97,15 @@ def open_arm(
             settings,
             pace=pace or (Pace.FAST_FORWARD if embedded else Pace.REAL_TIME),
             record_to=record_to,
+            timing=Timing(speed=speed if embedded else 1.0),
         )
         stack.callback(arm.close)
-        yield Rig(arm=arm, procedure=procedure, simulated=embedded)
+        yield Rig(
+            arm=arm,
+            procedure=procedure,
+            choices=_completed(opening.choices, bus, embedded=embedded),
+            simulated=embedded,
+        )
 
 
 def carried_procedure(opening: Opening) -> Procedure:
@@ -97,6 +114,13 @@ def carried_procedure(opening: Opening) -> Procedure:
     if _bus(choices, procedure).interface != "virtual" and choices.scenario is None:
         return procedure
     return replace(procedure, arm=scenario_of(choices).arm(procedure.arm))
+
+
+def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices:
+    if not embedded:
+        return replace(choices, interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate)
+    chosen = scenario_of(choices)
+    return replace(choices, interface="virtual", scenario=chosen.name, seed=chosen.seed)
 
 
 def scenario_of(choices: Choices) -> Scenario:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
@@ -72,9 +73,9 @@ def execute(args: argparse.Namespace) -> int:
         try:
             if opening.resumed:
                 _say_resumed(listener, session)
-                session.record("resumed", {"settings": dict(opening.settings)})
+                session.record("resumed", {"settings": asdict(rig.choices)})
             else:
-                session.open(opening.sources, opening.settings)
+                session.open(opening.sources, asdict(rig.choices))
             result = run(session, listener)
             reason = "done"
         except KeyboardInterrupt:

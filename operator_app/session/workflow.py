@@ -300,6 +300,7 @@ class Session:
             "solved",
             {
                 "estimator": estimate.estimator,
+                "unsensed_joints": list(solution.model.unsensed_joints),
                 "poses": [p.number for p in poses],
                 "parameters": {
                     p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)

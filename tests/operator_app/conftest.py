@@ -25,7 +25,7 @@ from hardware.arm import (
 from hardware.errors import UploadRefused
 from hardware.trajectory import StraightMove
 from hardware.virtual.port import JointCommand, PlantReading
-from hardware.virtual.scenarios import scenario
+from hardware.virtual.scenarios import Scenario, scenario
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
@@ -40,9 +40,10 @@ SERIAL = "SDA-0001"
 class PlantArm:
     """An `Arm` whose every SYNC is a plant step. Counts what it was asked."""
 
-    def __init__(self, procedure: Procedure, scenario_name: str, serial: str = SERIAL) -> None:
+    def __init__(self, procedure: Procedure, chosen: Scenario | str, serial: str = SERIAL) -> None:
         self.model = procedure.arm
-        self._plant = scenario(scenario_name).build(procedure.arm)
+        chosen = scenario(chosen) if isinstance(chosen, str) else chosen
+        self._plant = chosen.build(procedure.arm)
         n = self.model.joint_count
         self._resolution = np.array(
             [

@@ -8,19 +8,18 @@ Knows no bus, no screen and no file.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from enum import Enum
+from dataclasses import replace
 
 import numpy as np
 
 from solver.arrays import FloatArray
 from solver.closure import poses_needed
 from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
-from solver.design.exploration import ExplorationLimits, Explorer
+from solver.design.campaign_settings import CampaignSettings, Phase
+from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
 from solver.design.plan import Plan, PlanningTask, information_of, make_plan
-from solver.design.stop_rule import StopDecision, judge_progress
+from solver.design.stop_rule import Progress, StopDecision, judge_progress
 from solver.errors import SolverError
 
 SPARE_POSES = 4
@@ -31,39 +30,6 @@ EASIER = 0.7
 """Share of the least leverage that is accepted when nothing else can be reached."""
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A plan is made again when the estimate moves its poses by more than this."""
-
-
-class Phase(Enum):
-    """What the campaign is at."""
-
-    EXPLORING = "exploring"
-    PLANNED = "visiting planned poses"
-    FINISHED = "finished"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CampaignSettings:
-    """How a campaign goes.
-
-    Attributes
-    ----------
-    poses
-        Planned poses to take, beside those of the exploration.
-    requested
-        Standard deviations to reach by parameter name (rad, m); empty for none.
-    exploration
-        How boldly to explore.
-    tolerance_rad
-        How far readings may stray from the predicted trace of a planned move.
-    most_blocked
-        Planned moves that may be stopped short before the campaign gives up.
-    """
-
-    poses: int = 12
-    requested: Mapping[str, float] | None = None
-    exploration: ExplorationLimits = field(default_factory=ExplorationLimits)
-    tolerance_rad: float = float(np.deg2rad(8.0))
-    most_blocked: int = 8
 
 
 class Campaign:
@@ -112,6 +78,8 @@ class Campaign:
         self._blocked: list[FloatArray] = []
         self._backing = 0
         self._unreached: list[FloatArray] = []
+        self._visits: deque[int] = deque()
+        self._node = 0
 
     @property
     def readings_rad(self) -> FloatArray:
@@ -199,15 +167,10 @@ class Campaign:
     def _interim(self) -> None:
         try:
             self.estimate = self._calibrate(self.readings_rad)
-        except SolverError as error:
-            self.estimate = None
-            self._last_refusal = str(error)
-        if (
-            self.phase is Phase.PLANNED
-            and self.plan is not None
-            and self.estimate is not None
-            and self._shift() > REPLAN_SHIFT_RAD
-        ):
+        except SolverError:
+            # Too few poses, or poses too alike: go on with what there was, and take more.
+            return
+        if self.phase is Phase.PLANNED and self._shift() > REPLAN_SHIFT_RAD:
             self.plan = None
 
     def _shift(self) -> float:
@@ -274,7 +237,11 @@ class Campaign:
 
     def _next_visit(self) -> None:
         if self._taken >= self.settings.poses:
-            self._finish(f"all {self._taken} planned poses are taken", complete=True)
+            decision = self._judge()
+            text = f"all {self._taken} planned poses are taken"
+            if decision is not None:
+                text = f"{text}; {decision.text}"
+            self._finish(text, complete=True, decision=decision)
             return
         if self.plan is None and not self._try_plan():
             self._finish(
@@ -285,7 +252,8 @@ class Campaign:
             return
         decision = self._judge()
         if decision is not None and decision.stop:
-            self._finish(decision.text, complete=True, decision=decision)
+            reached = decision.progress is Progress.REACHED
+            self._finish(decision.text, complete=reached, decision=decision)
             return
         plan, estimate = self.plan, self.estimate
         if plan is None or estimate is None:

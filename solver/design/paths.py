@@ -27,9 +27,6 @@ BETWEEN = 0.8
 """Likewise on a straight line between two good poses."""
 CHANGE_COST_RAD = 0.5
 """What a change of drive joints costs, as motion: stopping, switching and settling again."""
-FAR_RAD = 1e3
-MOST_ROUNDS = 50
-"""Of 2-opt; ten are many."""
 LINE_STEP_RAD = 0.03
 """Spacing at which straight drive moves are followed."""
 
@@ -298,39 +295,3 @@ class PathGraph:
         low, high = min(first, second), max(first, second)
         pairs: IntArray = self.manifold.neighbours
         self._open[layer] &= ~((pairs[:, 0] == low) & (pairs[:, 1] == high))
-
-
-def visiting_order(distances: FloatArray) -> tuple[int, ...]:
-    """Short open tour through all points from point 0, by nearest neighbour and 2-opt.
-
-    Parameters
-    ----------
-    distances
-        (k, k), symmetric; inf where there is no way.
-
-    Returns
-    -------
-    Points 1..k-1 in visiting order.
-    """
-    size = len(distances)
-    # Far, yet not so far that rounding hides what the rest of the tour gains.
-    finite = np.where(np.isfinite(distances), distances, FAR_RAD)
-    tour, left = [0], set(range(1, size))
-    while left:
-        tour.append(min(left, key=lambda p: (float(finite[tour[-1], p]), p)))
-        left.remove(tour[-1])
-    for _ in range(MOST_ROUNDS):
-        improved = False
-        for a in range(1, size - 1):
-            for b in range(a + 1, size):
-                old = finite[tour[a - 1], tour[a]]
-                new = finite[tour[a - 1], tour[b]]
-                if b + 1 < size:
-                    old = old + finite[tour[b], tour[b + 1]]
-                    new = new + finite[tour[a], tour[b + 1]]
-                if new < old - 1e-9:
-                    tour[a : b + 1] = reversed(tour[a : b + 1])
-                    improved = True
-        if not improved:
-            break
-    return tuple(tour[1:])

@@ -23,9 +23,10 @@ from solver.design.d_optimal import (
 )
 from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, Ranges, candidate_poses
-from solver.design.paths import MotionLimits, PathGraph, visiting_order
+from solver.design.paths import MotionLimits, PathGraph
 from solver.design.pose_information import PoseInformation, pose_information
 from solver.design.stop_rule import standard_deviations
+from solver.design.tour import visiting_order
 from solver.identifiability import Identifiability, judge_jacobian
 from solver.implicit_estimator import NoiseModel
 

@@ -1,7 +1,8 @@
 """When to stop taking poses: precision reached, or nothing left that helps. Knows matrices and names.
 
-A pose always averages some noise, so "no pose helps" is judged by a forecast: even after the poses
-that may still be afforded, each the best for the weakest parameter, the request would not be met.
+A pose always averages some noise, so "no pose helps" is judged by a forecast: the poses that may
+still be afforded, each the best for the worst parameter, would neither meet the request nor come
+noticeably nearer to it.
 """
 
 from __future__ import annotations
@@ -93,6 +94,7 @@ def judge_progress(
     *,
     poses_left: int,
     allowed: BoolArray | None = None,
+    worthwhile: float = 0.05,
 ) -> StopDecision:
     """Compare the information so far (P, P) with standard deviations asked for, rad and m by name.
 
@@ -106,6 +108,9 @@ def judge_progress(
         How many more poses may be taken.
     allowed
         (m,): candidates that can be reached.
+    worthwhile
+        Poses are worth taking while all that are left together bring the worst parameter nearer to
+        the request by this share.
     """
     unknown = sorted(set(requested) - set(candidates.parameters))
     if unknown:
@@ -143,8 +148,17 @@ def judge_progress(
     text = (
         f"{poses_left} more poses would not bring {named} to the request: "
         f"{worst.name} would stay {worst.forecast / worst.requested:.1f} times too uncertain"
+        if poses_left
+        else f"{named} not known as well as requested: "
+        f"{worst.name} is {worst.sigma / worst.requested:.1f} times too uncertain"
     )
-    return StopDecision(progress=Progress.HOPELESS, weak=weak, poses_needed=None, text=text)
+    nearer = float(_ratio(later, goal).max()) < (1.0 - worthwhile) * float(_ratio(now, goal).max())
+    return StopDecision(
+        progress=Progress.GOING_ON if nearer else Progress.HOPELESS,
+        weak=weak,
+        poses_needed=None,
+        text=text,
+    )
 
 
 def _forecast(

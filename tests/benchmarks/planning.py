@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 
@@ -168,9 +168,9 @@ def main() -> None:
     model = true_model("datasheet", 0, arm)
     x = nominal_vector(model.parameters)
     task = planning_task(model, arm)
-    start = perf_counter()
+    start, cpu = perf_counter(), process_time()
     plan = make_plan(task, x, arm.home_rad, 20)
-    took = perf_counter() - start
+    took, cpu = perf_counter() - start, process_time() - cpu
     information = information_of(task, x, plan.poses_rad)
     start = perf_counter()
     next_best(plan.information.root, information, allowed=plan.allowed)
@@ -179,7 +179,9 @@ def main() -> None:
     print(
         f"scaled condition of 20 planned poses: {plan.design.scaled_condition_number:.1f} (<= 18)"
     )
-    print(f"planning 20 poses: {took:.2f} s (< 2); next best pose: {update * 1e3:.1f} ms (< 50)")
+    print(
+        f"planning 20 poses: {took:.2f} s, {cpu:.2f} s of processor (< 2); next best pose: {update * 1e3:.1f} ms (< 50)"
+    )
 
 
 if __name__ == "__main__":

@@ -33,13 +33,29 @@ def test_going_on_names_the_weakest_and_the_forecast_is_enough(told, chosen) -> 
     assert not decision.stop
 
 
-def test_hopeless_says_which_parameter_stays_weak(told, chosen) -> None:
+def test_a_request_out_of_reach_goes_on_while_poses_help(told, chosen) -> None:
     goal = {"alpha_0": 1e-9, "theta_off_1": 1.0}
     decision = judge_progress(told.of(chosen), told, goal, poses_left=10)
-    assert decision.progress is Progress.HOPELESS
+    assert decision.progress is Progress.GOING_ON
+    assert decision.poses_needed is None
     assert [w.name for w in decision.weak] == ["alpha_0"]
-    assert "alpha_0" in decision.text
+    assert "10 more poses would not bring alpha_0" in decision.text
     assert decision.weak[0].forecast < decision.weak[0].sigma
+
+
+def test_hopeless_when_no_pose_helps_any_more(told, chosen) -> None:
+    goal = {"alpha_0": 1e-9, "theta_off_1": 1.0}
+    # After 1,200 poses ten more are nothing.
+    decision = judge_progress(told.of(list(chosen) * 100), told, goal, poses_left=10)
+    assert decision.progress is Progress.HOPELESS
+    assert decision.stop
+    assert [w.name for w in decision.weak] == ["alpha_0"]
+
+
+def test_no_pose_left_says_what_stays_weak(told, chosen) -> None:
+    decision = judge_progress(told.of(chosen), told, {"alpha_0": 1e-9}, poses_left=0)
+    assert decision.progress is Progress.HOPELESS
+    assert decision.text.startswith("alpha_0 not known as well as requested")
 
 
 def test_forecast_is_never_better_than_all_poses_could_be(told, chosen) -> None:

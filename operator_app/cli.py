@@ -10,6 +10,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 COMMANDS = {
     "run": "calibrate an arm from start to finish, without questions",
@@ -22,10 +23,13 @@ COMMANDS = {
     "controller": "run the virtual controller as its own process",
 }
 
+APP = "app"
+
 DESCRIPTION = """\
 Calibrate a redundant arm without any external measuring device: the hand is bolted to the table
 through a passive hinge, the arm moves inside the closed chain, and its joint readings alone give
-the joint-angle offsets and where the hinge is."""
+the joint-angle offsets and where the hinge is. Without a command, the terminal app opens: on the
+embedded virtual arm, or on a bus named with -i, -c and -b."""
 
 EPILOG = """\
 Names such as `hinge` are packaged files; a path works everywhere a name does. Results go to stdout,
@@ -58,27 +62,31 @@ def _dispatch(argv: Sequence[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    wanted = next((word for word in argv if word in COMMANDS), APP)
+    if wanted == APP:
+        # Without a command: the terminal app, whose options belong to `sarcal` itself.
+        _module(APP).add_arguments(parser)
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
-    wanted = next((word for word in argv if word in COMMANDS), None)
     for name, summary in COMMANDS.items():
         sub = subparsers.add_parser(
             name, help=summary, description=summary[0].upper() + summary[1:] + "."
         )
         if name == wanted:
-            importlib.import_module(f"operator_app.commands.{name}").add_arguments(sub)
+            _module(name).add_arguments(sub)
     args = parser.parse_args(argv)
-    if args.command is None:
-        parser.print_help()
-        return 2
 
     from operator_app.exit_codes import EXPECTED_ERRORS, exit_code
 
-    command = importlib.import_module(f"operator_app.commands.{args.command}")
+    command = _module(args.command or APP)
     try:
         return int(command.execute(args))
     except EXPECTED_ERRORS as error:
         print(f"sarcal: {error}", file=sys.stderr)
         return int(exit_code(error))
+
+
+def _module(command: str) -> Any:
+    return importlib.import_module(f"operator_app.commands.{command}")
 
 
 class _Version(argparse.Action):

@@ -28,6 +28,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plain", action="store_true", help="numbered prompts instead of a full screen"
     )
     parser.add_argument("--light", action="store_true", help="begin with the light theme")
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=1.0,
+        metavar="N",
+        help="let the embedded virtual arm run N times faster than real time (default 1)",
+    )
     sessions_option(parser)
     bus_options(parser)
     scenario_options(parser)
@@ -39,9 +46,13 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.tui.look import DARK, LIGHT
     from operator_app.tui.source import ComposedSource
 
+    if not 0.0 < args.speed <= 50.0:
+        raise UsageError("--speed: between 0 and 50 times real time")
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError("the terminal app needs a terminal: use --plain, or `sarcal run`")
-    source = ComposedSource(args.procedure, choices_from(args), root=args.sessions)
+    source = ComposedSource(
+        args.procedure, choices_from(args), root=args.sessions, speed=args.speed
+    )
     reason = run(
         source,
         theme=LIGHT if args.light else DARK,

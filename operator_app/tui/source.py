@@ -47,10 +47,13 @@ class ComposedSource:
         What the command line says beside it.
     root
         Folder of session folders.
+    speed
+        How many times faster than real time the embedded virtual arm runs.
     """
 
-    def __init__(self, procedure: str, choices: Choices, *, root: Path) -> None:
+    def __init__(self, procedure: str, choices: Choices, *, root: Path, speed: float = 1.0) -> None:
         self._procedure, self._choices, self._root = procedure, choices, root
+        self._speed = speed
         self._stack = ExitStack()
         self._desk: Desk | None = None
 
@@ -80,7 +83,7 @@ class ComposedSource:
 
     def _open(self, opening: Opening) -> Desk:
         with ExitStack() as stack:
-            rig = stack.enter_context(open_arm(opening, pace=Pace.REAL_TIME))
+            rig = stack.enter_context(open_arm(opening, pace=Pace.REAL_TIME, speed=self._speed))
             journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
             stack.callback(journal.close)
             session = Session(journal=journal, arm=rig.arm, procedure=rig.procedure)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 from operator_app.config.fixture_file import FixtureSpec
@@ -70,6 +71,11 @@ class CapturePlan:
         SYNC samples averaged into one pose.
     seed
         Of the sequence of poses.
+    strategy
+        ``explore``: visit the box as it comes; ``planned``: explore a little, then plan on what was
+        found and take `poses` chosen poses more.
+    requested
+        With a plan: standard deviations by parameter name (rad, m) at which it may end sooner.
     """
 
     poses: int
@@ -78,6 +84,8 @@ class CapturePlan:
     settle: SettleRule
     samples_per_pose: int
     seed: int
+    strategy: Literal["explore", "planned"] = "explore"
+    requested: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +102,8 @@ class Procedure:
         The three files as found (procedure, arm, fixture), for the session's snapshot.
     position_joints
         Joints (1-based) in position mode; None: chosen automatically.
+    trial
+        Whether that choice also asks the arm, by small wiggles.
     unsensed_joints
         Joints whose readings are not used.
     estimator
@@ -113,3 +123,4 @@ class Procedure:
     estimator: Literal["paper", "implicit"]
     acceptance: AcceptanceLimits
     upload: bool
+    trial: bool = False

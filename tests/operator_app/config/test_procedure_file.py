@@ -83,6 +83,47 @@ def test_auto_needs_no_exploration() -> None:
     assert procedure.capture.exploration == ()
 
 
+def test_planned_procedure_chooses_its_drives_and_its_poses() -> None:
+    procedure = load_procedure("hinge_planned")
+    assert procedure.position_joints is None
+    assert not procedure.trial
+    assert procedure.capture.strategy == "planned"
+    assert procedure.capture.poses == 12
+    assert procedure.capture.requested == {}
+
+
+def test_an_unplanned_procedure_stays_one() -> None:
+    procedure = load_procedure("hinge")
+    assert procedure.capture.strategy == "explore"
+    assert not procedure.trial
+
+
+def test_trial_and_requested_precision_in_si() -> None:
+    text = GOOD.replace("modes: {position: [1, 5]}", "modes: {position: auto, trial: true}")
+    start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
+    asked = "  plan: planned\n  requested_sigma: {theta_off_2_deg: 0.9, a_0_mm: 2}\n"
+    procedure = parse(text[:start] + asked + text[end:])
+    assert procedure.trial
+    assert procedure.position_joints is None
+    assert procedure.capture.requested == pytest.approx(
+        {"theta_off_2": math.radians(0.9), "a_0": 0.002}
+    )
+
+
+def test_named_drives_of_a_plan_need_no_travel() -> None:
+    start, end = GOOD.index("  exploration"), GOOD.index("  speed_deg_per_s")
+    procedure = parse(GOOD[:start] + "  plan: planned\n" + GOOD[end:])
+    assert procedure.position_joints == (1, 5)
+
+
+def test_any_joint_may_drive_where_the_program_chooses() -> None:
+    text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
+    start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
+    fast = (text[:start] + text[end:]).replace("speed_deg_per_s: 20", "speed_deg_per_s: 200")
+    with pytest.raises(ConfigError, match="more than joint"):
+        parse(fast)
+
+
 def test_paths_start_from_the_procedure_s_folder(tmp_path: Path) -> None:
     arm = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
     (tmp_path / "my_arm.yaml").write_text(arm.replace("name: sarcos_dextrous", "name: mine"))
@@ -135,6 +176,22 @@ BAD = [
     ("estimator: paper", "estimator: paper\nunsensed_joints: [5]", "modes.position[2]",
      "in position mode and unsensed"),
     ("estimator: paper", "estimator: paper\nunsensed_joints: [8]", "unsensed_joints[1]", "no joint 8"),
+    ("poses: 40", "plan: plannd\n  poses: 40", "capture.plan", "did you mean planned?"),
+    ("poses: 40", "poses: 40\n  requested_sigma: {a_0_mm: 0.1}", "capture.requested_sigma",
+     "add plan: planned"),
+    ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {a_0_m: 0.1}",
+     "capture.requested_sigma.a_0_m", "did you mean a_0_mm?"),
+    ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {theta_off_1: 0.1}",
+     "capture.requested_sigma.theta_off_1", "did you mean theta_off_1_deg?"),
+    ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {speed: 0.1}",
+     "capture.requested_sigma.speed", "known here: theta_off_1_deg"),
+    ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {a_0_mm: 0}",
+     "capture.requested_sigma.a_0_mm", "greater than 0"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, 5], trial: true}", "modes.trial",
+     "write position: auto"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, 5], trail: true}", "modes.trail",
+     "did you mean trial?"),
+    ("modes: {position: [1, 5]}", "modes: {position: atuo}", "modes.position", "did you mean auto?"),
 ]  # fmt: skip
 
 

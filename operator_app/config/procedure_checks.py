@@ -1,0 +1,138 @@
+"""What in a procedure contradicts itself, its arm or its fixture. Knows no bus and no session."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from operator_app.config.errors import Problem
+from operator_app.config.procedure_models import ModesModel, ProcedureFile
+from operator_app.config.yaml_document import Path as KeyPath
+from operator_app.config.yaml_document import YamlDocument
+from solver.arm_model import ArmModel
+from solver.parameters import Parameter
+
+
+def check_joints(
+    found: ProcedureFile, arm: ArmModel | None, document: YamlDocument
+) -> Iterator[Problem]:
+    """Joint numbers that contradict each other or, where it is known, the arm."""
+    drives = found.modes.listed if isinstance(found.modes, ModesModel) else ()
+    lists: tuple[tuple[KeyPath, tuple[int, ...]], ...] = (
+        (("modes", "position"), drives),
+        (("unsensed_joints",), found.unsensed_joints),
+    )
+    for path, joints in lists:
+        for k, joint in enumerate(joints):
+            if arm is not None and joint > arm.joint_count:
+                text, remedy = f"there is no joint {joint}", f"joints are 1 to {arm.joint_count}"
+                yield document.problem((*path, k), text, remedy)
+            elif joint in joints[:k]:
+                text = f"joint {joint} is listed twice"
+                yield document.problem((*path, k), text, "list each joint once")
+    for k, joint in enumerate(drives):
+        if joint in found.unsensed_joints:
+            yield document.problem(
+                ("modes", "position", k),
+                f"joint {joint} is in position mode and unsensed",
+                "a joint whose reading is not used cannot be driven to a position",
+            )
+    if isinstance(found.modes, ModesModel) and found.modes.trial and drives:
+        yield document.problem(
+            ("modes", "trial"),
+            "the drive joints are named, so there is nothing to try",
+            "write position: auto, or leave trial out",
+        )
+    yield from _check_exploration(found, drives, arm, document)
+    if arm is not None:
+        yield from _check_limits(found, arm, document)
+
+
+def _check_exploration(
+    found: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None, document: YamlDocument
+) -> Iterator[Problem]:
+    """Each drive joint that exists has one travel, and no other joint has any; a plan needs none."""
+    here: KeyPath = ("capture", "exploration")
+    named = [item.joint for item in found.capture.exploration]
+    for k, joint in enumerate(named):
+        if joint in named[:k]:
+            text = f"joint {joint} is listed twice"
+            yield document.problem((*here, k, "joint"), text, "keep one of them")
+        elif joint not in drives:
+            text = f"joint {joint} is not in position mode"
+            yield document.problem((*here, k, "joint"), text, "explore with the drive joints only")
+    if found.capture.plan == "planned":
+        return
+    for joint in sorted(set(drives) - set(named)):
+        if arm is None or joint <= arm.joint_count:
+            remedy = f"add {{joint: {joint}, from_deg: ..., to_deg: ...}}"
+            yield document.problem(here, f"joint {joint} has no travel", remedy)
+
+
+def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
+    """Travels from home stay inside the ranges; no drive joint is faster than it may be."""
+    boxes = [
+        (k, item)
+        for k, item in enumerate(found.capture.exploration)
+        if item.joint <= arm.joint_count
+    ]
+    for k, item in boxes:
+        joint, home = arm.joints[item.joint - 1], math.degrees(arm.home_rad[item.joint - 1])
+        low, high = math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)
+        for key, travel in (("from_deg", item.from_deg), ("to_deg", item.to_deg)):
+            if not low - 1e-9 <= home + travel <= high + 1e-9:
+                yield document.problem(
+                    ("capture", "exploration", k, key),
+                    f"takes joint {item.joint} from home {home:.6g} to {home + travel:.6g} deg, "
+                    f"outside its range {low:.6g} to {high:.6g} deg",
+                    "shorten the travel",
+                )
+    # Where the program chooses, any joint may come to drive.
+    chosen = found.modes == "auto" or not found.modes.listed
+    drives = range(1, arm.joint_count + 1) if chosen else [item.joint for _, item in boxes]
+    slowest = min(drives, key=lambda j: arm.joints[j - 1].max_speed_rad_per_s, default=None)
+    if slowest is not None:
+        limit = math.degrees(arm.joints[slowest - 1].max_speed_rad_per_s)
+        if found.capture.speed_deg_per_s > limit * (1.0 + 1e-9):
+            text = f"is more than joint {slowest} may do ({limit:.6g} deg/s)"
+            yield document.problem(("capture", "speed_deg_per_s"), text, "slow down")
+
+
+def check_requested(
+    found: ProcedureFile, parameters: Sequence[Parameter], document: YamlDocument
+) -> Iterator[Problem]:
+    """Standard deviations are asked for of parameters there are, in their unit, and with a plan."""
+    here: KeyPath = ("capture", "requested_sigma")
+    asked = found.capture.requested_sigma
+    if asked and found.capture.plan != "planned":
+        yield document.problem(
+            here, "only a planned capture knows when it is reached", "add plan: planned"
+        )
+    known = {in_file(p): p for p in parameters}
+    for key in asked:
+        if key in known:
+            continue
+        name, _, _ = key.rpartition("_")
+        meant = next((k for k, p in known.items() if p.name in (name, key)), "")
+        near = difflib.get_close_matches(key, list(known), n=1)
+        if not (meant or near):
+            remedy = f"known here: {', '.join(known)}"
+        else:
+            remedy = f"did you mean {meant or near[0]}?"
+        yield document.problem((*here, key), "is no parameter of this calibration", remedy)
+
+
+def in_file(parameter: Parameter) -> str:
+    """Return the key of a parameter's standard deviation, with its unit."""
+    return f"{parameter.name}_{'deg' if parameter.is_angle else 'mm'}"
+
+
+def requested(found: ProcedureFile, parameters: Sequence[Parameter]) -> Mapping[str, float]:
+    """Return the standard deviations asked for by parameter name, rad and m."""
+    asked = found.capture.requested_sigma
+    return {
+        p.name: math.radians(asked[in_file(p)]) if p.is_angle else 1e-3 * asked[in_file(p)]
+        for p in parameters
+        if in_file(p) in asked
+    }

@@ -17,7 +17,7 @@ from operator_app.calibration import calibrate
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.journal import Journal
 from operator_app.session.workflow import Session
-from tests.operator_app.conftest import PlantArm
+from tests.oracles.plant_arm import PlantArm
 
 ALL = scenario("as_reported")
 QUIET = replace(ALL, curve_of_full_scale=0.0, lengths=None, loads=STIFF)

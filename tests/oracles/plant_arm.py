@@ -1,0 +1,185 @@
+"""A fake arm at the lowest seam: the real plant under the `Arm` protocol, without a bus."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hardware.arm import (
+    ArmIdentity,
+    ArmSnapshot,
+    DriveState,
+    JointMode,
+    JointState,
+    MoveResult,
+    NodeIdentity,
+    Reading,
+    UploadReceipt,
+    Watch,
+)
+from hardware.errors import UploadRefused
+from hardware.trajectory import StraightMove
+from hardware.virtual.port import JointCommand, PlantReading
+from hardware.virtual.scenarios import Scenario, scenario
+from operator_app.config.parameters_file import parse_parameters
+from operator_app.config.procedure import Procedure
+from solver.sensors import NoSensor
+
+PERIOD_S = 0.01
+SERIAL = "SDA-0001"
+
+
+class PlantArm:
+    """An `Arm` whose every SYNC is a plant step. Counts what it was asked."""
+
+    def __init__(self, procedure: Procedure, chosen: Scenario | str, serial: str = SERIAL) -> None:
+        self.model = procedure.arm
+        chosen = scenario(chosen) if isinstance(chosen, str) else chosen
+        self._plant = chosen.build(procedure.arm)
+        n = self.model.joint_count
+        self._resolution = np.array(
+            [
+                0.0 if isinstance(j.sensor, NoSensor) else j.sensor.resolution_rad
+                for j in self.model.joints
+            ]
+        )
+        self._serial = serial
+        self._modes: list[JointMode | None] = [None] * n
+        self._targets = np.zeros(n)
+        self._syncs = 0
+        self._document = b""
+        self.interrupt_at_sync: int | None = None
+        self.closed = 0
+        self._step()
+        self._hold_here()
+
+    def _step(self) -> PlantReading:
+        if self.interrupt_at_sync is not None and self._syncs >= self.interrupt_at_sync:
+            raise KeyboardInterrupt
+        self._syncs += 1
+        self._reading = self._plant.step(
+            [
+                JointCommand(mode=m, target_rad=t)
+                for m, t in zip(self._modes, self._targets, strict=True)
+            ]
+        )
+        return self._reading
+
+    def _positions(self) -> np.ndarray:
+        return np.array(self._reading.position_counts) * self._resolution
+
+    def _hold_here(self) -> None:
+        self._targets = self._positions()
+
+    def connect(self) -> ArmIdentity:
+        node = NodeIdentity(
+            node=1, role="joint 1", device_name="fake", vendor_id=0, product_code=0, revision=0,
+            serial_number=1,
+        )  # fmt: skip
+        return ArmIdentity(model=self.model.name, serial_number=self._serial, nodes=(node,))
+
+    def snapshot(self) -> ArmSnapshot:
+        joints = tuple(
+            JointState(
+                joint=j + 1,
+                position_counts=self._reading.position_counts[j],
+                position_rad=float(self._positions()[j]),
+                speed_rad_per_s=self._reading.speed_rad_per_s[j],
+                torque_nm=self._reading.torque_nm[j],
+                drive=DriveState.OPERATION_ENABLED,
+                mode=self._modes[j],
+                age_s=0.0,
+            )
+            for j in range(self.model.joint_count)
+        )
+        return ArmSnapshot(
+            sync_count=self._syncs, joints=joints, heartbeat_age_s={}, token=127, faults=(),
+            stopped=False, moving=False,
+        )  # fmt: skip
+
+    def take_control(self) -> None:
+        self._hold_here()
+        self._modes = [JointMode.POSITION] * self.model.joint_count
+
+    def set_modes(self, modes: Sequence[JointMode]) -> None:
+        self._hold_here()
+        self._modes = list(modes)
+
+    def move(
+        self,
+        targets_rad: Mapping[int, float],
+        *,
+        speed_rad_per_s: float,
+        watch: Watch | None = None,
+    ) -> MoveResult:
+        columns = [j - 1 for j in targets_rad]
+        path = StraightMove(
+            self._targets[columns],
+            np.array(list(targets_rad.values())),
+            speed_rad_per_s=speed_rad_per_s,
+            acceleration_rad_per_s2=1.0,
+            period_s=PERIOD_S,
+        )
+        first, reason = self._syncs, ""
+        while not path.finished:
+            self._targets[columns] = path.next()
+            self._step()
+            if not reason and watch is not None:
+                reason = watch(self.snapshot()) or ""
+                if reason:
+                    path.brake()
+        return MoveResult(
+            reached=not reason,
+            reason=reason,
+            positions_rad=self._positions(),
+            syncs=self._syncs - first,
+        )
+
+    def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
+        seen: list[np.ndarray] = []
+        for _ in range(timeout_syncs):
+            self._step()
+            seen.append(self._positions())
+            if len(seen) >= window and np.all(np.ptp(seen[-window:], axis=0) <= spread_rad):
+                return True
+        return False
+
+    def capture(self, samples: int) -> Reading:
+        first = self._syncs + 1
+        counts = np.array([self._step().position_counts for _ in range(samples)], dtype=float)
+        return Reading(
+            mean_counts=counts.mean(axis=0),
+            mean_rad=counts.mean(axis=0) * self._resolution,
+            sd_rad=counts.std(axis=0, ddof=1) * self._resolution,
+            samples=samples,
+            first_sync=first,
+        )
+
+    def hold(self) -> None:
+        self.take_control()
+
+    def stop(self) -> None:
+        self.hold()
+
+    def reset_stop(self) -> None:
+        pass
+
+    def upload_parameters(self, document: bytes) -> UploadReceipt:
+        parsed = parse_parameters(document)
+        if parsed.arm_serial != self._serial:
+            raise UploadRefused(f"these parameters belong to arm {parsed.arm_serial}")
+        self._document = document
+        return UploadReceipt(
+            slot="A",
+            sha256="",
+            length=len(document),
+            home_offset_counts=tuple(j.home_offset_counts or 0 for j in parsed.joints),
+        )
+
+    def active_parameters(self) -> bytes:
+        return self._document
+
+    def close(self) -> None:
+        self.hold()
+        self.closed += 1

@@ -45,6 +45,11 @@ class Campaign:
         How it goes.
     calibrate
         Interim calibration; the implicit estimator from nominal values by default.
+    captured, taken
+        Poses (m, n) of an earlier campaign on the same loop that still count, and how many of them
+        were planned: with enough of them nothing is explored again.
+    at_rad
+        Readings where the arm stands (n,); the start by default.
     """
 
     def __init__(
@@ -54,6 +59,9 @@ class Campaign:
         start_rad: FloatArray,
         settings: CampaignSettings | None = None,
         calibrate: Calibrate | None = None,
+        captured: FloatArray | None = None,
+        taken: int = 0,
+        at_rad: FloatArray | None = None,
     ) -> None:
         if not task.drive_sets:
             raise ValueError("a campaign needs to know which joints drive at the start")
@@ -70,16 +78,23 @@ class Campaign:
             ranges=task.ranges,
             limits=self.settings.exploration,
         )
-        self._q = np.array(start_rad)
-        self._before = np.array(start_rad)
-        self._readings: list[FloatArray] = []
+        self._q = np.array(start_rad if at_rad is None else at_rad)
+        self._before = self._q
+        self._readings: list[FloatArray] = [] if captured is None else [*np.array(captured)]
         self._queue: deque[Action] = deque()
-        self._taken = 0
+        self._taken = taken
         self._blocked: list[FloatArray] = []
         self._backing = 0
         self._unreached: list[FloatArray] = []
         self._visits: deque[int] = deque()
         self._node = 0
+        if self._readings:
+            self._interim()
+
+    @property
+    def at_rad(self) -> FloatArray:
+        """Readings (n,) at the end of the last move or capture that was reported."""
+        return self._q.copy()
 
     @property
     def readings_rad(self) -> FloatArray:
@@ -128,10 +143,7 @@ class Campaign:
         self._taken += action.planned
         if action.planned:
             self._unreached.clear()
-        P = len(self.task.model.parameters)
-        enough = poses_needed(P, self.task.model.equations_per_pose) + SPARE_POSES
-        if len(self._readings) >= enough:
-            self._interim()
+        self._interim()
 
     # -- exploring -------------------------------------------------------------------------------
 
@@ -165,6 +177,10 @@ class Campaign:
     # -- calibrating and planning ----------------------------------------------------------------
 
     def _interim(self) -> None:
+        P = len(self.task.model.parameters)
+        enough = poses_needed(P, self.task.model.equations_per_pose) + SPARE_POSES
+        if len(self._readings) < enough:
+            return
         try:
             self.estimate = self._calibrate(self.readings_rad)
         except SolverError:
@@ -190,6 +206,9 @@ class Campaign:
         if self.estimate is None:
             return False
         left = self.settings.poses - self._taken
+        if left <= 0:
+            self.phase = Phase.PLANNED
+            return True
         sets = self.task.drive_sets or (self.drives,)
         ordered = (self.drives, *(d for d in sets if d != self.drives))
         task = replace(self.task, drive_sets=ordered, noise=self.estimate.noise)

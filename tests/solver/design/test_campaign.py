@@ -128,6 +128,39 @@ def test_stopped_again_and_again_gives_up(task, x) -> None:
     assert "again and again" in actions[-1].text
 
 
+def test_goes_on_from_poses_taken_before_without_exploring_again(task, x) -> None:
+    first = at_plan(task, x, poses=3)
+    drive(first, task, x)
+    taken = first.readings_rad[:-2]
+    again = Campaign(
+        task=task,
+        start_rad=HOME,
+        settings=CampaignSettings(poses=3),
+        calibrate=first._calibrate,
+        captured=taken,
+        taken=1,
+    )
+    assert np.array_equal(again.at_rad, HOME)
+    actions = drive(again, task, x)
+    assert [a.planned for a in actions if isinstance(a, Capture)] == [True, True]
+    assert np.array_equal(again.readings_rad[: len(taken)], taken)
+    assert actions[-1].complete
+
+
+def test_nothing_is_left_to_do_when_all_poses_were_taken_before(task, x) -> None:
+    first = at_plan(task, x, poses=3)
+    drive(first, task, x)
+    again = Campaign(
+        task=task,
+        start_rad=HOME,
+        settings=CampaignSettings(poses=3),
+        calibrate=first._calibrate,
+        captured=first.readings_rad,
+        taken=3,
+    )
+    assert again.propose().complete
+
+
 def test_wrong_reports_are_wrong_calls(task) -> None:
     campaign = Campaign(task=task, start_rad=HOME)
     with pytest.raises(ValueError, match="no move"):

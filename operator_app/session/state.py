@@ -14,7 +14,7 @@ from solver.poses import PoseSet
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CapturedPose:
-    """One captured pose.
+    """One captured pose; `planned` when a plan chose it.
 
     `number` counts captures from 1 and is never used twice; `waypoint` is the index in the plan it
     was taken for, -1 for none; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates.
@@ -28,6 +28,24 @@ class CapturedPose:
     utc: str
     note: str = ""
     excluded: str = ""
+    planned: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignLog:
+    """A planned capture as the journal has it: what it began with and what happened since, in order.
+
+    `begun` is empty before there is one. `steps` are the names and data of the events that the policy
+    was told of; `ended` is the data of its end, empty before.
+    """
+
+    begun: Mapping[str, Any] = field(default_factory=dict)
+    steps: tuple[tuple[str, Mapping[str, Any]], ...] = ()
+    ended: Mapping[str, Any] = field(default_factory=dict)
+
+    def step(self, name: str, data: Mapping[str, Any]) -> CampaignLog:
+        """Return the log with one more step."""
+        return replace(self, steps=(*self.steps, (name, data)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +68,10 @@ class SessionState:
         Waypoints of the plan that are done with: captured, or passed over with a reason.
     captured
         How many captures there were, undone ones included: the next pose is number captured + 1.
+    drives, drive_sets
+        Joints chosen to drive, and all sets a plan may change between; empty until chosen.
+    campaign
+        The planned capture.
     solved, exported
         Summary data of the last solve and export, empty until there is one.
     """
@@ -63,6 +85,9 @@ class SessionState:
     poses: tuple[CapturedPose, ...] = ()
     visited: frozenset[int] = frozenset()
     captured: int = 0
+    drives: tuple[int, ...] = ()
+    drive_sets: tuple[tuple[int, ...], ...] = ()
+    campaign: CampaignLog = field(default_factory=CampaignLog)
     solved: Mapping[str, Any] = field(default_factory=dict)
     exported: Mapping[str, Any] = field(default_factory=dict)
 
@@ -119,12 +144,15 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 samples=data["samples"],
                 utc=utc,
                 note=data.get("note", ""),
+                planned=bool(data.get("planned")),
             )
+            log = state.campaign
             return replace(
                 state,
                 poses=(*state.poses, pose),
                 captured=pose.number,
                 visited=state.visited | {pose.waypoint},
+                campaign=log.step(name, data) if "planned" in data else log,
                 solved={},
             )
         case "pose_undone":
@@ -141,6 +169,22 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             return replace(state, solved=dict(data))
         case "exported":
             return replace(state, exported=dict(data))
+        case _:
+            return _apply_planning(state, name, data)
+
+
+def _apply_planning(state: SessionState, name: str, data: Mapping[str, Any]) -> SessionState:
+    """State after an event of a planned capture, beside its poses."""
+    match name:
+        case "drives_chosen":
+            sets = tuple(tuple(drives) for drives in data["sets"])
+            return replace(state, drives=tuple(data["drives"]), drive_sets=sets)
+        case "campaign":
+            return replace(state, campaign=CampaignLog(begun=dict(data)))
+        case "campaign_move" | "campaign_drives":
+            return replace(state, campaign=state.campaign.step(name, data))
+        case "campaign_ended":
+            return replace(state, campaign=replace(state.campaign, ended=dict(data)))
         case _:
             return state
 

@@ -202,9 +202,12 @@ class Session:
         self.record("waypoint_skipped", {"waypoint": index, "reason": moved.reason})
         return False
 
-    def capture(self, waypoint: int, note: str = "") -> CapturedPose:
-        """Let the arm settle, read a pose, and keep it."""
+    def capture(
+        self, waypoint: int = -1, note: str = "", *, planned: bool | None = None
+    ) -> CapturedPose:
+        """Let the arm settle, read a pose, and keep it; `planned` says a campaign's plan chose it."""
         reading = self.read()
+        campaign = {} if planned is None else {"planned": planned}
         self.record(
             "pose",
             {
@@ -216,6 +219,7 @@ class Session:
                 "samples": reading.samples,
                 "first_sync": reading.first_sync,
                 "note": note,
+                **campaign,
             },
         )
         return self.state.poses[-1]

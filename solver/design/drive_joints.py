@@ -219,7 +219,9 @@ def _verdict(
         reasons.append(f"reaches {reach:.0%} of the poses inside the ranges")
     if still:
         names = " and ".join(str(j) for j in still)
-        reasons.append(f"joint{'s' if len(still) > 1 else ''} {names} hardly move")
+        reasons.append(
+            f"joints {names} hardly move" if len(still) > 1 else f"joint {names} hardly moves"
+        )
     reasons.append(
         f"joint {fastest[1]} moves most, {fastest[0]:.1f} times as far as the drives"
         if passive

@@ -100,8 +100,8 @@ class Navigation:
         if s is None:
             return False
         missing = guards.missing_for(step, s)
-        # Going back never needs anything; what was captured can always be looked at.
-        if missing and step > self.app.step and not (step is Step.CAPTURE and s.state.poses):
+        # Going back never needs anything.
+        if missing and step > self.app.step:
             self.app.main.refuse(f"{step.title} is closed: {missing[0]}")
             return False
         self.app.step = step

@@ -1,0 +1,182 @@
+"""The app on a live fake arm, and helpers that wait on what the screen knows, never on time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from textual import events
+from textual.keys import _character_to_key
+
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.session.desk import Desk
+from operator_app.session.folder import SessionEntry, list_sessions
+from operator_app.session.journal import Journal
+from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.workflow import Session
+from operator_app.tui.app import SarcalApp
+from oracles.live_arm import LiveArm
+
+PATIENCE_S = 60.0
+
+
+def quick_procedure(poses: int = 6) -> Procedure:
+    """The packaged hinge procedure with few poses and a limit that few poses meet."""
+    procedure = load_procedure("hinge")
+    return replace(
+        procedure,
+        capture=replace(procedure.capture, poses=poses, samples_per_pose=8),
+        acceptance=replace(procedure.acceptance, scaled_condition_number=400.0),
+    )
+
+
+class FakeSource:
+    """A `Source` of sessions on live fake arms. `arm` is the present one."""
+
+    def __init__(self, root: Path, *, poses: int = 6, simulated: bool = True) -> None:
+        self.root, self.simulated = root, simulated
+        self.procedure = quick_procedure(poses)
+        self.pace_s = 0.0
+        self.serial = "SDA-0001"
+        self.arm: LiveArm | None = None
+        self.desk: Desk | None = None
+        self._made = 0
+
+    def new(self) -> Desk:
+        """Begin."""
+        self.close("another session was begun")
+        self._made += 1
+        return self._open(Journal.create(self.root / f"session-{self._made}"), begun=False)
+
+    def resumed(self, reference: str) -> Desk:
+        """Go on."""
+        self.close("another session was resumed")
+        return self._open(Journal.resume(self.root / reference), begun=True)
+
+    def sessions(self) -> tuple[SessionEntry, ...]:
+        """Newest first."""
+        return list_sessions(self.root)[::-1]
+
+    def close(self, reason: str) -> None:
+        """Close."""
+        desk, self.desk = self.desk, None
+        if desk is not None:
+            desk.close(reason)
+
+    def _open(self, journal: Journal, *, begun: bool) -> Desk:
+        self.arm = LiveArm(self.procedure, pace_s=self.pace_s, serial=self.serial)
+        session = Session(journal=journal, arm=self.arm, procedure=self.procedure)
+        if not begun:
+            session.open(sources={}, settings={})
+        self.desk = Desk(session, simulated=self.simulated, bus="a fake bus")
+        return self.desk
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Iterator[FakeSource]:
+    """A source whose desk is closed in the end."""
+    made = FakeSource(tmp_path / "sessions")
+    yield made
+    made.close("end of the test")
+
+
+class Driver:
+    """Presses keys and waits on conditions of the running app."""
+
+    def __init__(self, app: SarcalApp, pilot) -> None:
+        self.app, self.pilot = app, pilot
+        self.pressed = 0
+
+    @property
+    def s(self) -> SessionSnapshot:
+        """The picture that is on the screen."""
+        assert self.app.picture is not None
+        return self.app.picture
+
+    @property
+    def hint(self) -> str:
+        """The line above the messages."""
+        return "".join(text for text, _ in self.app.main.hint._lines[0])
+
+    def text(self, selector: str) -> str:
+        """What a panel shows."""
+        widget = self.app.main.query_one(selector)
+        return "\n".join("".join(text for text, _ in row) for row in widget._lines)
+
+    async def press(self, *keys: str) -> None:
+        """Press keys, and let the app deal with them.
+
+        Textual's own `press` waits for an idle processor, which a live arm never leaves.
+        """
+        for key in keys:
+            self.pressed += 1
+            named = _character_to_key(key) if len(key) == 1 else key
+            character = key if len(key) == 1 else {"space": " ", "enter": "\r"}.get(key)
+            event = events.Key(named, character)
+            event.set_sender(self.app)
+            self.app._driver.send_message(event)
+            await self.settle()
+
+    async def settle(self) -> None:
+        """Let every message that is under way arrive."""
+        loop = asyncio.get_running_loop()
+        end = loop.time() + PATIENCE_S
+        # From the app to a widget, from there to its dialog, from there back to the app.
+        for _ in range(3):
+            while not self.app._message_queue.empty():
+                assert loop.time() < end, "the app does not read its messages"
+                await asyncio.sleep(0)
+            await self.pilot.pause(0)
+
+    async def until(self, holds: Callable[[], bool], what: str = "") -> None:
+        """Wait until a condition holds."""
+        loop = asyncio.get_running_loop()
+        end = loop.time() + PATIENCE_S
+        while not holds():
+            if loop.time() > end:
+                said = [m.text for m in self.s.messages[-4:]] if self.app.picture else []
+                raise AssertionError(f"never came true: {what}; task {self.s.task}, said {said}")
+            await self.pilot.pause(0.005)
+
+    async def idle(self) -> None:
+        """Wait until the worker has nothing to do and the screen shows it."""
+        desk = self.app.desk
+        assert desk is not None
+        await self.until(lambda: not desk._hand and desk.snapshot().task is None, "idle")
+        self.app.poll()
+        await self.settle()
+
+    async def ready(self) -> None:
+        """Wait for the first picture."""
+        await self.until(lambda: self.app.picture is not None, "first picture")
+
+    async def to_step(self, number: int) -> None:
+        """Take the shortest way from the beginning to a step, with keys only."""
+        await self.ready()
+        while self.app.step < number:
+            before = self.app.step
+            await self.press("enter")
+            if self.app.screen is not self.app.main:
+                await self.press("y")
+            await self.idle()
+            assert self.pressed < 40, f"stuck at {before}: {self.hint}"
+
+
+@pytest.fixture
+def drive(source: FakeSource):
+    """Run the app and return its driver: ``async with drive() as d``."""
+    from contextlib import asynccontextmanager
+
+    @asynccontextmanager
+    async def run(size: tuple[int, int] = (120, 36), **options):
+        app = SarcalApp(source, **options)
+        async with app.run_test(size=size) as pilot:
+            driver = Driver(app, pilot)
+            await driver.ready()
+            yield driver
+
+    return run

@@ -1,0 +1,218 @@
+"""The plant as an arm that lives: SYNCs go on by themselves, STOP latches, the bus can fall silent.
+
+A fake at the lowest seam for tests of what a screen does while an arm moves. In a move, a settling or
+a capture every step is taken at once, or after `pace_s` where a test needs time to interfere.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from hardware.arm import (
+    ArmIdentity,
+    ArmSnapshot,
+    DriveState,
+    Fault,
+    JointMode,
+    MoveResult,
+    NodeIdentity,
+    UploadReceipt,
+    Watch,
+)
+from hardware.errors import BusError, HardwareError, Stopped
+from operator_app.config.procedure import Procedure
+from oracles.plant_arm import PERIOD_S, SERIAL, PlantArm
+
+TOKEN = 127
+
+
+class LiveArm(PlantArm):
+    """See the module. `connect_error` is raised by the next `connect`."""
+
+    def __init__(
+        self,
+        procedure: Procedure,
+        scenario_name: str = "datasheet",
+        *,
+        pace_s: float = 0.0,
+        serial: str = SERIAL,
+    ) -> None:
+        self.lock = threading.RLock()
+        self.pace_s = pace_s
+        self.connect_error: HardwareError | None = None
+        self.stop_error: HardwareError | None = None
+        self.stops: list[float] = []
+        self.other_operator = False
+        self._stop_latch = threading.Event()
+        self._end = threading.Event()
+        self._silent_since: float | None = None
+        self._stamp = time.monotonic()
+        self._drives = DriveState.SWITCH_ON_DISABLED
+        self._faults: tuple[Fault, ...] = ()
+        self._moving = False
+        self._ticker: threading.Thread | None = None
+        super().__init__(procedure, scenario_name, serial)
+        self._modes = [None] * self.model.joint_count
+
+    # -- what goes on by itself --------------------------------------------------------------------
+
+    def _step(self):  # noqa: ANN202 - as its base class
+        with self.lock:
+            if self._silent_since is None:
+                self._stamp = time.monotonic()
+            return super()._step()
+
+    def _work_step(self) -> None:
+        """Take one step of a task; STOP ends the task."""
+        if self._stop_latch.is_set():
+            raise Stopped("STOP is latched")
+        if self._silent_since is not None:
+            raise BusError("no answer from the drives")
+        if self.pace_s:
+            self._stop_latch.wait(self.pace_s)
+
+    def _tick(self) -> None:
+        while not self._end.wait(PERIOD_S):
+            if self._silent_since is None and self.lock.acquire(blocking=False):
+                try:
+                    self._step()
+                finally:
+                    self.lock.release()
+
+    # -- what a test does to it --------------------------------------------------------------------
+
+    def fall_silent(self) -> None:
+        """No answer any more; ages grow."""
+        self._silent_since = time.monotonic()
+
+    def age_by(self, seconds: float) -> None:
+        """Fall silent, and let the last answer be that old already."""
+        self.fall_silent()
+        self._stamp = time.monotonic() - seconds
+
+    def speak_again(self) -> None:
+        """Answer again; a controller that restarted has its drives disabled."""
+        self._drives, self._modes = DriveState.SWITCH_ON_DISABLED, [None] * self.model.joint_count
+        self._silent_since = None
+
+    def trip(self, joint: int) -> None:
+        """One drive faults; all are off then."""
+        self._faults = (
+            Fault(node=joint, code=0x8311, text="torque limit", sync_count=self._syncs),
+        )
+        self._drives = DriveState.FAULT
+
+    # -- the protocol ------------------------------------------------------------------------------
+
+    def connect(self) -> ArmIdentity:
+        if self.connect_error is not None:
+            error, self.connect_error = self.connect_error, None
+            raise error
+        if self._ticker is None:
+            self._ticker = threading.Thread(target=self._tick, name="live-arm", daemon=True)
+            self._ticker.start()
+        joints = [
+            NodeIdentity(node=j, role=f"joint {j}", device_name="sarcal virtual joint drive",
+                         vendor_id=0, product_code=1, revision=0x10000, serial_number=100 + j)
+            for j in range(1, self.model.joint_count + 1)
+        ]  # fmt: skip
+        supervisor = NodeIdentity(
+            node=16, role="supervisor", device_name="sarcal virtual supervisor", vendor_id=0,
+            product_code=2, revision=0x10000, serial_number=1,
+        )  # fmt: skip
+        return ArmIdentity(
+            model=self.model.name, serial_number=self._serial, nodes=(*joints, supervisor)
+        )
+
+    def snapshot(self) -> ArmSnapshot:
+        with self.lock if not self._moving else _nothing():
+            found = super().snapshot()
+        age = time.monotonic() - self._stamp
+        drive = self._drives
+        joints = tuple(
+            replace(
+                j, age_s=age, drive=drive, mode=m if drive is DriveState.OPERATION_ENABLED else None
+            )
+            for j, m in zip(found.joints, self._modes, strict=True)
+        )
+        return replace(
+            found,
+            joints=joints,
+            heartbeat_age_s={node: age for node in (*range(1, 8), 16)},
+            token=TOKEN,
+            faults=self._faults,
+            stopped=self._stop_latch.is_set(),
+            moving=self._moving,
+        )
+
+    def take_control(self) -> None:
+        self._work_step()
+        with self.lock:
+            super().take_control()
+        self._drives = DriveState.OPERATION_ENABLED
+
+    def set_modes(self, modes: Sequence[JointMode]) -> None:
+        self._work_step()
+        with self.lock:
+            super().set_modes(modes)
+
+    def move(
+        self,
+        targets_rad: Mapping[int, float],
+        *,
+        speed_rad_per_s: float,
+        watch: Watch | None = None,
+    ) -> MoveResult:
+        def watching(snapshot: ArmSnapshot) -> str | None:
+            self._work_step()
+            return None if watch is None else watch(snapshot)
+
+        self._work_step()
+        self._moving = True
+        try:
+            return super().move(targets_rad, speed_rad_per_s=speed_rad_per_s, watch=watching)
+        finally:
+            self._moving = False
+
+    def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
+        self._work_step()
+        return super().settle(window=window, spread_rad=spread_rad, timeout_syncs=timeout_syncs)
+
+    def capture(self, samples: int):  # noqa: ANN201 - as its base class
+        self._work_step()
+        return super().capture(samples)
+
+    def hold(self) -> None:
+        self.take_control()
+
+    def stop(self) -> None:
+        self.stops.append(time.monotonic())
+        self._stop_latch.set()
+        if self._silent_since is None:
+            self._drives = DriveState.QUICK_STOP_ACTIVE
+        if self.stop_error is not None:
+            raise self.stop_error
+
+    def reset_stop(self) -> None:
+        self._stop_latch.clear()
+        self._faults = ()
+        self._drives, self._modes = DriveState.SWITCH_ON_DISABLED, [None] * self.model.joint_count
+
+    def upload_parameters(self, document: bytes) -> UploadReceipt:
+        receipt = super().upload_parameters(document)
+        return replace(receipt, sha256="0" * 64)
+
+    def close(self) -> None:
+        self._end.set()
+        if self._ticker is not None:
+            self._ticker.join()
+        self.closed += 1
+
+
+class _nothing:  # noqa: N801 - a context that does nothing
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...

@@ -11,9 +11,10 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from operator_app.config.procedure import Procedure
+from operator_app.config.procedure import CapturePlan, Procedure
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.resources import Kind, Resource, resolve
+from operator_app.planning import require_closed_chain
 from operator_app.session.errors import SessionError
 from operator_app.session.folder import find_session, new_folder
 from operator_app.session.journal import Clock, read_journal, utc_now
@@ -23,17 +24,23 @@ from solver.estimate import require_enough_poses
 KINDS: tuple[Kind, Kind, Kind] = ("procedure", "arm", "fixture")
 """Order of `Procedure.sources`."""
 
+PLANNED_POSES = 12
+"""Poses of a plan when the procedure speaks of explored ones."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choices:
     """What the operator chose beside the procedure file; None leaves it as the file says.
 
-    `interface`, `channel` and `bitrate` name the bus; `scenario` and `seed` the virtual arm.
+    `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` name the bus;
+    `scenario` and `seed` the virtual arm.
     """
 
     poses: int | None = None
+    plan: str | None = None
     estimator: str | None = None
     unsensed_joints: tuple[int, ...] | None = None
+    length_tolerance_m: float | None = None
     upload: bool | None = None
     interface: str | None = None
     channel: str | None = None
@@ -113,6 +120,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
 
 def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
     """Put the operator's choices into the procedure."""
+    procedure = replace(procedure, capture=_planned_or_not(procedure.capture, choices.plan))
     if choices.poses is not None:
         if choices.poses < 1:
             raise SessionError(f"{choices.poses} poses were asked for", "ask for at least 1")
@@ -126,10 +134,28 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
             raise SessionError(f"there is no estimator {other!r}", "use implicit or paper")
     if choices.unsensed_joints is not None:
         procedure = replace(procedure, unsensed_joints=choices.unsensed_joints)
+    if choices.length_tolerance_m is not None:
+        procedure = replace(procedure, length_tolerance_m=choices.length_tolerance_m)
     if choices.upload is not None:
         procedure = replace(procedure, upload=choices.upload)
     _require_solvable(procedure)
     return procedure
+
+
+def _planned_or_not(capture: CapturePlan, plan: str | None) -> CapturePlan:
+    """Put another way of choosing poses in place of the procedure's."""
+    match plan:
+        case None:
+            return capture
+        case "planned" if capture.strategy == "explore":
+            # What an exploration takes by the dozen, a plan need not.
+            return replace(capture, strategy="planned", poses=min(capture.poses, PLANNED_POSES))
+        case "planned" | "explore" as strategy:
+            return replace(capture, strategy=strategy)
+        case other:
+            raise SessionError(
+                f"there is no way to choose poses called {other!r}", "use explore or planned"
+            )
 
 
 def _require_solvable(procedure: Procedure) -> None:
@@ -146,4 +172,8 @@ def _require_solvable(procedure: Procedure) -> None:
     model = procedure.fixture.fixture.model(
         procedure.arm, unsensed_joints=procedure.unsensed_joints
     )
+    if procedure.capture.strategy == "planned":
+        # The exploration before a plan goes on until the poses suffice.
+        require_closed_chain(procedure.fixture.fixture)
+        return
     require_enough_poses(model, procedure.capture.poses)

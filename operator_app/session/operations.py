@@ -21,12 +21,12 @@ from operator_app.session.live import LiveQuality, live_quality
 from operator_app.session.parameter_diff import diff_rows
 from operator_app.session.snapshot import Iteration, Level, Verification, Written
 from operator_app.session.workflow import Session
+from operator_app.verification import fixed_by, judge_poses
 from solver.arrays import FloatArray
 from solver.closure import ClosureModel
 from solver.design.drive_joints import rank_at_pose
-from solver.holdout import verify
-from solver.implicit_estimator import NoiseModel
 from solver.parameters import nominal_vector
+from solver.poses import PoseSet
 
 ENDED = "ended by the operator"
 WIGGLE_RAD = float(np.deg2rad(2.0))
@@ -274,26 +274,24 @@ class Operations:
             moved = session.go_to(plan[waypoint], self._ends)
             self._raise_if_cancelled()
             if moved.reached:
-                readings.append(session.read().mean_rad)
+                readings.append(session.read())
         if not readings:
             raise GuardError("No new pose could be reached", "Start a new session to verify")
-        sigma = np.maximum(session.model.sigma_rad(), 1e-9)
-        noise = NoiseModel(joint_variance=sigma**2)
-        if solution.components is not None:
-            noise = solution.components.noise
-        judged = verify(
-            solution.model,
-            solution.estimate.x,
-            solution.estimate.covariance,
-            np.array(readings),
-            noise,
+        taken = PoseSet(
+            placement=np.ones(len(readings), dtype=np.int64),
+            label=tuple(str(k) for k in range(1, len(readings) + 1)),
+            q_rad=np.array([r.mean_rad for r in readings]),
+            sd_rad=np.array([r.sd_rad for r in readings]),
+            samples=np.array([r.samples for r in readings]),
         )
+        verdict = judge_poses(session.model, session.fixture, taken, fixed_by(solution))
+        judged = verdict.verification
         found = Verification(
-            poses=len(readings),
+            poses=verdict.poses,
             position_m=judged.sigmas.position_m.rms,
             orientation_rad=judged.sigmas.orientation_rad.rms,
             chi2_per_dof=judged.chi2.per_dof,
-            inside_band=judged.chi2.accepted,
+            holds=verdict.holds,
         )
         session.record(
             "verified",

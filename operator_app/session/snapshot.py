@@ -129,14 +129,15 @@ class DiffRow:
 class Verification:
     """New poses judged by parameters that were fixed before.
 
-    rms of the closure at the readings, chi2/dof, and whether that lies in its 99 % band.
+    rms of the closure at the readings, chi2/dof, and whether the parameters predict as well as they
+    claim to.
     """
 
     poses: int
     position_m: float
     orientation_rad: float
     chi2_per_dof: float
-    inside_band: bool
+    holds: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

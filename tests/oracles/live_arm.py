@@ -59,7 +59,7 @@ class LiveArm(PlantArm):
 
     # -- what goes on by itself --------------------------------------------------------------------
 
-    def _step(self):  # noqa: ANN202 - as its base class
+    def _step(self):
         with self.lock:
             if self._silent_since is None:
                 self._stamp = time.monotonic()
@@ -141,7 +141,7 @@ class LiveArm(PlantArm):
         return replace(
             found,
             joints=joints,
-            heartbeat_age_s={node: age for node in (*range(1, 8), 16)},
+            heartbeat_age_s=dict.fromkeys((*range(1, 8), 16), age),
             token=TOKEN,
             faults=self._faults,
             stopped=self._stop_latch.is_set(),
@@ -181,7 +181,7 @@ class LiveArm(PlantArm):
         self._work_step()
         return super().settle(window=window, spread_rad=spread_rad, timeout_syncs=timeout_syncs)
 
-    def capture(self, samples: int):  # noqa: ANN201 - as its base class
+    def capture(self, samples: int):
         self._work_step()
         return super().capture(samples)
 

@@ -103,12 +103,12 @@ class RecordPanel(Lines):
             ]
         else:
             v = s.verification
-            glyph, role = ("✓ ", "text") if v.inside_band else ("▲ ", "warn")
+            glyph, role = ("✓ ", "text") if v.holds else ("▲ ", "warn")
             text = (
                 f"{v.poses} new poses: {1e3 * v.position_m:.3f} mm, "
                 f"{1e3 * v.orientation_rad:.3f} mrad rms, chi2/dof {v.chi2_per_dof:.2f}"
             )
-            words = "as expected" if v.inside_band else "worse than expected"
+            words = "as expected" if v.holds else "worse than expected"
             rows = [line((" Verified   ", "dim"), (glyph, role), (f"{text}: {words}", role))]
         where = "r writes report.html" if s.report is None else f"✓ {s.report}"
         rows.append(line((" Report     ", "dim"), where))

@@ -1,0 +1,103 @@
+"""Choosing the drive joints of a session: predicted, or tried by small wiggles on the arm itself.
+
+Every choice goes into the journal with its reasons. Prints nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from hardware.arm import Watch
+from operator_app.drive_choice import DriveChoice, choose_drives, predict_drives, worth_trying
+from operator_app.session.errors import SessionError
+from operator_app.session.workflow import Session
+from solver.design.drive_joints import RankedDrives, TrialWiggles
+from solver.parameters import nominal_vector
+
+WIGGLE_RAD = float(np.deg2rad(1.5))
+KEPT = 6
+"""How many of a ranking the journal keeps."""
+
+
+def drives_of(session: Session, ended: Watch | None = None) -> tuple[int, ...]:
+    """Return the joints that drive: the procedure's, else those chosen before, else choose now."""
+    named = session.procedure.position_joints
+    if named is not None:
+        return named
+    return session.state.drives or choose(session, ended).drives
+
+
+def choose(session: Session, ended: Watch | None = None) -> DriveChoice:
+    """Rank the sets of drive joints where the arm stands, take the best usable one and record why.
+
+    With `trial` in the procedure the best ones are wiggled first, which enables the drives; `ended`
+    ends it.
+    """
+    arm, unsensed = session.model, session.procedure.unsensed_joints
+    model = session.fixture.model(arm)
+    here = session.arm.snapshot().positions_rad
+    prediction = predict_drives(
+        arm, model, nominal_vector(model.parameters), here, seed=session.procedure.capture.seed
+    )
+    trials: tuple[TrialWiggles, ...] = ()
+    if session.procedure.trial:
+        trials = tuple(
+            wiggle(session, drives, ended) for drives in worth_trying(prediction, unsensed)
+        )
+    choice = choose_drives(prediction, unsensed_joints=unsensed, trials=trials)
+    session.record(
+        "drives_chosen",
+        {
+            "drives": list(choice.drives),
+            "sets": [list(drives) for drives in choice.sets],
+            "reasons": list(choice.reasons),
+            "here": [_facts(r) for r in prediction.here[:KEPT]],
+            "region": [_facts(r) for r in prediction.region[:KEPT]],
+            "trial": [_facts(r) for r in choice.trial],
+        },
+    )
+    return choice
+
+
+def wiggle(session: Session, drives: tuple[int, ...], ended: Watch | None = None) -> TrialWiggles:
+    """Move each drive joint a little, there and back, to either side, and measure what follows."""
+    session.set_modes(drives)
+    start = session.read().mean_rad
+    commanded, moved, stopped = [], [], ""
+    for column, joint in enumerate(drives):
+        for step in (WIGGLE_RAD, -WIGGLE_RAD):
+            result = session.go_to({joint: float(start[joint - 1]) + step}, ended)
+            _raise_if_ended(session, ended)
+            stopped = stopped or ("" if result.reached else result.reason)
+            if result.reached:
+                asked = np.zeros(len(drives))
+                asked[column] = step
+                commanded.append(asked)
+                moved.append(session.read().mean_rad - start)
+            session.go_to({joint: float(start[joint - 1])}, ended)
+            _raise_if_ended(session, ended)
+    measured = np.linalg.matrix_rank(np.array(commanded)) if commanded else 0
+    if measured < len(drives):
+        # Not even a wiggle each: nothing was measured that could be judged.
+        commanded, moved = (
+            list(WIGGLE_RAD * np.eye(len(drives))),
+            [np.zeros(len(start))] * len(drives),
+        )
+    return TrialWiggles(
+        drives=drives,
+        commanded_rad=np.array(commanded),
+        moved_rad=np.array(moved),
+        stopped=stopped,
+    )
+
+
+def _raise_if_ended(session: Session, ended: Watch | None) -> None:
+    if ended is not None and ended(session.arm.snapshot()) is not None:
+        raise SessionError("The trial was ended by the operator", "Choose again when you are ready")
+
+
+def _facts(ranked: RankedDrives) -> dict[str, Any]:
+    return {key: value for key, value in asdict(ranked).items() if value is not None}

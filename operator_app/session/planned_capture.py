@@ -1,0 +1,386 @@
+"""A planned capture on the arm: carries out what a campaign proposes and tells it what happened.
+
+Every report to the campaign is in the journal before the next proposal is asked for. The same reports
+give the same proposals, so a resumed session replays them and goes on in the middle of a plan; where
+that is not possible (the arm was moved, poses were withdrawn, more poses are wanted) a new campaign
+begins with the poses that count. Prints nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hardware.arm import ArmSnapshot, Watch
+from operator_app.drive_choice import names
+from operator_app.planning import CANDIDATES, STOP_MARGIN_RAD, planning_task, require_closed_chain
+from operator_app.session.errors import GuardError
+from operator_app.session.state import SessionState
+from operator_app.session.workflow import Session
+from solver.arrays import FloatArray
+from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo, path_watch
+from solver.design.campaign import Campaign
+from solver.design.campaign_settings import CampaignSettings, Phase
+from solver.design.stop_rule import Progress
+
+THERE_RAD = float(np.deg2rad(1.5))
+"""An arm whose joints are this close to where the journal left them has not been moved."""
+SAME_BRANCH_RAD = float(np.deg2rad(6.0))
+"""With the drives back in place, free joints farther off are on another branch of the loop."""
+SAME_RAD = 1e-6
+"""Targets of a replayed decision may differ by this much."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weak:
+    """A parameter known less well than was requested: sigmas in rad or m, None when undetermined."""
+
+    name: str
+    sigma: float | None
+    requested: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignEnd:
+    """How a planned capture ended.
+
+    `complete`: all planned poses were taken or the precision asked for was reached. `text` says why
+    it ended; `weak` what is short of the request, the worst first.
+    """
+
+    complete: bool
+    text: str
+    weak: tuple[Weak, ...]
+
+
+class _DivergedError(Exception):
+    """The journal's decisions are not those this program makes from the same readings."""
+
+
+class PlannedCapture:
+    """The planned capture of one session.
+
+    Parameters
+    ----------
+    session
+        Connected, its fixture checked.
+    drives
+        Joints to begin with; a campaign that is under way knows its own.
+    say
+        Takes a sentence when something is decided.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        drives: tuple[int, ...],
+        *,
+        say: Callable[[str], None] = lambda _text: None,
+        candidates: int = CANDIDATES,
+    ) -> None:
+        require_closed_chain(session.fixture)
+        self._session = session
+        self._say = say
+        self._candidates = candidates
+        self._chosen = drives
+        self._campaign: Campaign | None = None
+        self._moved = False
+        self._ended: CampaignEnd | None = None
+
+    def ready(self) -> tuple[int, ...]:
+        """Go through the journal and look where the arm is; return the joints to put into position mode.
+
+        Nothing moves.
+        """
+        log = self._session.state.campaign
+        self._campaign, self._moved, self._ended = None, False, None
+        if not log.begun or not self._still_fits(log.begun):
+            return self._chosen
+        if log.ended:
+            # What could not be finished is tried again, with the poses there are.
+            self._ended = _end_of(log.ended) if log.ended["complete"] else None
+            return self._chosen
+        try:
+            campaign = self._replayed()
+        except _DivergedError:
+            self._say("The journal's plan cannot be repeated: planning anew from its poses.")
+            return self._chosen
+        here = self._session.arm.snapshot().positions_rad
+        if _is_on_the_way(campaign.propose(), campaign.at_rad, here):
+            self._campaign = campaign
+            return campaign.drives
+        if campaign.phase is Phase.EXPLORING:
+            self._campaign, self._moved = campaign, True
+            return campaign.drives
+        self._say("The arm is not where it was: planning anew from here.")
+        return self._chosen
+
+    def run(
+        self,
+        on_pose: Callable[[SessionState], None] | None = None,
+        ended: Watch | None = None,
+    ) -> CampaignEnd | None:
+        """Carry the campaign out, with the joints of `ready` in position mode.
+
+        Parameters
+        ----------
+        on_pose
+            Hears of every captured pose.
+        ended
+            Ends a move when the operator wants it; None is returned then, and `ready` and `run` go on.
+        """
+        session = self._session
+        if self._ended is not None:
+            return self._ended
+        if self._campaign is None:
+            self._campaign = self._begun()
+        elif self._moved and not self._bring_back(self._campaign, ended):
+            return None
+        campaign = self._campaign
+        while True:
+            phase, made = campaign.phase, campaign.plan
+            action = campaign.propose()
+            self._tell(campaign, phase, made is not campaign.plan)
+            match action:
+                case Finished():
+                    return self._end(action)
+                case Capture():
+                    pose = session.capture(planned=action.planned)
+                    campaign.captured(pose.mean_rad)
+                    if on_pose is not None:
+                        on_pose(session.state)
+                case ChangeDrives():
+                    self._say(f"{_capital(action.why)}: they drive from here.")
+                    session.set_modes(action.drives)
+                    self._settle()
+                    q = session.arm.snapshot().positions_rad
+                    data = {"drives": list(action.drives), "q_rad": q.tolist()}
+                    session.record("campaign_drives", data)
+                    campaign.observe(q)
+                case GoTo():
+                    if not self._move(campaign, action, ended):
+                        return None
+
+    # -- carrying out ----------------------------------------------------------------------------
+
+    def _move(self, campaign: Campaign, action: GoTo, ended: Watch | None) -> bool:
+        """Move and report; False when the operator ended it, which is no report."""
+        session = self._session
+        on_path = path_watch(
+            action.trace_rad, action.tolerance_rad, campaign.task.ranges.within(STOP_MARGIN_RAD)
+        )
+
+        def watch(snapshot: ArmSnapshot) -> str | None:
+            return (ended and ended(snapshot)) or on_path(snapshot.positions_rad)
+
+        moved = session.go_to(action.targets_rad, watch)
+        if ended is not None and ended(session.arm.snapshot()) is not None:
+            return False
+        if not moved.reached:
+            self._settle()
+            self._say(f"Stopped short: {moved.reason}.")
+        q = session.arm.snapshot().positions_rad
+        session.record(
+            "campaign_move",
+            {
+                "targets_rad": {str(j): v for j, v in action.targets_rad.items()},
+                "why": action.why,
+                "q_rad": q.tolist(),
+                "stopped": moved.reason,
+            },
+        )
+        campaign.observe(q, moved.reason)
+        return True
+
+    def _bring_back(self, campaign: Campaign, ended: Watch | None) -> bool:
+        """Take the drives to where the journal left them; False when the operator ended it."""
+        session, last = self._session, campaign.at_rad
+        self._say("The arm is not where it was: going back there first.")
+        moved = session.go_to({j: float(last[j - 1]) for j in campaign.drives}, ended)
+        if ended is not None and ended(session.arm.snapshot()) is not None:
+            return False
+        self._settle()
+        off = np.abs(session.arm.snapshot().positions_rad - last)
+        if not moved.reached or float(off.max()) > SAME_BRANCH_RAD:
+            joint = int(np.argmax(off)) + 1
+            raise GuardError(
+                f"the arm does not come back to where this session left it: joint {joint} is "
+                f"{np.rad2deg(off.max()):.0f} deg off"
+                + ("" if moved.reached else f" ({moved.reason})"),
+                "bring it near its home by hand, then resume again; or start a new session",
+            )
+        self._moved = False
+        return True
+
+    def _settle(self) -> None:
+        """Let it come to rest; a capture insists on it, a move need not."""
+        rule = self._session.procedure.capture.settle
+        self._session.arm.settle(
+            window=rule.window_syncs,
+            spread_rad=rule.spread_rad(self._session.model),
+            timeout_syncs=rule.timeout_syncs,
+        )
+
+    def _tell(self, campaign: Campaign, before: Phase, planned: bool) -> None:  # noqa: FBT001
+        """Say what the campaign decided."""
+        if not planned or campaign.plan is None or campaign.estimate is None:
+            return
+        count = len(campaign.readings_rad)
+        first = before is Phase.EXPLORING and not any(
+            p.planned for p in self._session.state.used_poses
+        )
+        head = f"Explored {count} poses" if first else "Planned again"
+        self._say(
+            f"{head} ({campaign.estimate.text}): {len(campaign.plan.visits)} poses to take, "
+            f"{names(campaign.drives)} drive."
+        )
+
+    def _end(self, action: Finished) -> CampaignEnd:
+        weak: tuple[Weak, ...] = ()
+        decision = action.decision
+        if decision is not None and decision.progress is not Progress.REACHED:
+            weak = tuple(
+                Weak(
+                    name=w.name,
+                    sigma=w.sigma if np.isfinite(w.sigma) else None,
+                    requested=w.requested,
+                )
+                for w in decision.weak
+            )
+        end = CampaignEnd(complete=action.complete, text=action.text, weak=weak)
+        self._session.record(
+            "campaign_ended",
+            {
+                "complete": end.complete,
+                "text": end.text,
+                "weak": [
+                    {"name": w.name, "sigma": w.sigma, "requested": w.requested} for w in weak
+                ],
+            },
+        )
+        return end
+
+    # -- beginning and replaying -----------------------------------------------------------------
+
+    def _wanted(self) -> dict[str, Any]:
+        """What a campaign depends on beside its readings."""
+        own = self._session.procedure
+        return {
+            "poses": own.capture.poses,
+            "requested": dict(own.capture.requested),
+            "unsensed_joints": list(own.unsensed_joints),
+            "samples": own.capture.samples_per_pose,
+            "seed": own.capture.seed,
+            "candidates": self._candidates,
+        }
+
+    def _begun(self) -> Campaign:
+        """Begin a campaign with the poses that count, from where the arm stands; recorded first."""
+        session = self._session
+        sets = session.state.drive_sets if session.procedure.position_joints is None else ()
+        here = session.read().mean_rad
+        earlier = session.state.campaign.begun
+        session.record(
+            "campaign",
+            {
+                **self._wanted(),
+                "drive_sets": [
+                    list(self._chosen),
+                    *(list(d) for d in sets if d != self._chosen),
+                ],
+                "start_rad": earlier.get("start_rad", here.tolist()),
+                "at_rad": here.tolist(),
+                "captured": [p.number for p in session.state.used_poses],
+            },
+        )
+        return self._built(session.state.campaign.begun)
+
+    def _built(self, begun: Mapping[str, Any]) -> Campaign:
+        session = self._session
+        known = {p.number: p for p in session.state.used_poses}
+        captured = [known[number] for number in begun["captured"]]
+        return Campaign(
+            task=planning_task(
+                session.model,
+                session.fixture,
+                drive_sets=tuple(tuple(drives) for drives in begun["drive_sets"]),
+                unsensed_joints=tuple(begun["unsensed_joints"]),
+                samples=begun["samples"],
+                seed=begun["seed"],
+                candidates=begun["candidates"],
+            ),
+            start_rad=np.array(begun["start_rad"]),
+            settings=CampaignSettings(poses=begun["poses"], requested=begun["requested"]),
+            captured=np.array([p.mean_rad for p in captured]) if captured else None,
+            taken=sum(p.planned for p in captured),
+            at_rad=np.array(begun["at_rad"]),
+        )
+
+    def _still_fits(self, begun: Mapping[str, Any]) -> bool:
+        """Whether what the campaign was told still counts, and what it was to do is still wanted."""
+        told = set(begun["captured"]) | {
+            data["number"] for name, data in self._session.state.campaign.steps if name == "pose"
+        }
+        counting = {p.number for p in self._session.state.used_poses}
+        wanted = self._wanted()
+        return told == counting and all(begun.get(key) == value for key, value in wanted.items())
+
+    def _replayed(self) -> Campaign:
+        """Tell a new campaign everything the journal holds, checking that it decides the same."""
+        log = self._session.state.campaign
+        campaign = self._built(log.begun)
+        readings = {p.number: p.mean_rad for p in self._session.state.used_poses}
+        for name, data in log.steps:
+            action = campaign.propose()
+            if not _same(action, name, data):
+                raise _DivergedError
+            if name == "pose":
+                campaign.captured(readings[data["number"]])
+            else:
+                campaign.observe(np.array(data["q_rad"]), data.get("stopped", ""))
+        return campaign
+
+
+def _end_of(data: Mapping[str, Any]) -> CampaignEnd:
+    """Return the end that the journal holds."""
+    weak = tuple(Weak(**w) for w in data["weak"])
+    return CampaignEnd(complete=data["complete"], text=data["text"], weak=weak)
+
+
+def _same(action: Action, name: str, data: Mapping[str, Any]) -> bool:
+    """Whether a proposal is the one the journal says was carried out."""
+    match action, name:
+        case GoTo(), "campaign_move":
+            then = {int(j): v for j, v in data["targets_rad"].items()}
+            return then.keys() == action.targets_rad.keys() and all(
+                abs(then[j] - v) <= SAME_RAD for j, v in action.targets_rad.items()
+            )
+        case ChangeDrives(), "campaign_drives":
+            return action.drives == tuple(data["drives"])
+        case Capture(), "pose":
+            return action.planned is bool(data["planned"])
+    return False
+
+
+def _is_on_the_way(action: Action, last: FloatArray, here: FloatArray) -> bool:
+    """Whether an arm `here` can go on with `action`, left at `last`: there, or on the way."""
+    if float(np.abs(here - last).max()) <= THERE_RAD or isinstance(action, Finished):
+        return True
+    if not isinstance(action, GoTo):
+        return False
+    if action.trace_rad is not None:
+        return float(np.abs(action.trace_rad - here).max(axis=-1).min()) <= THERE_RAD
+    columns = [j - 1 for j in action.targets_rad]
+    goal = np.array(list(action.targets_rad.values()))
+    step = goal - last[columns]
+    length = max(float(step @ step), 1e-12)
+    along = float(np.clip((here[columns] - last[columns]) @ step / length, 0.0, 1.0))
+    off = np.abs(here[columns] - last[columns] - along * step)
+    return float(off.max()) <= THERE_RAD
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,205 @@
+"""One calibration told in pictures: the session's snapshot after each step, always the same.
+
+For tests of what a screen shows and which keys it takes, without an arm that moves meanwhile.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hardware.arm import ArmSnapshot, DriveState
+from operator_app.config.procedure_file import load_procedure
+from operator_app.session.desk import Desk
+from operator_app.session.journal import Journal
+from operator_app.session.snapshot import (
+    DataState,
+    SessionSnapshot,
+    StopReport,
+    Task,
+    TaskKind,
+)
+from operator_app.session.workflow import Session
+from oracles.live_arm import LiveArm
+
+POSES = 16
+NOW_S = 1000.0
+FOLDER = Path("sessions/20260131-120000-hinge")
+
+
+class StillArm(LiveArm):
+    """The same arm, but nothing goes on by itself."""
+
+    def _tick(self) -> None:
+        """Not here."""
+
+    def snapshot(self) -> ArmSnapshot:
+        """Fresh at any time."""
+        self._stamp = time.monotonic()
+        return super().snapshot()
+
+
+class Ticking:
+    """A clock that advances a second a reading."""
+
+    def __init__(self) -> None:
+        self._now = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
+
+    def __call__(self) -> datetime:
+        self._now += timedelta(seconds=1)
+        return self._now
+
+
+@cache
+def story() -> Mapping[str, SessionSnapshot]:
+    """Snapshots by the name of what was done last."""
+    told: dict[str, SessionSnapshot] = {}
+    procedure = load_procedure("hinge")
+    procedure = replace(procedure, capture=replace(procedure.capture, poses=POSES))
+    clock = Ticking()
+    with TemporaryDirectory() as root:
+        arm = StillArm(procedure, "datasheet")
+        session = Session(
+            journal=Journal.create(Path(root) / "session"),
+            arm=arm,
+            procedure=procedure,
+            clock=clock,
+        )
+        session.open(sources={}, settings={})
+        desk = Desk(
+            session,
+            simulated=True,
+            bus="the virtual bus of this program",
+            monotonic=lambda: NOW_S,
+            clock=clock,
+        )
+
+        def tell(name: str) -> None:
+            told[name] = _still(desk.snapshot())
+
+        try:
+            tell("start")
+            desk.operations.connect()
+            tell("connected")
+            desk.publish(ticked=frozenset(range(len(procedure.fixture.checklist))))
+            tell("ticked")
+            desk.operations.set_modes((1, 5))
+            tell("modes")
+            for _ in range(3):
+                desk.operations.go(session.state.next_waypoint)
+                desk.operations.capture(session.state.next_waypoint)
+            desk.operations.note(2, "cable touched?")
+            tell("capturing")
+            desk.operations.automatic()
+            desk.operations.exclude(3)
+            desk.operations.automatic()
+            tell("captured")
+            desk.operations.calibrate("implicit", ())
+            tell("solved")
+            desk.operations.write()
+            tell("written")
+            desk.operations.verify(3)
+            tell("verified")
+            desk.operations.upload()
+            tell("uploaded")
+        finally:
+            desk.close("told")
+    return told
+
+
+def _still(s: SessionSnapshot) -> SessionSnapshot:
+    """Take out what depends on the clock and the machine."""
+    arm = s.arm
+    if arm is not None:
+        arm = replace(
+            arm,
+            joints=tuple(replace(j, age_s=0.004) for j in arm.joints),
+            heartbeat_age_s=dict.fromkeys(arm.heartbeat_age_s, 0.020),
+        )
+    written = s.written
+    if written is not None:
+        written = replace(
+            written,
+            folder=FOLDER,
+            parameters=FOLDER / "parameters.yaml",
+            poses=FOLDER / "poses.csv",
+            sha256="9f3c" * 16,
+        )
+    messages = tuple(
+        replace(m, text=m.text.replace(str(s.folder), str(FOLDER))) for m in s.messages
+    )
+    return replace(
+        s,
+        arm=arm,
+        folder=FOLDER,
+        written=written,
+        messages=messages,
+        data=DataState.NONE if arm is None else DataState.FRESH,
+        oldest_s=0.0 if arm is None else 0.004,
+        stale_joints=(),
+        sync_rate_hz=0.0 if arm is None else 100.0,
+    )
+
+
+# -- what can happen in between --------------------------------------------------------------------
+
+
+def stale(s: SessionSnapshot, joint: int = 5, age_s: float = 0.24) -> SessionSnapshot:
+    """One joint's data are old."""
+    assert s.arm is not None
+    joints = tuple(replace(j, age_s=age_s) if j.joint == joint else j for j in s.arm.joints)
+    return replace(
+        s,
+        arm=replace(s.arm, joints=joints),
+        data=DataState.STALE,
+        oldest_s=age_s,
+        stale_joints=(joint,),
+    )
+
+
+def lost(s: SessionSnapshot) -> SessionSnapshot:
+    """No data for 1.5 s."""
+    assert s.arm is not None
+    joints = tuple(replace(j, age_s=1.5) for j in s.arm.joints)
+    return replace(
+        s,
+        arm=replace(s.arm, joints=joints),
+        data=DataState.LOST,
+        oldest_s=1.5,
+        stale_joints=tuple(j.joint for j in joints),
+    )
+
+
+def stopped(s: SessionSnapshot) -> SessionSnapshot:
+    """STOP is latched and acknowledged."""
+    assert s.arm is not None
+    joints = tuple(replace(j, drive=DriveState.QUICK_STOP_ACTIVE, mode=None) for j in s.arm.joints)
+    report = StopReport(
+        asked_s=NOW_S, sent_after_s=0.001, acknowledged_after_s=0.012, drives_stopped=len(joints)
+    )
+    return replace(s, arm=replace(s.arm, joints=joints, stopped=True), stop=report, task=None)
+
+
+def tripped(s: SessionSnapshot, joint: int = 4) -> SessionSnapshot:
+    """One drive has a fault."""
+    assert s.arm is not None
+    joints = tuple(
+        replace(j, drive=DriveState.FAULT, mode=None) if j.joint == joint else j
+        for j in s.arm.joints
+    )
+    return replace(s, arm=replace(s.arm, joints=joints))
+
+
+def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:
+    """The worker is at something."""
+    return replace(s, task=Task(kind=kind, text=kind.value, moves=moves, started_s=NOW_S))
+
+
+def real(s: SessionSnapshot) -> SessionSnapshot:
+    """The same on a real arm, nothing confirmed yet."""
+    return replace(s, simulated=False, bus="socketcan can0 1000000 bit/s", ticked=frozenset())

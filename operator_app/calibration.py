@@ -13,6 +13,7 @@ import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.errors import FixtureError
+from operator_app.branches import on_main_branch, set_aside
 from operator_app.judgement import (
     AcceptanceLimits,
     Notice,
@@ -25,10 +26,11 @@ from operator_app.judgement import (
     setup_notices,
 )
 from operator_app.loop_of_poses import loop_of_poses
-from operator_app.noise import component_plan, noise_model
+from operator_app.noise import component_plan, noise_model, soften, without_known_errors
 from solver.arm_model import ArmModel
 from solver.arrays import BoolArray, FloatArray
 from solver.closure import ClosureModel
+from solver.component_model import ComponentPlan
 from solver.dropping import drop_unidentifiable
 from solver.errors import UnidentifiableError
 from solver.estimate import Estimate, require_enough_poses
@@ -76,6 +78,8 @@ class Solution:
         Indices (into the poses given) left out because they lie on the flipped branch.
     held
         Unknowns that were dropped on request: held at their nominal values.
+    tolerated
+        Link lengths corrected within their tolerance; they are parameters of `estimate` as well.
     components
         Noise of the RVDTs and flexure of the fixture as found with the parameters.
     search
@@ -97,6 +101,7 @@ class Solution:
     poses: int
     dropped_flipped: tuple[int, ...]
     held: tuple[str, ...]
+    tolerated: tuple[str, ...]
     components: VarianceComponents | None
     search: GlobalStart | None
     outliers: tuple[str, ...]
@@ -123,6 +128,7 @@ def calibrate(
     unsensed_joints: tuple[int, ...] = (),
     search: bool = False,
     drop: bool = False,
+    length_tolerance_m: float | None = None,
     limits: AcceptanceLimits | None = None,
     progress: Progress | None = None,
 ) -> Solution:
@@ -132,6 +138,9 @@ def calibrate(
     ----------
     search
         Start from everywhere (global start) instead of from the nominal values.
+    length_tolerance_m
+        How well the maker's link lengths are known (standard deviation); None takes them as exact.
+        The implicit estimator then corrects them within that.
     drop
         Hold at their nominal values what the poses cannot see, instead of refusing.
 
@@ -152,7 +161,9 @@ def calibrate(
 
     found = global_start(model, poses.q_rad, progress=progress) if search else None
     kept, flipped = (
-        _on_branch(model, poses.q_rad) if found is None else _without(found.set_aside, len(poses))
+        on_main_branch(model, poses.q_rad)
+        if found is None
+        else set_aside(found.set_aside, len(poses))
     )
     model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
     dof = require_enough_poses(model, len(q))
@@ -172,18 +183,26 @@ def calibrate(
         _require_identifiable(model, paper.x, q, sigma)
         x0 = paper.x
     components = None
+    tolerance: dict[str, float]
     if estimator == "paper" and paper is not None:
-        estimate = paper
+        estimate, tolerance = paper, {}
+        seen = _require_identifiable(model, estimate.x, q, sigma)
     else:
+        hard = model
+        tolerance = {}
+        if length_tolerance_m is not None:
+            model, tolerance = soften(hard, length_tolerance_m)
+            if x0 is not None:
+                x0 = np.concatenate((x0, nominal_vector(model.parameters)[len(x0) :]))
         estimate, components = estimate_implicit_with_components(
             model,
             q,
             noise_model(arm, fixture, poses, kept),
-            component_plan(arm, unsensed_joints, fixture, dof=dof),
+            component_plan(arm, unsensed_joints, fixture, dof=dof, tolerance=tolerance),
             x0=x0,
             progress=progress,
         )
-    seen = _require_identifiable(model, estimate.x, q, sigma)
+        seen = _require_identifiable(hard, estimate.x[: len(hard.parameters)], q, sigma)
     nominal = nominal_vector(model.parameters)
     at_nominal = closure_at_readings(model, nominal, q)
     solution = Solution(
@@ -195,10 +214,11 @@ def calibrate(
         poses=len(q),
         dropped_flipped=flipped,
         held=held,
+        tolerated=tuple(tolerance),
         components=components,
         search=found,
-        outliers=_outliers(estimate, components, model, q, poses, kept),
-        rvdt=_rvdt(arm, fixture, poses, kept, held, estimate),
+        outliers=_outliers(estimate, components, model, q, poses, kept, tuple(tolerance)),
+        rvdt=_rvdt(arm, fixture, poses, kept, held, estimate, length_tolerance_m),
         warnings=(),
         reasons=(),
     )
@@ -223,12 +243,16 @@ def _outliers(
     q: FloatArray,
     poses: PoseSet,
     kept: BoolArray,
+    tolerated: tuple[str, ...],
 ) -> tuple[str, ...]:
     """Name poses that do not fit, by the noise found with the parameters; `paper` has no noise model."""
     if components is None:
         return ()
     there = np.flatnonzero(kept)
-    found = outlier_poses(model, q, components.noise, estimate.x)
+    model, x, straight = without_known_errors(
+        model, estimate.x, q, tolerated=tolerated, components=components
+    )
+    found = outlier_poses(model, straight, components.noise, x)
     return tuple(poses.label[there[outlier.pose]] for outlier in found)
 
 
@@ -239,6 +263,7 @@ def _rvdt(
     kept: BoolArray,
     held: tuple[str, ...],
     estimate: Estimate,
+    length_tolerance_m: float | None,
 ) -> tuple[RvdtVerdict, ...]:
     """Judge every RVDT by the loops of one placement; none where that cannot be asked."""
     joints = tuple(j for j, joint in enumerate(arm.joints, 1) if isinstance(joint.sensor, Rvdt))
@@ -250,9 +275,14 @@ def _rvdt(
     q = poses.q_rad[kept]
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return ()
+    plan = ComponentPlan()
+    if length_tolerance_m is not None:
+        model, tolerance = soften(model, length_tolerance_m)
+        plan = ComponentPlan(tolerance=tolerance)
     known = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
     x0 = np.array([known.get(p.name, p.nominal) for p in model.parameters])
-    return rvdt_verdicts(model, arm, q, noise_model(arm, fixture, poses, kept), x0=x0)
+    noise = noise_model(arm, fixture, poses, kept)
+    return rvdt_verdicts(model, arm, q, noise, plan=plan, x0=x0)
 
 
 def _require_identifiable(
@@ -298,31 +328,3 @@ def _checks(
         for check in fixture.placement_checks(arm, here, unsensed_joints=unsensed_joints):
             found.setdefault((check.code, check.text), check)
     return tuple(found.values())
-
-
-def _without(set_aside: tuple[int, ...], poses: int) -> tuple[BoolArray, tuple[int, ...]]:
-    """Poses that the global start put on the main branch, and the indices of the others."""
-    kept = np.ones(poses, dtype=np.bool_)
-    kept[list(set_aside)] = False
-    return kept, set_aside
-
-
-def _on_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple[int, ...]]:
-    """Poses on the main branch of the hinge, and the indices of those on the other."""
-    everything = np.ones(len(q), dtype=np.bool_)
-    if model.unsensed_joints:
-        return everything, ()
-    flipped = set(estimate_paper(model, q).flipped)
-    if not flipped:
-        return everything, ()
-    whole = model
-    # With poses of both branches mixed in, the first fit is not to be believed; the branch most
-    # poses are on is fitted alone and every pose judged by that.
-    keep = np.array([k not in flipped for k in range(len(q))])
-    if 2 * keep.sum() < len(q):
-        keep = ~keep
-    model = whole.at_poses(np.flatnonzero(keep))
-    require_enough_poses(model, int(keep.sum()))
-    x = estimate_paper(model, q[keep]).x
-    judged = whole.reduced(x, q).flipped
-    return ~judged, tuple(int(k) for k in np.flatnonzero(judged))

@@ -8,7 +8,7 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration import Solution
-from operator_app.noise import component_plan, noise_model
+from operator_app.noise import component_plan, noise_model, without_known_errors
 from solver.arm_model import ArmModel
 from solver.arrays import FloatArray, IntArray
 from solver.closure import ClosureModel
@@ -55,11 +55,16 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
     kept[list(solution.dropped_flipped)] = False
     q, model = poses.q_rad[kept], solution.model
     stated = noise_model(arm, fixture, poses, kept)
-    found = stated if solution.components is None else solution.components.noise
-    x = solution.estimate.x
+    found = stated
+    x, straight, loop = solution.estimate.x, q, model
+    if solution.components is not None:
+        found = solution.components.noise
+        loop, x, straight = without_known_errors(
+            model, x, q, tolerated=solution.tolerated, components=solution.components
+        )
     return Checks(
-        jackknife_sd=_jackknife_sd(model, q, found, x),
-        outliers=outlier_poses(model, q, found, x),
+        jackknife_sd=None if solution.tolerated else _jackknife_sd(loop, straight, found, x),
+        outliers=outlier_poses(loop, straight, found, x),
         held_out=_held_out(solution, arm, fixture, q, stated, fold_poses(q, FOLDS)),
         far_block=_held_out(solution, arm, fixture, q, stated, (far_block(q, FAR_SHARE),)),
     )
@@ -82,6 +87,10 @@ def _held_out(
     noise: NoiseModel,
     parts: tuple[IntArray, ...],
 ) -> HoldOut | None:
+    if solution.tolerated:
+        # Without their tolerances the lengths cannot be estimated from a part of the poses.
+        return None
+
     def estimator(model: ClosureModel, rest: FloatArray, of_rest: NoiseModel) -> Estimate:
         plan = component_plan(
             arm,

@@ -5,16 +5,23 @@ Knows arms, fixtures and pose sets; estimates nothing.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
 import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.loop_of_poses import instrument_variance
 from solver.arm_model import ArmModel
-from solver.arrays import BoolArray
-from solver.component_model import ComponentPlan
+from solver.arrays import BoolArray, FloatArray
+from solver.chain import DhTable
+from solver.closure import ClosureModel, DhLoop
+from solver.component_model import ComponentPlan, plan_of
 from solver.implicit_estimator import NoiseModel
+from solver.parameters import DhEntry, DhKind
 from solver.poses import PoseSet
-from solver.sensors import NoSensor, Rvdt
+from solver.sensors import NoSensor
+from solver.variance_components import VarianceComponents
 
 DOF_FOR_COMPONENTS = 10
 """With fewer degrees of freedom no variance can be estimated beside the parameters: the sensors'
@@ -37,14 +44,70 @@ def noise_model(arm: ArmModel, fixture: Fixture, poses: PoseSet, kept: BoolArray
 
 
 def component_plan(
-    arm: ArmModel, unsensed_joints: tuple[int, ...], fixture: Fixture, *, dof: int
+    arm: ArmModel,
+    unsensed_joints: tuple[int, ...],
+    fixture: Fixture,
+    *,
+    dof: int,
+    tolerance: Mapping[str, float] | None = None,
 ) -> ComponentPlan:
-    """Return which variances to estimate: each used RVDT's, and the flexure of what holds the hand."""
+    """Return which variances to estimate: noise and curve of each used RVDT, give of the fixture.
+
+    Parameters
+    ----------
+    dof
+        Degrees of freedom there are.
+    tolerance
+        How well parameters are known beforehand (m, rad) by name, see `soften`.
+    """
+    soft = {} if tolerance is None else tolerance
     if dof < DOF_FOR_COMPONENTS:
-        return ComponentPlan(flexure=False)
-    noisy = tuple(
-        j
-        for j, joint in enumerate(arm.joints, 1)
-        if isinstance(joint.sensor, Rvdt) and j not in unsensed_joints
-    )
-    return ComponentPlan(noisy_joints=noisy, flexure=fixture.kind != "measured")
+        return ComponentPlan(flexure=False, tolerance=soft)
+    plan = plan_of(arm, unsensed_joints=unsensed_joints)
+    return replace(plan, flexure=fixture.kind != "measured", tolerance=soft)
+
+
+def soften(model: ClosureModel, tolerance_m: float) -> tuple[ClosureModel, dict[str, float]]:
+    """Free the arm's link lengths within a tolerance: the maker's table is not exact (section 4).
+
+    Returns
+    -------
+    The loop with lengths of links 1..n-1 free as well, and the tolerance of each by name. Lengths
+    that are free already keep no tolerance. ValueError if the loop is no D-H loop.
+    """
+    if not isinstance(model, DhLoop):
+        raise ValueError("a length tolerance needs a hinge or a rigid fixture and one placement")  # noqa: TRY004
+    lengths = [
+        DhEntry(kind, row)
+        for kind in (DhKind.A, DhKind.S)
+        for row in range(1, model.joint_count)
+        if DhEntry(kind, row) not in model.entries
+    ]
+    softer = replace(model, entries=(*model.entries, *lengths))
+    return softer, {entry.name: tolerance_m for entry in lengths}
+
+
+def without_known_errors(
+    model: ClosureModel,
+    x: FloatArray,
+    q: FloatArray,
+    *,
+    tolerated: Collection[str],
+    components: VarianceComponents,
+) -> tuple[ClosureModel, FloatArray, FloatArray]:
+    """Take out what was found of the curves and the lengths, so that only noise is left to judge.
+
+    Returns
+    -------
+    The loop with its lengths as found and no longer free, its parameters, and readings (m, n) less
+    the predicted curves.
+    """
+    straight = q.copy()
+    for joint, curve in components.curves_rad.items():
+        straight[:, joint - 1] -= curve
+    if not tolerated or not isinstance(model, DhLoop):
+        return model, x, straight
+    stacked = model.tables(x)
+    table = DhTable(theta_off_rad=stacked[0], s_m=stacked[1], a_m=stacked[2], alpha_rad=stacked[3])
+    kept = [k for k, p in enumerate(model.parameters) if p.name not in tolerated]
+    return replace(model, table=table).without(tolerated), x[kept], straight

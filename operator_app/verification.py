@@ -5,6 +5,7 @@ Knows calibrations and pose sets; no file, no bus and no screen.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +13,11 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration import Solution
 from operator_app.loop_of_poses import loop_of_poses
-from operator_app.noise import noise_model
+from operator_app.noise import noise_model, soften
 from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
-from solver.closure import ClosureModel
+from solver.closure import ClosureModel, DhLoop
+from solver.component_report import Component
 from solver.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.holdout import Verification, verify
 from solver.implicit_estimator import NoiseModel
@@ -87,12 +89,20 @@ def fixed_by(solution: Solution) -> Fixed:
     return Fixed(
         values={p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)},
         covariance=estimate.covariance,
-        rvdt_sd_rad={
-            int(c.name.removeprefix("rvdt_")): c.sd for c in found if c.name.startswith("rvdt_")
-        },
+        rvdt_sd_rad=_rvdt_sd(found),
         fixture_variance=None if components is None else components.noise.fixture_variance,
         unsensed_joints=solution.model.unsensed_joints,
     )
+
+
+def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
+    """Noise and curve of each RVDT together: at a new reading the curve is one more unknown error."""
+    sd: dict[int, float] = {}
+    for c in found:
+        kind, _, number = c.name.partition("_")
+        if kind in ("rvdt", "curve"):
+            sd[int(number)] = float(np.hypot(sd.get(int(number), 0.0), c.sd))
+    return sd
 
 
 def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -> Verdict:
@@ -104,6 +114,9 @@ def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -
         The parameters are not those of this loop: another fixture, or another number of placements.
     """
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=fixed.unsensed_joints)
+    if any(name not in {p.name for p in model.parameters} for name in fixed.values):
+        # A calibration that corrected link lengths within their tolerance has those as well.
+        model = _with_lengths(model)
     x, covariance = _in_order(model, fixed)
     everything = np.ones(len(poses), dtype=np.bool_)
     stated = noise_model(arm, fixture, poses, everything)
@@ -126,6 +139,10 @@ def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -
         odd_poses=tuple(int(k) for k in odd[np.argsort(found.pose_probability[odd])]),
         poses=len(poses),
     )
+
+
+def _with_lengths(model: ClosureModel) -> ClosureModel:
+    return soften(model, 1.0)[0] if isinstance(model, DhLoop) else model
 
 
 def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:

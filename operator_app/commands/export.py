@@ -60,6 +60,7 @@ def execute(args: argparse.Namespace) -> int:
         poses,
         estimator=procedure.estimator,
         unsensed_joints=procedure.unsensed_joints,
+        length_tolerance_m=procedure.length_tolerance_m,
         limits=procedure.acceptance,
     )
     if not solution.accepted:

@@ -37,6 +37,26 @@ def estimator_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def tolerance_option(parser: argparse.ArgumentParser) -> None:
+    """``--length-tolerance``."""
+    parser.add_argument(
+        "--length-tolerance",
+        type=float,
+        metavar="MM",
+        help="how well the maker's link lengths are known, e.g. 1.5; default: taken as exact",
+    )
+
+
+def tolerance_m(args: argparse.Namespace) -> float | None:
+    """Return ``--length-tolerance`` in metres; UsageError when it is no length."""
+    found: float | None = args.length_tolerance
+    if found is None:
+        return None
+    if not 0.0 < found <= 100.0:
+        raise UsageError("--length-tolerance: millimetres, more than 0 and at most 100")
+    return found / 1e3
+
+
 def bus_options(parser: argparse.ArgumentParser) -> None:
     """python-can's own names: ``-i -c -b``."""
     group = parser.add_argument_group("bus (python-can's names; also CAN_INTERFACE and can.conf)")
@@ -81,6 +101,7 @@ def choices_from(args: argparse.Namespace) -> Choices:
         poses=getattr(args, "poses", None),
         estimator=getattr(args, "estimator", None),
         unsensed_joints=parse_joints(args.unsensed) if getattr(args, "unsensed", "") else None,
+        length_tolerance_m=tolerance_m(args) if hasattr(args, "length_tolerance") else None,
         upload=False if getattr(args, "no_upload", False) else None,
         interface=args.interface,
         channel=args.channel,

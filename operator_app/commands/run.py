@@ -15,6 +15,7 @@ from operator_app.commands.options import (
     json_option,
     scenario_options,
     sessions_option,
+    tolerance_option,
 )
 from operator_app.exit_codes import ExitCode
 
@@ -39,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--record", action="store_true", help="record the bus to bus.blf in the session folder"
     )
     estimator_options(parser)
+    tolerance_option(parser)
     sessions_option(parser)
     bus_options(parser)
     scenario_options(parser)

@@ -11,6 +11,8 @@ from operator_app.commands.options import (
     parse_joints,
     parse_numbers,
     require_joints,
+    tolerance_m,
+    tolerance_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 
@@ -41,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="add the pose-wise jackknife and hold-out (5 folds, and a block far from the rest)",
     )
     estimator_options(parser)
+    tolerance_option(parser)
     json_option(parser)
 
 
@@ -83,6 +86,7 @@ def execute(args: argparse.Namespace) -> int:
             unsensed_joints=unsensed,
             search=args.global_start,
             drop=args.drop_unidentifiable,
+            length_tolerance_m=tolerance_m(args),
         )
     except UnidentifiableError as error:
         loop = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)

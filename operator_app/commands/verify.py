@@ -68,6 +68,7 @@ def execute(args: argparse.Namespace) -> int:
         state.pose_set(),
         estimator=procedure.estimator,
         unsensed_joints=procedure.unsensed_joints,
+        length_tolerance_m=procedure.length_tolerance_m,
         limits=procedure.acceptance,
     )
     poses = (

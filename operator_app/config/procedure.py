@@ -110,6 +110,8 @@ class Procedure:
         ``paper`` or ``implicit``.
     upload
         Whether the parameters go to the controller.
+    length_tolerance_m
+        How well the maker's link lengths are known (standard deviation); None: exact.
     """
 
     name: str
@@ -123,4 +125,5 @@ class Procedure:
     estimator: Literal["paper", "implicit"]
     acceptance: AcceptanceLimits
     upload: bool
+    length_tolerance_m: float | None = None
     trial: bool = False

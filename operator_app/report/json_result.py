@@ -36,6 +36,7 @@ def solution_json(solution: Solution) -> dict[str, Any]:
         "rvdt": [rvdt_json(verdict) for verdict in solution.rvdt],
         "outlier_poses": list(solution.outliers),
         "held": list(solution.held),
+        "tolerated": list(solution.tolerated),
         "global_start": _search_json(solution),
         "rank": solution.seen.rank,
         "unidentifiable": [],

@@ -199,6 +199,7 @@ def _solve(
         state.pose_set(),
         estimator=estimator,
         unsensed_joints=joints,
+        length_tolerance_m=procedure.length_tolerance_m,
         limits=procedure.acceptance,
     )
 

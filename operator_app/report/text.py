@@ -185,7 +185,7 @@ def _quality(solution: Solution) -> str:
     condition = (
         f"Scaled condition number {seen.scaled_condition_number:.1f} "
         f"(below {CONDITION_ACCEPTABLE} is acceptable; the paper had {CONDITION_PAPER}); "
-        f"rank {seen.rank} of {len(estimate.parameters)}; {solution.poses} poses, "
+        f"rank {seen.rank} of {len(estimate.parameters) - len(solution.tolerated)}; {solution.poses} poses, "
         f"{estimate.dof} degrees of freedom, {estimate.iterations} iterations."
     )
     rows = [

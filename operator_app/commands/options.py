@@ -57,6 +57,16 @@ def tolerance_m(args: argparse.Namespace) -> float | None:
     return found / 1e3
 
 
+def plan_option(parser: argparse.ArgumentParser) -> None:
+    """``--plan``."""
+    parser.add_argument(
+        "--plan",
+        choices=("explore", "planned"),
+        help="how poses are chosen: explore visits a box of drive angles as it comes; planned "
+        "explores a little, calibrates, and takes the 12 poses (or --poses) that tell most",
+    )
+
+
 def bus_options(parser: argparse.ArgumentParser) -> None:
     """python-can's own names: ``-i -c -b``."""
     group = parser.add_argument_group("bus (python-can's names; also CAN_INTERFACE and can.conf)")
@@ -99,6 +109,7 @@ def choices_from(args: argparse.Namespace) -> Choices:
         raise UsageError("--seed: a seed is a whole number from zero")
     return Choices(
         poses=getattr(args, "poses", None),
+        plan=getattr(args, "plan", None),
         estimator=getattr(args, "estimator", None),
         unsensed_joints=parse_joints(args.unsensed) if getattr(args, "unsensed", "") else None,
         length_tolerance_m=tolerance_m(args) if hasattr(args, "length_tolerance") else None,

@@ -6,13 +6,14 @@ import argparse
 import json
 import sys
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from operator_app.commands.options import (
     bus_options,
     choices_from,
     estimator_options,
     json_option,
+    plan_option,
     scenario_options,
     sessions_option,
     tolerance_option,
@@ -39,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--record", action="store_true", help="record the bus to bus.blf in the session folder"
     )
+    plan_option(parser)
     estimator_options(parser)
     tolerance_option(parser)
     sessions_option(parser)
@@ -134,9 +136,13 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
             "sha256": None if exported is None or exported.receipt is None
             else exported.receipt.sha256,
         }  # fmt: skip
+        found["capture"] = _capture_json(result, session)
         print(json.dumps(found, indent=2, allow_nan=False))
         return
     print(solution_text(solution))
+    if result.capture is not None:
+        print()
+        print(_capture_text(result))
     print()
     print(f"Session     {folder}")
     if exported is None:
@@ -151,6 +157,54 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
             f"Controller  slot {exported.receipt.slot} active, {exported.receipt.length} bytes read "
             f"back\n            SHA-256 {exported.receipt.sha256}"
         )
+
+
+def _capture_json(result: RunResult, session: Session) -> dict[str, Any] | None:
+    """Return how a planned capture went; None when poses were explored only."""
+    from operator_app.report.json_result import in_file_units
+
+    if result.capture is None:
+        return None
+    poses, by_name = session.state.used_poses, {p.name: p for p in result.solution.model.parameters}
+    return {
+        "complete": result.capture.complete,
+        "text": result.capture.text,
+        "explored": sum(not p.planned for p in poses),
+        "planned": sum(p.planned for p in poses),
+        "weak": [
+            {
+                "name": w.name,
+                "sigma": None if w.sigma is None else in_file_units(by_name[w.name], w.sigma),
+                "requested": in_file_units(by_name[w.name], w.requested),
+            }
+            for w in result.capture.weak
+        ],
+        "advice": result.advice or None,
+    }
+
+
+def _capture_text(result: RunResult) -> str:
+    """Return how a planned capture ended, what stayed weak and what would help."""
+    from operator_app.report.json_result import in_file_units
+    from operator_app.report.text import aligned, paragraph
+
+    end = result.capture
+    if end is None:
+        return ""
+    lines = [paragraph(f"Plan        {end.text}.", indent=12)]
+    if end.weak:
+        by_name = {p.name: p for p in result.solution.model.parameters}
+        rows = [["short of the request", "unit", "sigma", "requested"]]
+        for w in end.weak:
+            p = by_name[w.name]
+            scale = 1.0 if p.is_angle else 1e3
+            sigma = "-" if w.sigma is None else f"{scale * in_file_units(p, w.sigma):.4f}"
+            asked = f"{scale * in_file_units(p, w.requested):.4f}"
+            rows.append([w.name, "deg" if p.is_angle else "mm", sigma, asked])
+        lines.append(aligned(rows))
+    if result.advice:
+        lines.append(paragraph(f"Advice      {result.advice}.", indent=12))
+    return "\n".join(lines)
 
 
 def _report_unidentifiable(args: argparse.Namespace, session: Session, error: Exception) -> None:

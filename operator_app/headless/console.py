@@ -10,6 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from fixtures.base import SetupCheck, Severity
 from hardware.arm import ArmIdentity
 from operator_app.calibration import Solution
+from operator_app.drive_choice import DriveChoice, names
 from operator_app.session.state import SessionState
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
@@ -39,6 +40,10 @@ class ConsoleListener:
             remedy = f": {check.remedy}" if check.remedy else ""
             self.say(f"Fixture {GLYPH[check.severity]}: {check.text}{remedy}")
 
+    def drives_chosen(self, choice: DriveChoice) -> None:
+        """Say which joints drive and why."""
+        self.say(f"Chosen to drive: {names(choice.drives)}; {'; '.join(choice.reasons)}.")
+
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """Say which joints drive."""
         names = " and ".join(str(j) for j in position_joints)
@@ -58,7 +63,14 @@ class ConsoleListener:
             )
             self._progress.start()
             self._progress.add_task("poses", total=wanted)
-        self._progress.update(self._progress.task_ids[0], completed=len(state.used_poses))
+        # A plan's total grows while it explores.
+        self._progress.update(
+            self._progress.task_ids[0], completed=len(state.used_poses), total=wanted
+        )
+
+    def told(self, text: str) -> None:
+        """Say what a planned capture decided."""
+        self.say(text)
 
     def solved(self, solution: Solution) -> None:
         """End the bar."""

@@ -305,7 +305,10 @@ class Campaign:
             if leg.drives != drives:
                 drives = leg.drives
                 self._queue.append(
-                    ChangeDrives(drives=drives, why=f"joints {drives} reach planned pose {number}")
+                    ChangeDrives(
+                        drives=drives,
+                        why=f"joints {' and '.join(map(str, drives))} reach planned pose {number}",
+                    )
                 )
             for k in range(len(leg.waypoints_rad)):
                 self._queue.append(

@@ -59,7 +59,7 @@ class Actions(Navigation):
         items = s.procedure.fixture.checklist
         view = self.app.main.query_one(FixtureView)
         left = [k for k in range(len(items)) if k not in s.ticked]
-        if not left or self.app.desk is None:
+        if self.app.desk is None or not (left or here):
             return
         marked = view.cursor
         if here:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from operator_app.tui.lines import Line
+if TYPE_CHECKING:
+    # `sarcal plan` draws with this and does without Textual.
+    from operator_app.tui.lines import Line
 
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 _ASCII_MARK = {"text": "*", "dim": ".", "accent": "o", "warn": "!", "alarm": "!"}

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rich.style import Style
-from textual.theme import Theme
+from textual.theme import BUILTIN_THEMES, Theme
 
 DARK, LIGHT, NO_COLOUR = "sarcal-dark", "sarcal-light", "sarcal-no-colour"
 
@@ -159,7 +159,12 @@ def themes() -> tuple[Theme, ...]:
             background=plain,
             surface=plain,
             panel=plain,
-            variables={"border": plain, "bar": plain, "dim": plain},
+            variables={
+                **dict.fromkeys(BUILTIN_THEMES["ansi-dark"].variables, plain),
+                **{"border": plain, "bar": plain, "dim": plain},
+                "input-cursor-text-style": "reverse",
+                "block-cursor-text-style": "reverse",
+            },
         )
     )
     return tuple(made)

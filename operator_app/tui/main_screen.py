@@ -41,10 +41,16 @@ class Hint(Lines, can_focus=False):
     refusal = ""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """One sentence."""
+        """One sentence, on two lines if it must."""
         if self.refusal:
-            return [clip(line((" ▲ ", "warn"), (self.refusal, "warn")), width)]
-        return [clip(line((" Next ", "bold"), next_thing(self.step, s, self.wanted).hint), width)]
+            rows = wrapped(f" ▲ {self.refusal}", width - 1, "warn", "   ")
+        else:
+            head, *rest = wrapped(
+                f" Next {next_thing(self.step, s, self.wanted).hint}", width - 1, "text", " " * 6
+            )
+            text = head[0][0]
+            rows = [line((text[:6], "bold"), text[6:]), *rest]
+        return [*rows[: height - 1], *(clip(row, width) for row in rows[height - 1 : height])]
 
 
 class Log(Lines, can_focus=False):

@@ -17,11 +17,13 @@ from operator_app.session.desk import Desk
 from operator_app.session.folder import SessionEntry, list_sessions
 from operator_app.session.journal import Journal
 from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.steps import Step
 from operator_app.session.workflow import Session
 from operator_app.tui.app import SarcalApp
 from oracles.live_arm import LiveArm
+from oracles.still_desk import StillSource
 
-PATIENCE_S = 60.0
+PATIENCE_S = 30.0
 
 
 def quick_procedure(poses: int = 6) -> Procedure:
@@ -92,6 +94,11 @@ class Driver:
         self.pressed = 0
 
     @property
+    def desk(self):
+        """The desk that is open: a `Desk`, or a `StillDesk` with what it was asked."""
+        return self.app.desk
+
+    @property
     def s(self) -> SessionSnapshot:
         """The picture that is on the screen."""
         assert self.app.picture is not None
@@ -100,12 +107,32 @@ class Driver:
     @property
     def hint(self) -> str:
         """The line above the messages."""
-        return "".join(text for text, _ in self.app.main.hint._lines[0])
+        return " ".join(
+            "".join(text for row in self.app.main.hint._lines for text, _ in row).split()
+        )
 
     def text(self, selector: str) -> str:
         """What a panel shows."""
         widget = self.app.main.query_one(selector)
         return "\n".join("".join(text for text, _ in row) for row in widget._lines)
+
+    def words(self, selector: str) -> str:
+        """What a panel shows, without its line breaks."""
+        return " ".join(self.text(selector).split())
+
+    async def see(self, picture: SessionSnapshot, step: Step) -> None:
+        """Put another picture and step on the screen of a still desk, as if just come to it."""
+        while self.app.screen is not self.app.main:
+            self.app.pop_screen()
+            await self.settle()
+        desk = self.app.desk
+        desk.picture, desk.asked, desk.stops, desk.cancels = picture, [], 0, 0
+        self.app.main.refuse("")
+        self.app.actions._mark(picture)
+        self.app.step = step
+        self.app.main.go_to(step)
+        self.app.poll()
+        await self.settle()
 
     async def press(self, *keys: str) -> None:
         """Press keys, and let the app deal with them.
@@ -177,6 +204,27 @@ def drive(source: FakeSource):
         async with app.run_test(size=size) as pilot:
             driver = Driver(app, pilot)
             await driver.ready()
+            yield driver
+
+    return run
+
+
+@pytest.fixture
+def still():
+    """Run the app on one picture: ``async with still(picture, step=Step.CAPTURE) as d``."""
+    from contextlib import asynccontextmanager
+
+    @asynccontextmanager
+    async def run(picture, *, step=Step.CONNECT, size=(120, 36), entries=(), **options):
+        app = SarcalApp(StillSource(picture, entries), **options)
+        async with app.run_test(size=size) as pilot:
+            driver = Driver(app, pilot)
+            await driver.ready()
+            app.step = step
+            app.main.go_to(step)
+            await driver.settle()
+            app.poll()
+            await driver.settle()
             yield driver
 
     return run

@@ -1,0 +1,431 @@
+"""Every key of every step: what the desk is asked for, or what the screen says or shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hardware.arm import JointMode
+from operator_app.session.snapshot import TaskKind
+from operator_app.session.steps import Step
+from operator_app.tui.dialogs import Ask, Choose, Confirm, Read
+from operator_app.tui.help import help_text
+from operator_app.tui.keys import ACTIONS, FOOTER, by_name, for_key
+from operator_app.tui.palette import ActionProvider, title
+from oracles.still_desk import entry
+from oracles.story import busy, real, stale, stopped, story
+
+ASKS = [
+    # step, told, key, what the desk is asked
+    (Step.CONNECT, "start", "c", TaskKind.CONNECT),
+    (Step.CONNECT, "start", "enter", TaskKind.CONNECT),
+    (Step.FIXTURE, "connected", "k", TaskKind.CHECK),
+    (Step.MODES, "modes", "w", TaskKind.WIGGLE),
+    (Step.CAPTURE, "capturing", "a", TaskKind.AUTOMATIC),
+    (Step.CAPTURE, "capturing", "enter", TaskKind.AUTOMATIC),
+    (Step.CAPTURE, "capturing", "g", TaskKind.MOVE),
+    (Step.CAPTURE, "capturing", "b", TaskKind.MOVE),
+    (Step.CAPTURE, "capturing", "c", TaskKind.CAPTURE),
+    (Step.CAPTURE, "capturing", "u", TaskKind.NOTE),
+    (Step.CAPTURE, "capturing", "x", TaskKind.NOTE),
+    (Step.CALIBRATE, "captured", "s", TaskKind.CALIBRATE),
+    (Step.CALIBRATE, "captured", "enter", TaskKind.CALIBRATE),
+    (Step.EXPORT, "solved", "w", TaskKind.EXPORT),
+    (Step.EXPORT, "solved", "enter", TaskKind.EXPORT),
+    (Step.EXPORT, "solved", "y", TaskKind.VERIFY),
+    (Step.EXPORT, "solved", "r", TaskKind.EXPORT),
+    (Step.CAPTURE, "modes", "H", TaskKind.HOLD),
+]
+
+
+async def test_a_key_asks_the_desk(still):
+    async with still(story()["start"]) as d:
+        for step, told, key, kind in ASKS:
+            await d.see(story()[told], step)
+            await d.press(key)
+            assert [k for k, _ in d.desk.asked] == [kind], (step, told, key)
+
+
+REFUSALS = [
+    # step, told, key, words
+    (Step.CONNECT, "connected", "c", "connected already"),
+    (Step.CONNECT, "start", "right_square_bracket", "no arm is connected"),
+    (Step.CONNECT, "start", "2", "Fixture is closed: no arm is connected"),
+    (Step.CONNECT, "start", "3", "Modes is closed"),
+    (Step.CONNECT, "start", "4", "Capture is closed"),
+    (Step.CONNECT, "start", "5", "Calibrate is closed"),
+    (Step.CONNECT, "start", "6", "Results is closed"),
+    (Step.CONNECT, "start", "7", "Export is closed"),
+    (Step.CONNECT, "start", "o", "no other session"),
+    (Step.CONNECT, "start", "space", "STOP: no arm is connected"),
+    (Step.CONNECT, "connected", "R", "STOP is not latched"),
+    (Step.FIXTURE, "connected", "right_square_bracket", "check list not ticked"),
+    (Step.MODES, "start", "p", "no ranking yet"),
+    (Step.MODES, "ticked", "w", "modes are not set"),
+    (Step.MODES, "start", "a", "no arm is connected"),
+    (Step.CAPTURE, "captured", "a", "all 16 poses are captured"),
+    (Step.CAPTURE, "modes", "u", "no pose yet"),
+    (Step.CAPTURE, "modes", "n", "no pose yet"),
+    (Step.CAPTURE, "modes", "x", "no pose yet"),
+    (Step.CAPTURE, "modes", "b", "no best pose yet"),
+    (Step.CALIBRATE, "modes", "s", "0 of at least 3 poses"),
+    (Step.EXPORT, "captured", "w", "no calibration"),
+    (Step.EXPORT, "captured", "u", "no calibration"),
+    (Step.EXPORT, "captured", "y", "no calibration"),
+    (Step.EXPORT, "captured", "r", "no calibration"),
+]
+
+
+async def test_a_key_that_cannot_be_followed_says_why(still):
+    async with still(story()["start"]) as d:
+        for step, told, key, words in REFUSALS:
+            await d.see(story()[told], step)
+            await d.press(key)
+            d.app.poll()
+            assert d.hint.startswith("▲ "), (step, told, key)
+            assert words in d.hint, (step, told, key)
+            assert (d.desk.asked, d.desk.stops) == ([], 0)
+            assert d.app.step is step
+
+
+async def test_stale_data_block_capture_and_are_marked(still):
+    async with still(stale(story()["capturing"]), step=Step.CAPTURE) as d:
+        await d.press("c")
+        await d.until(lambda: "data of J5 are 240 ms old" in d.hint)
+        row = d.text("#capture-joints").splitlines()[5]
+        assert "?" in row
+        assert "▲ STALE" in row
+        assert "+0.0" not in row
+        assert "J5 STALE" in d.text("#strip")
+        assert d.desk.asked == []
+
+
+async def test_stop_works_at_every_step(still):
+    async with still(story()["solved"]) as d:
+        for step in Step:
+            for key in ("space", "f8"):
+                await d.see(story()["solved"], step)
+                await d.press(key)
+                assert (d.desk.stops, d.desk.asked) == (1, []), (step, key)
+
+
+DIALOGS = [
+    (Step.MODES, "ticked", "a", Confirm),
+    (Step.CAPTURE, "capturing", "n", Ask),
+    (Step.EXPORT, "written", "u", Ask),
+    (Step.EXPORT, "written", "N", Confirm),
+    (Step.CAPTURE, "capturing", "q", Confirm),
+    (Step.CAPTURE, "capturing", "ctrl+c", Confirm),
+    (Step.CAPTURE, "capturing", "ctrl+q", Confirm),
+    (Step.CAPTURE, "capturing", "question_mark", Read),
+    (Step.CAPTURE, "capturing", "f1", Read),
+]
+
+
+async def test_a_dialog_opens_does_nothing_on_escape_and_f8_stops_in_it(still):
+    async with still(story()["start"]) as d:
+        for step, told, key, kind in DIALOGS:
+            await d.see(story()[told], step)
+            await d.press(key)
+            assert isinstance(d.app.screen, kind), (step, key)
+            if kind is Confirm:
+                assert d.app.focused.id == "cancel"
+            await d.press("f8")
+            assert d.desk.stops == 1
+            await d.press("escape")
+            assert d.app.screen is d.app.main, (step, key)
+            assert d.desk.asked == []
+            assert d.app.step is step
+            assert d.app.is_running
+
+
+async def test_space_stops_in_a_dialog_but_is_a_space_in_a_note(still):
+    async with still(story()["capturing"], step=Step.CAPTURE) as d:
+        await d.press("q")
+        await d.press("space")
+        assert d.desk.stops == 1
+        await d.press("escape")
+        await d.press("n")
+        await d.press("a", "space", "b")
+        assert d.desk.stops == 1
+        await d.press("f8")
+        assert d.desk.stops == 2
+        await d.press("enter")
+        await d.settle()
+        assert [k for k, _ in d.desk.asked] == [TaskKind.NOTE]
+
+
+async def test_yes_applies_the_modes_and_enter_on_cancel_does_not(still):
+    async with still(story()["ticked"], step=Step.MODES) as d:
+        await d.press("a", "enter")
+        assert d.desk.asked == []
+        await d.press("a", "tab", "enter")
+        await d.settle()
+        assert [k for k, _ in d.desk.asked] == [TaskKind.MODES]
+        await d.press("a", "y")
+        await d.settle()
+        assert len(d.desk.asked) == 2
+
+
+async def test_upload_wants_the_serial_number_typed(still):
+    async with still(story()["written"], step=Step.EXPORT) as d:
+        await d.press("u", *"SDA-0009", "enter")
+        await d.settle()
+        assert isinstance(d.app.screen, Ask)
+        assert d.desk.asked == []
+        await d.press("escape")
+        await d.press("u", *"SDA-0001", "enter")
+        await d.settle()
+        assert [k for k, _ in d.desk.asked] == [TaskKind.UPLOAD]
+
+
+async def test_any_key_ends_a_motion_and_does_nothing_else(still):
+    moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
+    async with still(moving) as d:
+        for key in ("z", "x", "enter", "escape", "down", "7", "q", "a", "tab", "ctrl+p", "é"):
+            await d.see(moving, Step.CAPTURE)
+            assert "ANY KEY STOPS" in d.text("#banner")
+            await d.press(key)
+            assert (d.desk.cancels, d.desk.stops, d.desk.asked) == (1, 0, []), key
+            assert d.app.screen is d.app.main
+            assert d.app.step is Step.CAPTURE
+
+
+async def test_z_cancels_a_calibration_and_other_keys_go_on(still):
+    solving = busy(story()["captured"], TaskKind.CALIBRATE, moves=False)
+    async with still(solving, step=Step.CALIBRATE) as d:
+        await d.press("v")
+        assert d.desk.cancels == 0
+        await d.press("z")
+        assert d.desk.cancels == 1
+
+
+async def test_stop_during_a_motion_is_stop_not_only_its_end(still):
+    async with still(busy(story()["capturing"], TaskKind.MOVE, moves=True), step=Step.CAPTURE) as d:
+        await d.press("space")
+        assert (d.desk.stops, d.desk.cancels) == (1, 0)
+
+
+async def test_after_stop_only_the_reset_is_offered(still):
+    async with still(stopped(story()["capturing"]), step=Step.CAPTURE) as d:
+        assert "SOFTWARE STOP" in d.text("#banner")
+        assert "all 7 drives stopped within 12 ms" in d.text("#banner")
+        await d.press("a")
+        await d.until(lambda: "STOP is latched" in d.hint)
+        assert d.desk.asked == []
+        await d.press("R")
+        assert [k for k, _ in d.desk.asked] == [TaskKind.RESET]
+
+
+async def test_back_goes_back_and_loses_nothing(still):
+    async with still(story()["solved"], step=Step.EXPORT) as d:
+        for step in reversed(list(Step)[:-1]):
+            await d.press("left_square_bracket")
+            assert d.app.step is step
+        await d.press("left_square_bracket")
+        assert d.app.step is Step.CONNECT
+        for step in list(Step)[1:]:
+            await d.press("right_square_bracket")
+            assert d.app.step is step
+        assert d.desk.asked == []
+
+
+async def test_digits_go_to_steps_that_are_open(still):
+    async with still(story()["solved"]) as d:
+        for number in range(1, 8):
+            await d.see(story()["solved"], Step.CAPTURE)
+            await d.press(str(number))
+            assert d.app.step == number
+
+
+async def test_toggle_marks_and_explains_before_anything_is_applied(still):
+    async with still(story()["ticked"], step=Step.MODES) as d:
+        before = d.app.actions.wanted
+        await d.press("down", "f")
+        await d.until(lambda: "until a drive trips" in d.words("#modes-plan"))
+        assert d.app.actions.wanted[1] is JointMode.POSITION
+        await d.press("a")
+        await d.until(lambda: "until a drive trips" in d.hint)
+        await d.press("f", "up", "f")
+        await d.until(lambda: "would sag" in d.words("#modes-plan"))
+        await d.press("p")
+        best = story()["ticked"].ranked[0].drives
+        assert (
+            tuple(k for k, m in enumerate(d.app.actions.wanted, 1) if m is JointMode.POSITION)
+            == best
+        )
+        assert d.desk.asked == []
+        assert before != d.app.actions.wanted
+
+
+async def test_on_a_real_arm_every_item_is_ticked_by_itself(still):
+    picture = replace(real(story()["connected"]), stop_tested=True)
+    async with still(picture, step=Step.FIXTURE) as d:
+        items = len(picture.procedure.fixture.checklist)
+        for k in range(items):
+            assert f"{items - k} left" in d.hint
+            await d.press("enter")
+            d.app.poll()
+        assert d.desk.picture.ticked == frozenset(range(items))
+        assert len(d.desk.asked) == items
+        await d.press("x")
+        assert len(d.desk.picture.ticked) == items - 1
+
+
+async def test_on_a_real_arm_the_stop_test_comes_before_anything_else(still):
+    async with still(real(story()["connected"]), step=Step.CONNECT) as d:
+        await d.press("2")
+        await d.until(lambda: "hardware stop is not tested" in d.hint)
+        await d.press("t")
+        d.app.poll()
+        assert d.desk.picture.stop_tested
+        await d.press("2")
+        assert d.app.step is Step.FIXTURE
+        assert "REAL ARM" in d.text("#banner")
+
+
+async def test_estimator_and_unsensed_joints_go_round(still):
+    async with still(story()["captured"], step=Step.CALIBRATE) as d:
+        first = d.desk.picture.estimator
+        await d.press("e")
+        assert d.desk.picture.estimator != first
+        await d.press("e")
+        assert d.desk.picture.estimator == first
+        seen = []
+        for _ in range(4):
+            await d.press("j")
+            seen.append(d.desk.picture.unsensed_joints)
+        assert seen == [(6,), (7,), (6, 7), ()]
+
+
+async def test_views_turn_over_on_a_small_terminal(still):
+    async with still(story()["capturing"], step=Step.CAPTURE, size=(80, 24)) as d:
+        shown = []
+        for _ in range(4):
+            shown.append(tuple(p.id for p in d.app.main.view.query(".panel") if p.display))
+            await d.press("v")
+        assert len(set(shown[:3])) == 3
+        assert shown[3] == shown[0]
+
+
+async def test_pages_turn_over_in_results(still):
+    async with still(story()["solved"], step=Step.RESULTS) as d:
+        titles = []
+        for _ in range(6):
+            d.app.poll()
+            await d.settle()
+            titles.append(str(d.app.main.query_one("#results-plot").border_title))
+            await d.press("v")
+        assert len(set(titles)) == 6
+
+
+async def test_marks_move_with_the_arrows(still):
+    async with still(story()["captured"], step=Step.CAPTURE) as d:
+        view = d.app.main.view
+        newest = view.marked_pose(d.s)
+        await d.press("down", "down")
+        assert view.marked_pose(d.s) == newest - 2
+        await d.press("up")
+        assert view.marked_pose(d.s) == newest - 1
+
+
+async def test_sessions_can_be_chosen_and_cancel_is_marked_first(still):
+    earlier = entry(story()["capturing"])
+    async with still(story()["uploaded"], step=Step.EXPORT, entries=(earlier,)) as d:
+        await d.press("escape")  # the offer to resume
+        await d.press("o")
+        assert isinstance(d.app.screen, Choose)
+        await d.press("enter")
+        assert d.app.source.resumed_names == []
+        await d.press("o", "down", "enter")
+        await d.settle()
+        assert d.app.source.resumed_names == [earlier.folder.name]
+
+
+async def test_a_new_session_begins_at_connect(still):
+    async with still(story()["uploaded"], step=Step.EXPORT) as d:
+        await d.press("N", "y")
+        await d.settle()
+        assert d.app.source.begun == 2
+        assert d.app.step is Step.CONNECT
+
+
+async def test_themes_go_round(still):
+    async with still(story()["capturing"], step=Step.CAPTURE) as d:
+        seen = []
+        for _ in range(3):
+            await d.press("T")
+            seen.append(d.app.theme)
+        assert len(set(seen)) == 3
+
+
+@pytest.mark.parametrize("told", ["start", "capturing"])
+async def test_q_leaves_at_once_or_after_a_question(still, told):
+    async with still(story()[told], step=Step.CONNECT) as d:
+        await d.press("q")
+        if told != "start":
+            await d.press("y")
+        await d.settle()
+        assert d.app.return_value == "left"
+
+
+async def test_a_click_does_what_the_key_does(still):
+    async with still(story()["capturing"], step=Step.CAPTURE) as d:
+        await d.pilot.click("#strip", offset=(3, 0))
+        assert d.desk.stops == 1
+        await d.pilot.click("#rail", offset=(3, 0))
+        assert d.app.step is Step.CONNECT
+        at = d.text("#footer").index("Quit")
+        await d.pilot.click("#footer", offset=(at, 0))
+        assert isinstance(d.app.screen, Confirm)
+
+
+# -- the table itself ------------------------------------------------------------------------------
+
+
+def test_no_key_means_two_things_at_one_step():
+    for step in Step:
+        here = [a for a in ACTIONS if step in a.steps]
+        keys = [k for a in here for k in a.keys]
+        assert len(keys) == len(set(keys)), step
+
+
+def test_the_footer_has_at_most_six_keys_that_all_work_there_and_stop_is_first():
+    for step, names in FOOTER.items():
+        assert len(names) <= 6
+        assert names[0] == "stop"
+        for name in names:
+            action = by_name(name)
+            assert for_key(action.keys[0], step) is action
+
+
+async def test_every_action_is_in_the_palette_and_in_help(still):
+    async with still(story()["start"]) as d:
+        provider = ActionProvider(d.app.main)
+        found = [str(hit.text) async for hit in provider.discover()]
+        for action in ACTIONS:
+            assert title(action) in found
+            searched = [str(hit.text) async for hit in provider.search(action.label)]
+            assert title(action) in searched
+            page = help_text(min(action.steps), None, 400)
+            assert f"{action.label}: {action.help}" in page
+            assert callable(getattr(d.app.actions, f"do_{action.name.partition('(')[0]}"))
+
+
+async def test_help_explains_the_focused_panel(still):
+    async with still(story()["capturing"], step=Step.CAPTURE) as d:
+        await d.press("tab", "question_mark")
+        assert isinstance(d.app.screen, Read)
+        panel = d.app.main.focused
+        assert panel.HELP[:40] in " ".join(d.app.screen._text.split())
+
+
+async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still):
+    async with still(story()["captured"], step=Step.CONNECT) as d:
+        d.app.perform_anywhere(by_name("calibrate"))
+        assert d.app.step is Step.CALIBRATE
+        assert [k for k, _ in d.desk.asked] == [TaskKind.CALIBRATE]
+        d.app.perform_anywhere(by_name("write"))
+        assert d.app.step is Step.CALIBRATE
+        assert len(d.desk.asked) == 1

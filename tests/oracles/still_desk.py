@@ -1,0 +1,74 @@
+"""A desk that shows one picture and writes down what it is asked: for tests of keys and screens."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from operator_app.session.folder import SessionEntry
+from operator_app.session.snapshot import Level, Message, SessionSnapshot, TaskKind
+
+
+class StillDesk:
+    """See the module. `asked` lists (kind, text); `stops` and `cancels` count."""
+
+    def __init__(self, picture: SessionSnapshot) -> None:
+        self.picture = picture
+        self.defect: BaseException | None = None
+        self.asked: list[tuple[TaskKind, str]] = []
+        self.stops = self.cancels = 0
+        self.session = SimpleNamespace(
+            journal=SimpleNamespace(path=picture.folder / "journal.jsonl"), state=picture.state
+        )
+        self.operations: Any = None
+
+    def snapshot(self) -> SessionSnapshot:
+        return self.picture
+
+    def submit(self, kind: TaskKind, text: str, work: Any) -> None:
+        self.asked.append((kind, text))
+
+    def publish(self, **changes: Any) -> None:
+        self.picture = replace(self.picture, **changes)
+
+    def say(self, level: Level, text: str) -> None:
+        number = len(self.picture.messages) + 1
+        said = Message(number=number, time="12:00:00", level=level, text=text)
+        self.publish(messages=(*self.picture.messages, said))
+
+    def stop(self) -> None:
+        self.stops += 1
+
+    def cancel(self) -> None:
+        self.cancels += 1
+
+
+class StillSource:
+    """Gives the one desk; `entries` are the sessions there are."""
+
+    def __init__(self, picture: SessionSnapshot, entries: tuple[SessionEntry, ...] = ()) -> None:
+        self.desk = StillDesk(picture)
+        self.entries = entries
+        self.begun = 0
+        self.resumed_names: list[str] = []
+
+    def new(self) -> Any:
+        self.begun += 1
+        return self.desk
+
+    def resumed(self, reference: str) -> Any:
+        self.resumed_names.append(reference)
+        return self.desk
+
+    def sessions(self) -> tuple[SessionEntry, ...]:
+        return self.entries
+
+    def close(self, reason: str) -> None:
+        """Nothing to close."""
+
+
+def entry(picture: SessionSnapshot, name: str = "20260131-110000-hinge") -> SessionEntry:
+    """An earlier session in that state."""
+    return SessionEntry(folder=Path("sessions") / name, state=picture.state, torn="", problem="")

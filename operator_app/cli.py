@@ -14,6 +14,7 @@ from typing import Any
 
 COMMANDS = {
     "run": "calibrate an arm from start to finish, without questions",
+    "plan": "choose drive joints and poses before anything moves",
     "solve": "calibrate from a file of poses, without an arm",
     "verify": "judge new poses by a calibration made before them",
     "export": "write, show or upload the parameters of a session",

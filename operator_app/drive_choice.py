@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from operator_app.planning import curve_rad, margin_rad, ranges_of
+from operator_app.planning import margin_rad, ranges_of
 from operator_app.session.errors import SessionError
 from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
@@ -107,7 +107,7 @@ def predict_drives(
             region=rank_over_region(model, manifold),
             manifold=manifold,
             inexact=frozenset(
-                j for j, error in enumerate(curve_rad(arm), 1) if error > INEXACT_RAD
+                j for j, error in enumerate(arm.linearity_rad(), 1) if error > INEXACT_RAD
             ),
         )
     except ValueError as error:
@@ -118,9 +118,8 @@ def predict_drives(
         ) from error
     if manifold.size < FEWEST:
         raise SessionError(
-            "by the fixture's measures the arm can hardly move from where it stands without a joint "
-            "meeting the end of its range",
-            "bring it nearer to the middle of the ranges, or mount the fixture elsewhere",
+            f"the arm can hardly move from where it stands{_beyond(arm, manifold)}",
+            "bring it nearer to the middle of the ranges, or correct the fixture's measures",
         )
     return prediction
 
@@ -185,6 +184,18 @@ def names(drives: Sequence[int]) -> str:
     if len(drives) == 1:
         return f"joint {drives[0]}"
     return f"joints {', '.join(str(j) for j in drives[:-1])} and {drives[-1]}"
+
+
+def _beyond(arm: ArmModel, manifold: Manifold) -> str:
+    """Say which joint is outside of its range where the loop closes; empty when none is."""
+    over = np.maximum(arm.lower_rad - manifold.q[0], manifold.q[0] - arm.upper_rad)
+    joint = int(np.argmax(over))
+    if over[joint] <= 0.0:
+        return ": every way soon meets the end of a joint's range"
+    return (
+        f": by the fixture's measures the nearest closed pose has joint {joint + 1} "
+        f"{np.rad2deg(over[joint]):.0f} deg beyond its range"
+    )
 
 
 def _usable(prediction: Prediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:

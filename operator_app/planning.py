@@ -14,14 +14,11 @@ from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
 from solver.design.manifold import Ranges
 from solver.design.plan import PlanningTask
-from solver.design.pose_information import planning_noise
-from solver.sensors import NoSensor, Rvdt
+from solver.design.pose_information import CURVE_SHARE, planning_noise
+from solver.sensors import NoSensor
 
 MARGIN_RAD = float(np.deg2rad(3.0))
 """What planned poses keep from the ends of the ranges, beside a sensor's own error."""
-
-CURVE_SHARE = 0.5
-"""Share of an RVDT's linearity that is allowed for as if it were noise."""
 
 CANDIDATES = 3000
 """Poses a plan chooses from."""
@@ -37,14 +34,7 @@ def ranges_of(arm: ArmModel) -> Ranges:
 
 def margin_rad(arm: ArmModel) -> FloatArray:
     """What planned poses keep from the ends of the ranges (n,): more where the sensor may be off."""
-    return MARGIN_RAD + curve_rad(arm)
-
-
-def curve_rad(arm: ArmModel) -> FloatArray:
-    """Largest systematic deviation of each sensor by its specification (n,)."""
-    return np.array(
-        [j.sensor.linearity_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in arm.joints]
-    )
+    return MARGIN_RAD + arm.linearity_rad()
 
 
 def require_closed_chain(fixture: Fixture) -> None:
@@ -91,7 +81,7 @@ def planning_task(
         noise=planning_noise(
             np.sqrt(variance),
             unsensed_joints=unsensed_joints,
-            wrist_curve_rad=CURVE_SHARE * curve_rad(arm),
+            wrist_curve_rad=CURVE_SHARE * arm.linearity_rad(),
         ),
         parameters=tuple(p.name for p in model.parameters if p.name not in lost),
         drive_sets=drive_sets,

@@ -9,7 +9,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain import DhTable
 from solver.parameters import DhEntry
-from solver.sensors import NoSensor, Sensor
+from solver.sensors import NoSensor, Rvdt, Sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,4 +96,10 @@ class ArmModel:
         """Standard deviation of one reading of every joint, shape (n,); 0 without a sensor."""
         return np.array(
             [0.0 if isinstance(j.sensor, NoSensor) else j.sensor.sigma_rad for j in self.joints]
+        )
+
+    def linearity_rad(self) -> FloatArray:
+        """Largest systematic deviation of each sensor by its specification, shape (n,)."""
+        return np.array(
+            [j.sensor.linearity_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
         )

@@ -42,7 +42,7 @@ class ConsoleListener:
 
     def drives_chosen(self, choice: DriveChoice) -> None:
         """Say which joints drive and why."""
-        self.say(f"Chosen to drive: {names(choice.drives)}; {'; '.join(choice.reasons)}.")
+        self.say(f"Chosen to drive: {names(choice.drives)} ({'; '.join(choice.reasons)}).")
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """Say which joints drive."""

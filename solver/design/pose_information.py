@@ -16,6 +16,8 @@ from solver.closing import left_null_space
 from solver.closure import ClosureModel
 from solver.implicit_estimator import NoiseModel
 
+CURVE_SHARE = 0.5
+"""Share of a sensor's linearity that is allowed for as if it were noise."""
 UNSENSED_SIGMA_RAD = 1.0
 """Noise that stands for no sensor at all: a joint read this badly tells nothing about an offset."""
 

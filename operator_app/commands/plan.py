@@ -1,0 +1,179 @@
+"""`sarcal plan`: which joints should drive and which poses would be taken, before anything moves."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from operator_app.commands.options import (
+    json_option,
+    parse_joints,
+    require_joints,
+    sessions_option,
+)
+from operator_app.exit_codes import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from fixtures.advice import RankedPlacement
+    from operator_app.config.procedure import Procedure
+    from operator_app.plan_preview import Known, Preview
+
+POSES = 12
+"""Poses of a plan when the procedure speaks of explored ones."""
+TRIES = 24
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "procedure", nargs="?", help="procedure file or built-in name (default hinge)"
+    )
+    parser.add_argument("--arm", help="another arm file or built-in name than the procedure's")
+    parser.add_argument(
+        "--fixture", help="another fixture file or built-in name than the procedure's"
+    )
+    parser.add_argument(
+        "--poses", type=int, metavar="N", help=f"how many poses to plan (default {POSES})"
+    )
+    parser.add_argument(
+        "--unsensed",
+        metavar="JOINTS",
+        default="",
+        help="joints whose readings are not to be used, e.g. 6,7",
+    )
+    parser.add_argument(
+        "--session",
+        metavar="SESSION",
+        help="plan on the estimate of a session, in which its poses count: folder, name or latest",
+    )
+    parser.add_argument(
+        "--advise", action="store_true", help="also search for hinge placements that promise more"
+    )
+    parser.add_argument(
+        "--tries",
+        type=int,
+        default=TRIES,
+        metavar="N",
+        help=f"placements to look at with --advise (default {TRIES}, half a second each)",
+    )
+    parser.add_argument("--ascii", action="store_true", help="only ASCII characters")
+    sessions_option(parser)
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Plan and report on stdout."""
+    from operator_app.plan_preview import preview
+    from operator_app.report.plan_json import advice_json, plan_json
+    from operator_app.report.plan_text import advice_text, plan_text
+
+    if args.poses is not None and args.poses < 1:
+        raise UsageError("--poses: plan at least 1")
+    if args.tries < 1:
+        raise UsageError("--tries: look at least at 1")
+    procedure, known, basis = _of_session(args) if args.session else _of_files(args)
+    capture = procedure.capture
+    poses = args.poses or (capture.poses if capture.strategy == "planned" else POSES)
+    shown = preview(
+        procedure.arm,
+        procedure.fixture.fixture,
+        poses=poses,
+        position_joints=procedure.position_joints,
+        unsensed_joints=procedure.unsensed_joints,
+        samples=capture.samples_per_pose,
+        seed=capture.seed,
+        known=known,
+    )
+    advice = _advice(args, procedure, shown, poses) if args.advise else None
+    parameters = {p.name: p for p in shown.parameters}
+    if args.json:
+        found = plan_json(shown, basis=basis)
+        if advice is not None:
+            found["advice"] = advice_json(advice, parameters)
+        print(json.dumps(found, indent=2, allow_nan=False))
+        return _code(shown)
+    title = (
+        f"Plan of {procedure.name}: {procedure.arm.name} in fixture {procedure.fixture.name}, "
+        f"from {basis}"
+    )
+    # A terminal that cannot show braille gets ASCII without being asked.
+    plain = args.ascii or "utf" not in (sys.stdout.encoding or "").lower()
+    print(plan_text(shown, title=title, ascii_only=plain))
+    if advice is not None:
+        print()
+        print(advice_text(advice, parameters, procedure.arm.joint_count))
+    return _code(shown)
+
+
+def _code(shown: Preview) -> ExitCode:
+    """Return the code `sarcal run` would end with where a check of the fixture refuses."""
+    from fixtures.base import Severity
+
+    refused = any(c.severity is Severity.REFUSED for c in shown.checks)
+    return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED
+
+
+def _of_files(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]:
+    """Return the procedure with the arm and fixture named beside it, and nothing known."""
+    from operator_app.config.procedure_file import parse_procedure
+    from operator_app.config.resources import Kind, Resource, resolve
+
+    instead: dict[Kind, Resource] = {}
+    if args.arm:
+        instead["arm"] = resolve("arm", args.arm)
+    if args.fixture:
+        instead["fixture"] = resolve("fixture", args.fixture)
+    procedure = parse_procedure(resolve("procedure", args.procedure or "hinge"), snapshot=instead)
+    if args.unsensed:
+        joints = parse_joints(args.unsensed)
+        require_joints(joints, procedure.arm.joint_count)
+        procedure = replace(procedure, unsensed_joints=joints)
+    return procedure, None, "nominal geometry"
+
+
+def _of_session(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]:
+    """Return the session's procedure and what its poses tell."""
+    from operator_app.composition import carried_procedure
+    from operator_app.plan_preview import Known
+    from operator_app.session.folder import read_session
+    from operator_app.session.opening import Choices, resume
+
+    if args.procedure or args.arm or args.fixture:
+        raise UsageError(
+            "--session: a session knows its procedure, arm and fixture; leave the others out"
+        )
+    joints = parse_joints(args.unsensed) if args.unsensed else None
+    opening = resume(args.session, Choices(unsensed_joints=joints), root=args.sessions)
+    state = read_session(opening.folder).state
+    if state is None or not state.used_poses:
+        raise UsageError(
+            f"{opening.folder} has no pose yet: plan from nominal geometry, without --session"
+        )
+    procedure = carried_procedure(opening)
+    if procedure.position_joints is None and state.drives:
+        procedure = replace(procedure, position_joints=state.drives)
+    readings = state.pose_set().q_rad
+    known = Known(readings_rad=readings, start_rad=state.used_poses[-1].mean_rad)
+    return procedure, known, f"the estimate of {len(readings)} poses in {opening.folder}"
+
+
+def _advice(
+    args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
+) -> tuple[RankedPlacement, ...]:
+    """Search for placements around the present one, nominal or as estimated."""
+    from operator_app.placement_advice import advise
+
+    values = None
+    if shown.estimate is not None:
+        values = {p.name: float(v) for p, v in zip(shown.parameters, shown.estimate.x, strict=True)}
+    return advise(
+        procedure.arm,
+        procedure.fixture.fixture,
+        values=values,
+        unsensed_joints=procedure.unsensed_joints,
+        poses=poses,
+        tries=args.tries,
+    )

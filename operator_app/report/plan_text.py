@@ -1,0 +1,220 @@
+"""A plan in words and tables, for a terminal of 80 columns. Computes nothing, prints nothing."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+
+import numpy as np
+
+from fixtures.advice import PlacementReport, RankedPlacement
+from fixtures.base import Severity
+from operator_app.drive_choice import names
+from operator_app.plan_preview import Preview
+from operator_app.report.plan_picture import coverage_lines, region_lines
+from operator_app.report.text import (
+    CONDITION_ACCEPTABLE,
+    CONDITION_PAPER,
+    WIDTH,
+    aligned,
+    paragraph,
+)
+from solver.design.drive_joints import RankedDrives
+from solver.parameters import Parameter
+
+SHOWN = 6
+"""Drive sets in the table."""
+WEAKEST = 4
+"""Parameters named of the weakest direction."""
+
+
+def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
+    """Return everything an operator should know of a plan before it is carried out."""
+    blocks = [
+        paragraph(title),
+        *_checks(shown),
+        _drives(shown),
+        _poses(shown),
+        _sigmas(shown),
+        "Where the drive joints go: dots can be reached, S is the start, lines are the way\n"
+        + "\n".join(region_lines(shown, ascii_only=ascii_only)),
+        f"Ranges of the joints, deg: {'-' if ascii_only else '─'} can be reached, "
+        f"{'#' if ascii_only else '█'} planned poses\n"
+        + "\n".join(coverage_lines(shown, ascii_only=ascii_only)),
+    ]
+    return "\n\n".join(blocks)
+
+
+def _checks(shown: Preview) -> list[str]:
+    """Give the block of what is wrong with the fixture; none when nothing is."""
+    lines = [
+        paragraph(f"! {c.severity.value}: {c.text}: {c.remedy}", indent=2)
+        for c in shown.checks
+        if c.severity is not Severity.OK
+    ]
+    return ["\n".join(lines)] if lines else []
+
+
+def _drives(shown: Preview) -> str:
+    """The ranking over the region, what the same sets do at the start, and the choice."""
+    here = {r.drives: r for r in shown.choice.prediction.here}
+    listed = list(shown.choice.prediction.region[:SHOWN])
+    if all(r.drives != shown.choice.drives for r in listed):
+        listed += [r for r in shown.choice.prediction.region if r.drives == shown.choice.drives]
+    rows = [["joints", "score", "reach", "leverage", "at start", "passive", ""]]
+    for r in listed:
+        now = here.get(r.drives)
+        rows.append(
+            [
+                ("> " if r.drives == shown.choice.drives else "  ") + " ".join(map(str, r.drives)),
+                f"{r.score:.2f}",
+                "" if r.reach is None else f"{r.reach:.0%}",
+                f"{r.leverage:.2f}",
+                "" if now is None else f"{now.leverage:.2f}",
+                f"J{r.fastest_joint} x {r.fastest_passive:.1f}",
+                _verdict(r, now),
+            ]
+        )
+    count = shown.mobility
+    head = (
+        f"Drive joints: exactly {count} in position mode, the others free. Reach: share of the "
+        "poses inside the ranges. Leverage: 0 at a fold, median of what is reached and at the "
+        "start. Passive: the free joint that moves most, by how much more than the drives."
+    )
+    chosen = f"{_subject(shown.choice.drives)} ({'; '.join(shown.choice.reasons)})."
+    lines = [paragraph(head), aligned(rows), paragraph(chosen)]
+    others = [d for d in shown.choice.sets if d != shown.choice.drives]
+    if others:
+        also = ", ".join(names(d) for d in others)
+        lines.append(paragraph(f"A session may change to {also} to reach what they cannot."))
+    return "\n".join(lines)
+
+
+def _subject(drives: tuple[int, ...]) -> str:
+    """``Joints 1 and 5 drive``."""
+    return f"{names(drives)} drive{'s' if len(drives) == 1 else ''}".capitalize()
+
+
+def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:
+    """One word or two why a set is out."""
+    if not ranked.usable:
+        return "not usable"
+    if now is not None and not now.usable:
+        return "fold at start"
+    return ""
+
+
+def _poses(shown: Preview) -> str:
+    n = shown.arm.joint_count
+    rows = [["#", "drive", *(f"J{j}" for j in range(1, n + 1)), ""]]
+    for number, pose in enumerate(shown.poses, 1):
+        row = [str(number), " ".join(map(str, pose.drives))]
+        row += [f"{angle:.1f}" for angle in np.rad2deg(pose.q_rad)]
+        rows.append([*row, "no safe way" if pose.route is None else ""])
+    known = f", beside {shown.captured} captured ones" if shown.captured else ""
+    head = (
+        f"{len(shown.poses)} poses in visiting order{known}: predicted readings in deg, of which "
+        "the drives' are the targets"
+    )
+    return paragraph(head) + "\n" + aligned(rows)
+
+
+def _sigmas(shown: Preview) -> str:
+    names_of = shown.plan.information.parameters
+    known = {p.name: p for p in shown.parameters}
+    rows = [["parameter", "unit", "sigma", "parameter", "unit", "sigma"]]
+    cells = [
+        _sigma(known[name], float(sigma))
+        for name, sigma in zip(names_of, shown.plan.predicted_sigma, strict=True)
+    ]
+    half = (len(cells) + 1) // 2
+    for k in range(half):
+        rows.append([*cells[k], *(cells[half + k] if half + k < len(cells) else [])])
+    condition = shown.seen.scaled_condition_number
+    weakest = ", ".join(shown.seen.weakest.parameters[:WEAKEST])
+    poses = "captured and planned poses" if shown.captured else "planned poses"
+    tail = (
+        f"Scaled condition number of the {poses} {condition:.1f} (below {CONDITION_ACCEPTABLE} is "
+        f"acceptable; the paper had {CONDITION_PAPER}). Weakest direction: {weakest}."
+    )
+    head = "Predicted standard deviations after these poses"
+    return f"{head}\n{aligned(rows)}\n{paragraph(tail)}"
+
+
+def _sigma(parameter: Parameter, sigma: float) -> list[str]:
+    unit, scale = ("deg", 180.0 / math.pi) if parameter.is_angle else ("mm", 1e3)
+    return [parameter.name, unit, f"{scale * sigma:.4f}" if math.isfinite(sigma) else "unseen"]
+
+
+def advice_text(
+    ranked: tuple[RankedPlacement, ...], parameters: dict[str, Parameter], joints: int
+) -> str:
+    """Return ranked hinge placements: what each promises, and how it differs from the present one."""
+    if not ranked:
+        return "No placement near the present one can be used."
+    rows = [["", "tilt", "shift", "uncertainty", "condition", "mobility", "drives", "poses"]]
+    rows.append(["", "deg", "mm", "of present", "scaled", "", "", ""])
+    for number, placement in enumerate(ranked, 1):
+        r = placement.report
+        rows.append(
+            [
+                str(number),
+                f"{math.degrees(r.mounted.tilt_rad):.0f}",
+                f"{1e3 * r.mounted.shift_m:.0f}",
+                f"{placement.gain:.0%}",
+                f"{r.scaled_condition_number:.1f}",
+                str(r.mobility),
+                " ".join(map(str, r.drives[0].drives)) if r.drives else "",
+                str(r.poses),
+            ]
+        )
+    blocks = [
+        paragraph("Hinge placements, the best first; the present one is tilt 0, shift 0"),
+        aligned(rows),
+    ]
+    for number, placement in enumerate(ranked, 1):
+        blocks.append(_placement(number, placement, parameters, joints))
+    return "\n".join(blocks)
+
+
+def _placement(
+    number: int, placement: RankedPlacement, parameters: dict[str, Parameter], joints: int
+) -> str:
+    report = placement.report
+    hinge, n = report.mounted.hinge, joints
+    entries = (
+        f"a_0 {1e3 * hinge.a_0_m:.1f}, s_0 {1e3 * hinge.s_0_m:.1f}, s_1 {1e3 * hinge.s_1_m:.1f}, "
+        f"a_{n} {1e3 * hinge.a_n_m:.1f}, s_{n} {1e3 * hinge.s_n_m:.1f} mm; "
+        f"alpha_0 {math.degrees(hinge.alpha_0_rad):.1f}, "
+        f"alpha_{n} {math.degrees(hinge.alpha_n_rad):.1f} deg"
+    )
+    lines = [
+        f"{number}. {placement.text}",
+        f"placement: {entries}",
+        f"joints travel: {_travel(report)}",
+    ]
+    units = {True: ("deg", 180.0 / math.pi), False: ("mm", 1e3)}
+    for is_angle, (unit, scale) in units.items():
+        some = [
+            f"{name} {scale * sigma:.4f}"
+            for name, sigma in report.sigma.items()
+            if parameters[name].is_angle is is_angle
+        ]
+        lines.append(f"sigmas in {unit}: {', '.join(some)}")
+    lines += [f"! {c.text}: {c.remedy}" for c in report.checks if c.severity is not Severity.OK]
+    return "\n" + "\n".join(
+        paragraph(text, indent=3) if k == 0 else _indented(text) for k, text in enumerate(lines)
+    )
+
+
+def _travel(report: PlacementReport) -> str:
+    return ", ".join(
+        f"J{j} {low:.0f} to {high:.0f}"
+        for j, (low, high) in enumerate(np.rad2deg(report.reach_rad), 1)
+    )
+
+
+def _indented(text: str) -> str:
+    return textwrap.fill(
+        text, WIDTH, initial_indent="   ", subsequent_indent="     ", break_long_words=False
+    )

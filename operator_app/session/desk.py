@@ -82,6 +82,7 @@ class Desk:
         self._closing = threading.Event()
         self._publishing = threading.Lock()
         self._rates: list[tuple[float, int]] = []
+        self._seen_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(
             now_s=monotonic(),
@@ -134,9 +135,11 @@ class Desk:
             return replace(base, now_s=now)
         arm = self._arm_snapshot()
         if arm is None:
-            return replace(base, now_s=now, data=DataState.NONE)
+            # There was an arm: that there is none now is as bad as silence.
+            return replace(base, now_s=now, data=DataState.LOST, oldest_s=now - self._seen_s)
         ages = [joint.age_s for joint in arm.joints]
         oldest = max(ages, default=0.0)
+        self._seen_s = now - oldest
         state = DataState.FRESH
         if oldest > STALE_S:
             state = DataState.LOST if oldest > LOST_S else DataState.STALE

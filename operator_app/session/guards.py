@@ -115,8 +115,10 @@ def idle(s: SessionSnapshot) -> Missing:
 
 
 def may_connect(s: SessionSnapshot) -> Missing:
-    """Connect once."""
-    return ("the arm is connected already",) if s.connected else idle(s)
+    """Connect once; again only when the data are lost."""
+    if s.connected and s.data is not DataState.LOST:
+        return ("the arm is connected already",)
+    return idle(s)
 
 
 def may_use_data(s: SessionSnapshot) -> Missing:
@@ -126,7 +128,9 @@ def may_use_data(s: SessionSnapshot) -> Missing:
     if s.stopped:
         return ("STOP is latched: reset it first (R)",)
     if s.data is DataState.LOST:
-        return (f"no data for {s.oldest_s:.1f} s: look at the bus, then connect again",)
+        return (
+            f"no data for {s.oldest_s:.1f} s: look at bus and controller, then connect again (step 1, c)",
+        )
     if s.data is DataState.STALE:
         joints = ", ".join(f"J{j}" for j in s.stale_joints)
         return (f"the data of {joints} are {1e3 * s.oldest_s:.0f} ms old: wait for fresh ones",)

@@ -69,7 +69,9 @@ class Operations:
     # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
 
     def connect(self) -> None:
-        """Find the arm, check it, and judge the fixture where the arm stands."""
+        """Find the arm, or find it again; check it, and judge the fixture where the arm stands."""
+        if self._session.identity is not None:
+            self._session.arm.close()
         identity = self._session.connect()
         self._board.publish(identity=identity)
         self._board.say(

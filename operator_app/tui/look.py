@@ -161,7 +161,9 @@ def themes() -> tuple[Theme, ...]:
             panel=plain,
             variables={
                 **dict.fromkeys(BUILTIN_THEMES["ansi-dark"].variables, plain),
-                **{"border": plain, "bar": plain, "dim": plain},
+                "border": plain,
+                "bar": plain,
+                "dim": plain,
                 "input-cursor-text-style": "reverse",
                 "block-cursor-text-style": "reverse",
             },

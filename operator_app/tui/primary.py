@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fixtures.base import Severity
 from hardware.arm import DriveState, JointMode
 from operator_app.session.guards import missing_for, modes_problem
-from operator_app.session.snapshot import SessionSnapshot
+from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
 
 
@@ -22,6 +22,8 @@ class NextThing:
 
 def next_thing(step: Step, s: SessionSnapshot, wanted: tuple[JointMode, ...]) -> NextThing:
     """Return what Enter does at `step`; `wanted` are the modes marked on the screen."""
+    if s.data is DataState.LOST and s.task is None:
+        return _lost(step)
     if s.stopped:
         return NextThing(
             action="reset",
@@ -52,6 +54,15 @@ def next_thing(step: Step, s: SessionSnapshot, wanted: tuple[JointMode, ...]) ->
             return _results(s)
         case Step.EXPORT:
             return _export(s)
+
+
+def _lost(step: Step) -> NextThing:
+    what = "no data from the arm; the drives hold by themselves. Look at bus and controller, then "
+    if step is Step.CONNECT:
+        return NextThing(
+            action="connect", label="Connect again", hint=what + "Enter connects again"
+        )
+    return NextThing(action="step(1)", label="To Connect", hint=what + "Enter goes to step 1")
 
 
 def _next(step: Step, hint: str) -> NextThing:

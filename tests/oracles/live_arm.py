@@ -112,6 +112,7 @@ class LiveArm(PlantArm):
             error, self.connect_error = self.connect_error, None
             raise error
         if self._ticker is None:
+            self._end.clear()
             self._ticker = threading.Thread(target=self._tick, name="live-arm", daemon=True)
             self._ticker.start()
         joints = [
@@ -209,6 +210,7 @@ class LiveArm(PlantArm):
         self._end.set()
         if self._ticker is not None:
             self._ticker.join()
+            self._ticker = None
         self.closed += 1
 
 

@@ -1,0 +1,194 @@
+"""What goes wrong while the app runs: arm held, journal whole, words that say what to do."""
+
+from __future__ import annotations
+
+import signal
+import threading
+
+import pytest
+
+from hardware.errors import BusError, ControlDenied, NodeMissing, WrongArm
+from operator_app.session.journal import read_journal
+from operator_app.session.snapshot import DataState, TaskKind
+from operator_app.session.steps import Step
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (BusError("cannot open can0"), "Check cable and interface"),
+        (NodeMissing((3, 5)), "no answer from nodes 3, 5"),
+        (WrongArm("this is an arm of six joints"), "Connect the arm that the arm file describes"),
+        (ControlDenied(127), "Ask the other operator"),
+    ],
+)
+async def test_a_refused_connection_says_what_to_do_and_can_be_tried_again(
+    drive, source, error, words
+):
+    async with drive() as d:
+        source.arm.connect_error = error
+        await d.press("enter")
+        await d.idle()
+        assert not d.s.connected
+        assert words.lower() in d.s.messages[-1].text.lower()
+        await d.press("enter")
+        await d.idle()
+        assert d.s.connected
+
+
+async def test_a_silent_bus_stops_the_arm_and_the_work_and_says_so(drive, source):
+    source.pace_s = 0.002
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        await d.press("a")
+        await d.until(lambda: len(d.s.state.poses) >= 1, "one pose")
+        source.arm.age_by(1.2)
+        await d.until(lambda: d.s.data is DataState.LOST, "lost")
+        await d.until(lambda: bool(source.arm.stops), "quick stop sent")
+        await d.idle()
+        assert "LOST" in d.text("#strip")
+        assert any("no data from the arm" in m.text for m in d.s.messages)
+        taken = len(d.s.state.poses)
+        await d.press("enter")
+        assert d.app.step is Step.CONNECT
+        source.arm.speak_again()
+        source.arm.reset_stop()
+        await d.until(lambda: d.s.data is DataState.FRESH, "fresh again")
+        # A controller that restarted has forgotten the modes: they are set again before anything moves.
+        await d.press("4")
+        await d.until(lambda: "apply the modes again" in d.hint)
+        await d.to_step(Step.CAPTURE)
+        await d.press("a")
+        await d.idle()
+        assert len(d.s.state.used_poses) == d.s.wanted_poses > taken
+        assert [p.number for p in d.s.state.poses] == list(range(1, d.s.wanted_poses + 1))
+
+
+async def test_an_arm_that_is_gone_can_be_connected_again(drive, source):
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        await d.press("1")
+        source.arm.age_by(1.2)
+        await d.until(lambda: "Connect again" in d.text("#footer"), "offered")
+        source.arm.connect_error = NodeMissing((3,))
+        await d.press("enter")
+        await d.idle()
+        assert d.s.data is DataState.LOST
+        assert "no answer from node 3" in d.s.messages[-1].text.lower()
+        source.arm.reset_stop()
+        source.arm.speak_again()
+        source.arm.age_by(1.2)
+        await d.press("enter")
+        source.arm.speak_again()
+        await d.idle()
+        await d.until(lambda: d.s.data is DataState.FRESH, "fresh")
+        assert source.arm.closed == 2
+        assert not d.s.drives_ready
+
+
+async def test_a_tripped_drive_is_named_and_reset(drive, source):
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        source.arm.trip(4)
+        await d.until(lambda: "FAULT" in d.text("#strip"), "fault shown")
+        await d.press("c")
+        await d.until(lambda: "drive 1 is fault" in d.hint or "fault" in d.hint)
+        await d.press("R")
+        await d.idle()
+        assert "FAULT" not in d.text("#strip")
+
+
+async def test_stop_reaches_the_arm_at_once_while_the_worker_is_busy(drive, source):
+    source.pace_s = 0.005
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        await d.press("a")
+        await d.until(lambda: d.s.task is not None and d.s.task.moves, "moving")
+        await d.press("f8")
+        assert len(source.arm.stops) == 1
+        await d.idle()
+        await d.until(lambda: d.s.stopped, "latched")
+        await d.until(lambda: "all 7 drives stopped" in d.text("#banner"), "acknowledged")
+        # Its reset never starts motion.
+        before = d.s.arm.positions_rad.copy()
+        await d.press("R")
+        await d.idle()
+        await d.until(lambda: not d.s.stopped, "reset")
+        assert not d.s.drives_ready
+        assert abs(d.s.arm.positions_rad - before).max() < 0.02
+
+
+async def test_a_stop_that_cannot_be_sent_is_an_alarm_with_the_hardware_stop_in_it(drive, source):
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        source.arm.stop_error = BusError("the handle is closed")
+        await d.press("space")
+        await d.until(lambda: "use the hardware stop" in d.text("#banner").lower(), "said")
+
+
+async def test_any_key_ends_a_motion_of_the_live_arm(drive, source):
+    source.pace_s = 0.005
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        await d.press("g")
+        await d.until(lambda: source.arm.snapshot().moving, "moving")
+        await d.press("z")
+        await d.idle()
+        assert not source.arm.stops
+        assert d.s.at_waypoint is None
+        assert d.s.next_waypoint == 0
+        assert "ended by the operator" in d.s.messages[-1].text
+
+
+async def test_a_calibration_can_be_cancelled(drive, source, monkeypatch):
+    from operator_app.session import operations
+
+    reached, go_on = threading.Event(), threading.Event()
+    real = operations.Session.calibrate
+
+    def slow(self, progress=None, **options):
+        def watched(number: int, cost: float) -> None:
+            reached.set()
+            go_on.wait(20.0)
+            progress(number, cost)
+
+        return real(self, watched, **options)
+
+    monkeypatch.setattr(operations.Session, "calibrate", slow)
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        await d.press("a")
+        await d.idle()
+        await d.press("enter", "s")
+        await d.until(reached.is_set, "solving")
+        await d.press("z")
+        go_on.set()
+        await d.idle()
+        assert d.s.solution is None
+        assert "ended by the operator" in d.s.messages[-1].text
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+async def test_a_signal_leaves_in_order(drive, source, number):
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        await d.press("c")
+        await d.idle()
+        folder = d.s.folder
+        signal.raise_signal(number)
+        await d.until(lambda: d.app.return_value == number.name, "leaving")
+    source.close("left")
+    assert source.arm.closed == 1
+    names = [e.name for e in read_journal(folder).events]
+    assert names[-1] == "closed"
+    assert "pose" in names
+
+
+async def test_a_defect_of_the_worker_ends_the_app_with_the_arm_held(drive, source):
+    with pytest.raises(RuntimeError, match="defect"):
+        async with drive() as d:
+            await d.to_step(Step.CAPTURE)
+            d.app.desk.submit(TaskKind.NOTE, "breaking", lambda: 1 / 0)
+            await d.until(lambda: not d.app.is_running, "ended")
+    source.close("failed")
+    assert source.arm.closed == 1

@@ -142,7 +142,11 @@ def test_a_latched_stop_and_a_tripped_drive_can_be_reset(change):
     ],
 )
 def test_one_thing_at_a_time(guard):
-    told = replace(story()["solved"], identity=None) if guard is guards.may_connect else story()["solved"]
+    told = (
+        replace(story()["solved"], identity=None)
+        if guard is guards.may_connect
+        else story()["solved"]
+    )
     assert guard(busy(told, TaskKind.EXPORT, moves=False)) == ("wait: writing",)
 
 

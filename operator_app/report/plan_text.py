@@ -36,7 +36,7 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
         _drives(shown),
         _poses(shown),
         _sigmas(shown),
-        "Where the drive joints go: dots can be reached, S is the start, lines are the way\n"
+        "Where the drive joints go: dots can be reached, S is the start, lines the way\n"
         + "\n".join(region_lines(shown, ascii_only=ascii_only)),
         f"Ranges of the joints, deg: {'-' if ascii_only else '─'} can be reached, "
         f"{'#' if ascii_only else '█'} planned poses\n"

@@ -1,0 +1,249 @@
+"""`sarcal run --plan planned` over the bus and `sarcal plan`, as a user meets them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from operator_app.cli import main
+from operator_app.config.resources import resolve
+from operator_app.session.journal import read_journal
+
+SARCAL = [sys.executable, "-m", "operator_app.cli"]
+HINGE = {"theta_off_1": 9.9, "theta_off_5": 27.1, "a_0": 0.202, "alpha_7": 99.8}
+"""Some of Table 2, deg and m."""
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    code = main(list(arguments))
+    found = capsys.readouterr()
+    return code, found.out, found.err
+
+
+def planned_procedure(folder: Path, **capture: object) -> Path:
+    """The packaged planned procedure with another capture section."""
+    document = yaml.safe_load(resolve("procedure", "hinge_planned").data)
+    document["capture"].update(capture)
+    path = folder / "procedure.yaml"
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    return path
+
+
+@pytest.fixture(scope="module")
+def datasheet(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess]:
+    """A planned session on the data sheet's arm, in a process of its own."""
+    folder = tmp_path_factory.mktemp("datasheet")
+    done = subprocess.run(
+        [*SARCAL, "run", "hinge_planned", "--poses", "6", "--json"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    return folder / "sessions", done
+
+
+def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet) -> None:
+    sessions, done = datasheet
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["capture"]["complete"]
+    assert found["capture"]["planned"] == 6
+    assert found["poses"] == found["capture"]["explored"] + 6 < 20
+    assert found["scaled_condition_number"] < 25
+    for name, value in HINGE.items():
+        assert abs(found["parameters"][name] - value) < 6.0 * found["sigma"][name], name
+    # Every decision is said while it is made.
+    assert "Chosen to drive: joints 1 and 5 (reaches" in done.stderr
+    assert "Explored" in done.stderr
+    assert "Capture complete: all 6 planned poses are taken." in done.stderr
+    (folder,) = sessions.iterdir()
+    names = [e.name for e in read_journal(folder).events]
+    assert {"drives_chosen", "campaign", "campaign_move", "campaign_ended"} <= set(names)
+
+
+def test_plan_on_the_estimate_of_a_session(datasheet, capsys: pytest.CaptureFixture[str]) -> None:
+    sessions, done = datasheet
+    taken = json.loads(done.stdout)["poses"]
+    options = ["--session", "latest", "--sessions", str(sessions), "--poses", "2", "--json"]
+    code, out, _ = said(capsys, "plan", *options)
+    found = json.loads(out)
+    assert code == 0
+    assert found["captured"] == taken
+    assert f"estimate of {taken} poses" in found["basis"]
+    assert len(found["poses"]) == 2
+    # All poses together count, so that two more are not judged alone.
+    assert found["scaled_condition_number"] < 25
+    assert found["sigma"]["theta_off_1"] < json.loads(done.stdout)["sigma"]["theta_off_1"] * 1.5
+
+
+def test_interrupted_in_the_middle_of_a_plan_it_goes_on(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [*SARCAL, *arguments],
+            cwd=tmp_path,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    process = start("run", "hinge", "--plan", "planned", "--scenario", "exact", "--poses", "3")
+    planned = 0
+    while planned < 2 and process.poll() is None:
+        for journal in (tmp_path / "sessions").glob("*/journal.jsonl"):
+            planned = journal.read_bytes().count(b'"planned":true')
+    process.send_signal(signal.SIGINT)
+    _, words = process.communicate(timeout=60)
+    assert process.returncode == 130, words
+    assert "the arm is held" in words
+    (folder,) = (tmp_path / "sessions").iterdir()
+    before = [e.data for e in read_journal(folder).events if e.name == "pose"]
+
+    process = start("run", "--resume", "latest", "--json")
+    out, words = process.communicate(timeout=120)
+    assert process.returncode == 0, words
+    found = json.loads(out)
+    assert found["capture"]["complete"]
+    assert found["capture"]["planned"] == 3
+    after = [e.data for e in read_journal(folder).events if e.name == "pose"]
+    assert after[: len(before)] == before
+    assert [e["number"] for e in after] == list(range(1, len(after) + 1))
+
+
+def test_what_no_pose_brings_to_the_request_is_named_with_advice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = planned_procedure(tmp_path, poses=2, requested_sigma={"alpha_0_deg": 1e-9})
+    code, out, _ = said(
+        capsys, "run", str(path), "--scenario", "exact", "--sessions", str(tmp_path / "s")
+    )
+    assert code == 0
+    plan = out[out.index("Plan        ") : out.index("Session     ")]
+    words = " ".join(plan.split())
+    assert "alpha_0" in words
+    assert "short of the request" in words
+    assert "placement" in words
+    assert max(len(row) for row in plan.splitlines()) <= 80
+
+
+# -- sarcal plan ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def plan_output() -> dict[str, str]:
+    """What `sarcal plan` prints, in the two looks; the plain one with advice."""
+    found = {}
+    for look, extra in (("unicode", []), ("ascii", ["--ascii", "--advise", "--tries", "1"])):
+        out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True)
+        with contextlib.redirect_stdout(out):
+            assert main(["plan", "hinge", "--poses", "6", *extra]) == 0
+        found[look] = out.buffer.getvalue().decode()
+    return found
+
+
+def test_plan_says_which_joints_which_poses_and_what_they_tell(plan_output) -> None:
+    text = plan_output["unicode"]
+    assert "Joints 1 and 5 drive (named by the procedure; reaches" in text
+    assert "6 poses in visiting order: predicted readings in deg" in text
+    table = text[text.index("visiting order") :].splitlines()[3:9]
+    assert [row.split()[0] for row in table] == list("123456")
+    assert all(len(row.split()) == 10 for row in table)
+    assert "theta_off_1   deg" in text
+    assert "Weakest direction: " in text
+    assert any("\u2800" < c <= "\u28ff" for c in text)
+
+
+@pytest.mark.parametrize("look", ["unicode", "ascii"])
+def test_plan_fits_80_columns_without_colour(plan_output, look: str) -> None:
+    assert max(len(row) for row in plan_output[look].splitlines()) <= 80
+    assert "\x1b" not in plan_output[look]
+
+
+def test_plain_ascii_on_request(plan_output) -> None:
+    assert plan_output["ascii"].isascii()
+    picture = plan_output["ascii"].split("Where the drive joints go")[1].split("Ranges")[0]
+    for label in ("S", "1", "6", "*", "J1 deg", "J5 deg"):
+        assert label in picture
+
+
+def test_plan_as_json_with_advice(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = said(
+        capsys, "plan", "hinge_planned", "--poses", "4", "--advise", "--tries", "1", "--json"
+    )
+    found = json.loads(out)
+    assert code == 0
+    assert found["basis"] == "nominal geometry"
+    assert found["mobility"] == 2
+    assert found["drives"]["joints"] == [1, 5]
+    assert len(found["drives"]["over_region"]) == 21
+    assert [pose["number"] for pose in found["poses"]] == [1, 2, 3, 4]
+    first = found["poses"][0]
+    for joint, target in first["targets_deg"].items():
+        assert target == first["predicted_deg"][int(joint) - 1]
+    assert len(found["sigma"]) == 14
+    assert 1.0 < found["scaled_condition_number"] < 30.0
+    assert found["advice"]
+    best = found["advice"][0]
+    assert best["mobility"] == 2
+    assert len(best["reach_deg"]) == 7
+    assert set(best["sigma"]) == set(found["sigma"])
+    assert [p["gain"] for p in found["advice"]] == sorted(p["gain"] for p in found["advice"])
+
+
+def test_plan_advice_in_words(plan_output) -> None:
+    advice = plan_output["ascii"].split("Hinge placements")[1]
+    assert "as it is" in advice
+    for word in ("mobility", "condition", "joints travel: J1", "sigmas in deg", "sigmas in mm"):
+        assert word in advice
+
+
+def test_joints_that_are_not_used_drop_out_of_the_plan(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = said(capsys, "plan", "hinge", "--poses", "4", "--unsensed", "6,7", "--json")
+    assert code == 0
+    assert set(json.loads(out)["sigma"]).isdisjoint({"theta_off_6", "theta_off_7"})
+
+
+def test_rigid_is_planned_but_refused_with_its_reason(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = said(capsys, "plan", "rigid", "--poses", "4")
+    assert code == 5
+    assert "refused: joint 4 does not move" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["hing"], "did you mean hinge"),
+        (["hinge", "--poses", "0"], "at least 1"),
+        (["hinge", "--poses", "50000"], "ask for fewer poses"),
+        (["hinge", "--arm", "nowhere.yaml"], "nowhere.yaml"),
+        (["hinge", "--fixture", "hing"], "did you mean hinge"),
+        (["hinge", "--fixture", "rigid"], "put exactly 1 in position mode"),
+        (["hinge", "--fixture", "ball"], "beyond its range"),
+        (["hinge", "--unsensed", "9"], "no joint 9"),
+        (["hinge", "--advise", "--tries", "0"], "at least at 1"),
+        (["--session", "nowhere"], "nowhere"),
+        (["hinge", "--session", "latest"], "leave the others out"),
+    ],
+)
+def test_bad_input_says_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    code, out, err = said(capsys, "plan", *arguments, "--sessions", str(tmp_path / "s"))
+    assert code == 2
+    assert out == ""
+    assert words in err
+    assert not (tmp_path / "s").exists()

@@ -82,6 +82,12 @@ class DriveChoice:
     prediction: Prediction
     trial: tuple[RankedDrives, ...] = ()
 
+    @property
+    def ranked(self) -> tuple[RankedDrives, ...]:
+        """The ranking over the region with the chosen set first."""
+        region = self.prediction.region
+        return tuple(sorted(region, key=lambda r: r.drives != self.drives))
+
 
 def predict_drives(
     arm: ArmModel, model: ClosureModel, x: FloatArray, q_rad: FloatArray, *, seed: int = 0

@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 
 from hardware.arm import Watch
-from operator_app.drive_choice import DriveChoice, choose_drives, predict_drives, worth_trying
+from operator_app.drive_choice import (
+    DriveChoice,
+    Prediction,
+    choose_drives,
+    predict_drives,
+    worth_trying,
+)
 from operator_app.session.errors import SessionError
 from operator_app.session.workflow import Session
 from solver.design.drive_joints import RankedDrives, TrialWiggles
@@ -36,17 +42,31 @@ def choose(session: Session, ended: Watch | None = None) -> DriveChoice:
     With `trial` in the procedure the best ones are wiggled first, which enables the drives; `ended`
     ends it.
     """
-    arm, unsensed = session.model, session.procedure.unsensed_joints
-    model = session.fixture.model(arm)
-    here = session.arm.snapshot().positions_rad
-    prediction = predict_drives(
-        arm, model, nominal_vector(model.parameters), here, seed=session.procedure.capture.seed
-    )
+    prediction = _predicted(session)
     trials: tuple[TrialWiggles, ...] = ()
     if session.procedure.trial:
-        trials = tuple(
-            wiggle(session, drives, ended) for drives in worth_trying(prediction, unsensed)
-        )
+        tried = worth_trying(prediction, session.procedure.unsensed_joints)
+        trials = tuple(wiggle(session, drives, ended) for drives in tried)
+    return _recorded(session, prediction, trials)
+
+
+def choose_by_prediction(session: Session) -> DriveChoice:
+    """Like `choose`, without a trial whatever the procedure says: nothing moves."""
+    return _recorded(session, _predicted(session), ())
+
+
+def _predicted(session: Session) -> Prediction:
+    arm, model = session.model, session.fixture.model(session.model)
+    here = session.arm.snapshot().positions_rad
+    return predict_drives(
+        arm, model, nominal_vector(model.parameters), here, seed=session.procedure.capture.seed
+    )
+
+
+def _recorded(
+    session: Session, prediction: Prediction, trials: tuple[TrialWiggles, ...]
+) -> DriveChoice:
+    unsensed = session.procedure.unsensed_joints
     choice = choose_drives(prediction, unsensed_joints=unsensed, trials=trials)
     session.record(
         "drives_chosen",

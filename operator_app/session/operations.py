@@ -15,10 +15,12 @@ from hardware.arm import ArmSnapshot
 from operator_app.calibration import Solution
 from operator_app.checks import check
 from operator_app.config.parameters_file import parse_parameters
+from operator_app.session.drives import choose_by_prediction
 from operator_app.session.errors import GuardError, SessionError
 from operator_app.session.forecast import Forecast, most_telling, predict
 from operator_app.session.live import LiveQuality, live_quality
 from operator_app.session.parameter_diff import diff_rows
+from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.snapshot import Iteration, Level, Verification, Written
 from operator_app.session.workflow import Session
 from operator_app.verification import fixed_by, judge_poses
@@ -89,10 +91,11 @@ class Operations:
         model = self._model
         ranked = rank_at_pose(model, nominal_vector(model.parameters), here)
         joints = session.procedure.position_joints
-        if joints is None and ranked:
-            joints = ranked[0].drives
+        if joints is None:
+            choice = choose_by_prediction(session)
+            joints, ranked = choice.drives, choice.ranked
         self._board.publish(checks=checks, ranked=ranked)
-        if joints is not None and len(joints) == session.mobility:
+        if len(joints) == session.mobility:
             plan = session.plan_from(here, joints)
             self._foresee(plan, here)
         self.refresh()
@@ -154,8 +157,11 @@ class Operations:
         self._board.say(Level.INFO, f"pose {pose.number} captured (noise up to {noise:.4f} deg)")
 
     def automatic(self) -> None:
-        """Visit waypoints in turn until there are enough poses; any key ends it."""
+        """Visit waypoints in turn, or carry a plan out, until there are enough poses; any key ends it."""
         session = self._session
+        if session.procedure.capture.strategy == "planned":
+            self._planned()
+            return
         wanted, plan = session.procedure.capture.poses, session.plan()
         while len(session.state.used_poses) < wanted:
             waypoint = session.state.next_waypoint
@@ -170,6 +176,23 @@ class Operations:
                 self.capture(waypoint)
             self._raise_if_cancelled()
         self._board.say(Level.INFO, f"all {wanted} poses captured")
+
+    def _planned(self) -> None:
+        """Explore, plan on what was found, visit; going on where it was ended."""
+        session = self._session
+        capture = PlannedCapture(
+            session, session.position_joints, say=lambda text: self._board.say(Level.INFO, text)
+        )
+        drives = capture.ready()
+        if drives != session.position_joints:
+            session.set_modes(drives)
+        self._board.publish(at_waypoint=None)
+        end = capture.run(on_pose=lambda _state: self.refresh(), ended=self._ends)
+        self.refresh()
+        self._raise_if_cancelled()
+        if end is not None:
+            level = Level.INFO if end.complete else Level.WARNING
+            self._board.say(level, f"capture {'complete' if end.complete else 'ended'}: {end.text}")
 
     def undo(self) -> None:
         """Take back the last pose."""

@@ -157,12 +157,11 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             )
         case "pose_undone":
             kept = tuple(p for p in state.poses if p.number != data["number"])
-            return replace(state, poses=kept, solved={})
+            return _with_other_poses(state, kept)
         case "pose_excluded":
-            poses = _edit(state, data["number"], excluded=data["text"])
-            return replace(state, poses=poses, solved={})
+            return _with_other_poses(state, _edit(state, data["number"], excluded=data["text"]))
         case "pose_included":
-            return replace(state, poses=_edit(state, data["number"], excluded=""), solved={})
+            return _with_other_poses(state, _edit(state, data["number"], excluded=""))
         case "pose_noted":
             return replace(state, poses=_edit(state, data["number"], note=data["text"]))
         case "solved":
@@ -187,6 +186,12 @@ def _apply_planning(state: SessionState, name: str, data: Mapping[str, Any]) -> 
             return replace(state, campaign=replace(state.campaign, ended=dict(data)))
         case _:
             return state
+
+
+def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
+    """State in which other poses count: what was concluded from those before no longer holds."""
+    campaign = replace(state.campaign, ended={})
+    return replace(state, poses=poses, campaign=campaign, solved={})
 
 
 def _edit(

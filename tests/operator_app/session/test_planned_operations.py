@@ -1,0 +1,95 @@
+"""A planned capture as the terminal app runs it: messages, progress, ended by a key and gone on with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hardware.virtual.scenarios import scenario
+from operator_app.config.procedure_file import load_procedure
+from operator_app.session.operations import Cancelled, Operations
+from operator_app.session.snapshot import Level, SessionSnapshot
+from operator_app.session.workflow import Session
+
+MakeSession = Callable[..., Session]
+
+
+class Board:
+    """Keeps what is published, and asks to end after so many poses."""
+
+    def __init__(self) -> None:
+        self.fields: dict[str, Any] = {}
+        self.said: list[tuple[Level, str]] = []
+        self.end_after: int | None = None
+
+    def publish(self, **changes: Any) -> None:
+        self.fields |= changes
+
+    def say(self, level: Level, text: str) -> None:
+        self.said.append((level, text))
+
+    def cancelled(self) -> bool:
+        state = self.fields.get("state")
+        return self.end_after is not None and len(state.poses) >= self.end_after
+
+
+@pytest.fixture
+def session(make_session: MakeSession) -> Session:
+    found = load_procedure("hinge_planned")
+    return make_session(
+        replace(
+            found,
+            arm=scenario("exact").arm(found.arm),
+            capture=replace(found.capture, poses=2, samples_per_pose=8),
+        )
+    )
+
+
+def wanted_poses(session: Session) -> int:
+    shown = SessionSnapshot(
+        now_s=0.0,
+        procedure=session.procedure,
+        folder=session.journal.path.parent,
+        state=session.state,
+        simulated=True,
+        bus="",
+        mobility=2,
+        estimator="implicit",
+        unsensed_joints=(),
+    )
+    return shown.wanted_poses
+
+
+def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -> None:
+    board = Board()
+    work = Operations(session, board)
+    work.connect()
+    assert board.fields["ranked"][0].drives == (1, 5)
+    assert "reaches" in board.fields["ranked"][0].reasons[0]
+    assert session.state.modes == ()
+    work.set_modes(session.state.drives)
+    assert wanted_poses(session) == 2
+
+    board.end_after = 3
+    with pytest.raises(Cancelled):
+        work.automatic()
+    assert len(session.state.poses) == 3
+    assert wanted_poses(session) == 5
+
+    board.end_after = None
+    work.automatic()
+    used = session.state.used_poses
+    assert sum(p.planned for p in used) == 2
+    assert wanted_poses(session) == len(used)
+    assert board.said[-1] == (Level.INFO, "capture complete: all 2 planned poses are taken")
+    assert any("Explored" in text for _, text in board.said)
+
+    # A pose taken back is wanted again.
+    work.undo()
+    assert wanted_poses(session) == len(used)
+    assert len(session.state.used_poses) == len(used) - 1
+    work.automatic()
+    assert sum(p.planned for p in session.state.used_poses) == 2

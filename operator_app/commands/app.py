@@ -59,4 +59,11 @@ def execute(args: argparse.Namespace) -> int:
         ascii_only=args.ascii,
         resume=args.resume,
     )
+    if source.last is not None:
+        how = "left" if reason == "left" else f"ended by {reason}"
+        print(
+            f"sarcal: {how}; the arm is held. The session is kept in {source.last}.",
+            file=sys.stderr,
+        )
+        print(f"Go on with: sarcal --resume {source.last}", file=sys.stderr)
     return ExitCode.INTERRUPTED if reason.startswith("SIG") else ExitCode.ACCEPTED

@@ -97,6 +97,12 @@ class Desk:
         )
         if session.journal.contents.torn:
             self.say(Level.WARNING, session.journal.contents.torn)
+        if session.state.poses:
+            self.say(
+                Level.INFO,
+                f"resumed: {len(session.state.poses)} poses are kept; arm, fixture and modes are "
+                "checked again",
+            )
         self._worker = threading.Thread(target=self._work, name="sarcal-worker", daemon=True)
         self._watchman = threading.Thread(target=self._watch, name="sarcal-watch", daemon=True)
         self._worker.start()

@@ -34,10 +34,19 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
 def find_session(root: Path, reference: str) -> Path:
     """Return the folder of a session named by path, by name below `root`, or ``latest``."""
     if reference == "latest":
-        found = [entry.folder for entry in list_sessions(root)]
+        # Poses taken to verify another session, or none at all, are nobody's calibration.
+        found = [
+            entry.folder
+            for entry in list_sessions(root)
+            if entry.state is not None
+            and entry.state.captured
+            and not entry.state.settings.get("verifies")
+        ]
         if found:
             return found[-1]
-        raise SessionError(f"there is no session in {root}", "run `sarcal run hinge` first")
+        raise SessionError(
+            f"there is no session with poses in {root}", "run `sarcal run hinge` first"
+        )
     for candidate in (Path(reference).expanduser(), root / reference):
         if (candidate / JOURNAL_NAME).is_file():
             return candidate

@@ -94,6 +94,11 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
     """Go on with a session; choices made now take precedence over those it was begun with."""
     folder = find_session(root, reference)
     state = replay((e.name, e.data, e.utc) for e in read_journal(folder).events)
+    if state.settings.get("verifies"):
+        raise SessionError(
+            f"{folder} holds poses that verify {state.settings['verifies']}",
+            "name that session instead; its poses alone are its calibration",
+        )
     if set(KINDS) - set(state.sources):
         raise SessionError(
             f"the journal of {folder} does not say which procedure it follows",
@@ -108,7 +113,16 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         k: tuple(v) if isinstance(v, list) else v for k, v in state.settings.items()
     }
     known = {f.name for f in fields(Choices)}
-    merged = choices.over(Choices(**{k: v for k, v in earlier.items() if k in known}))
+    before = Choices(**{k: v for k, v in earlier.items() if k in known})
+    if state.captured:
+        for name in ("scenario", "seed"):
+            now, then = getattr(choices, name), getattr(before, name)
+            if now is not None and then is not None and now != then:
+                raise SessionError(
+                    f"this session's poses are of the virtual arm with --{name} {then}, not {now}",
+                    "leave the option out, or start a new session",
+                )
+    merged = choices.over(before)
     return Opening(
         folder=folder,
         resumed=True,

@@ -233,8 +233,9 @@ class PlannedCapture:
             p.planned for p in self._session.state.used_poses
         )
         head = f"Explored {count} poses" if first else "Planned again"
+        left = len(campaign.plan.visits)
         self._say(
-            f"{head} ({campaign.estimate.text}): {len(campaign.plan.visits)} poses to take, "
+            f"{head} ({campaign.estimate.text}): {left} pose{'s' if left != 1 else ''} to take, "
             f"{names(campaign.drives)} drive."
         )
 

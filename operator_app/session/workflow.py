@@ -296,7 +296,8 @@ class Session:
             self.state.pose_set(),
             estimator=own.estimator if estimator is None else estimator,
             unsensed_joints=own.unsensed_joints if unsensed_joints is None else unsensed_joints,
-            limits=self.procedure.acceptance,
+            length_tolerance_m=own.length_tolerance_m,
+            limits=own.acceptance,
             progress=progress,
         )
         estimate = solution.estimate

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from hardware.arm import JointMode
 from operator_app.session import guards
+from operator_app.session.next_thing import next_thing
 from operator_app.session.operations import Operations
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.tui.dialogs import Ask, Confirm
 from operator_app.tui.keys import by_name
 from operator_app.tui.navigation import Navigation
-from operator_app.tui.primary import next_thing
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.fixture import FixtureView
 from operator_app.tui.steps.modes import ModesView

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import signal
 from collections.abc import Iterator
 from typing import ClassVar
@@ -51,10 +52,12 @@ class SarcalApp(App[str]):
         ascii_only: bool = False,
         resume: str | None = None,
     ) -> None:
+        # Textual would turn colours into greys; the theme without any does what is meant.
+        colourless = os.environ.pop("NO_COLOR", "") != ""
         super().__init__()
         for made in themes():
             self.register_theme(made)
-        self.theme = NO_COLOUR if self.no_color else theme
+        self.theme = NO_COLOUR if colourless else theme
         self.look: Look = look(self.theme, ascii_only=ascii_only)
         self.source = source
         self.resume_first = resume

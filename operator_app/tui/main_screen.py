@@ -12,12 +12,12 @@ from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
 from hardware.arm import JointMode
+from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import Level, SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.keys import FOOTER, by_name
 from operator_app.tui.lines import Line, Lines, Span, clip, line, wrapped
 from operator_app.tui.look import SMALLEST, is_compact
-from operator_app.tui.primary import next_thing
 from operator_app.tui.steps.calibrate import CalibrateView
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.connect import ConnectView
@@ -84,6 +84,8 @@ class Footer(Lines, can_focus=False):
         for name in FOOTER[self.step]:
             action = by_name(name)
             shown, label = action.shown, action.label
+            if name == "stop_tested" and s.simulated:
+                continue
             if name == "primary":
                 thing = next_thing(self.step, s, self.wanted)
                 if not thing.action:

@@ -49,6 +49,11 @@ class ComposedSource:
         Folder of session folders.
     speed
         How many times faster than real time the embedded virtual arm runs.
+
+    Attributes
+    ----------
+    last
+        Folder of the session closed last; None when it held nothing.
     """
 
     def __init__(self, procedure: str, choices: Choices, *, root: Path, speed: float = 1.0) -> None:
@@ -56,6 +61,7 @@ class ComposedSource:
         self._speed = speed
         self._stack = ExitStack()
         self._desk: Desk | None = None
+        self.last: Path | None = None
 
     def new(self) -> Desk:
         """Begin a session."""
@@ -79,7 +85,8 @@ class ComposedSource:
                 desk.close(reason)
             finally:
                 self._stack.close()
-                remove_if_empty(desk)
+                kept = not remove_if_empty(desk)
+                self.last = desk.session.journal.path.parent if kept else None
 
     def _open(self, opening: Opening) -> Desk:
         with ExitStack() as stack:
@@ -108,13 +115,14 @@ def _bus_words(opening: Opening, simulated: bool) -> str:  # noqa: FBT001 - one 
     return " ".join(p for p in parts if p)
 
 
-def remove_if_empty(desk: Desk) -> None:
+def remove_if_empty(desk: Desk) -> bool:
     """Take away the folder of a session in which no arm was ever connected: it holds nothing."""
     folder = desk.session.journal.path.parent
     if desk.session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:
-        return
+        return False
     (folder / JOURNAL_NAME).unlink()
     folder.rmdir()
+    return True
 
 
 OpenSource = Callable[[], Source]

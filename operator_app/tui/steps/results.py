@@ -147,7 +147,8 @@ def _rows(solution: Solution) -> list[Line]:
         if p.is_angle:
             change = math.remainder(change, 2.0 * math.pi)
         sigma = float(estimate.standard_deviation[k])
-        beside = "       —" if paper is None else f"{float(paper.x[k]) * scale:8.2f}"
+        known = paper is not None and p.name not in solution.tolerated
+        beside = f"{paper.value(p.name) * scale:8.2f}" if paper and known else "       —"
         rows.append(
             line(
                 f" {p.name:<11}{p.nominal * scale:9.3f} {value * scale:10.4f} ",

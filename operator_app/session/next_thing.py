@@ -1,4 +1,4 @@
-"""The next thing to do at each step, and the sentence that says so. Pure; knows no widget."""
+"""The next thing to do at each step, and the sentence that says so. Pure; both faces offer it first."""
 
 from __future__ import annotations
 

@@ -1,0 +1,114 @@
+"""A real terminal for tests: tmux on a private socket, a fixed size, polled until it shows something."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from itertools import count
+from pathlib import Path
+
+_numbers = count()
+PATIENCE_S = 60.0
+POLL_S = 0.05
+
+
+class Terminal:
+    """One program in one tmux pane.
+
+    Parameters
+    ----------
+    folder
+        Where the socket is and the program runs.
+    command
+        Program and arguments.
+    size
+        Columns and rows.
+    environment
+        Beside that of this process.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        command: Sequence[str],
+        *,
+        size: tuple[int, int],
+        environment: dict[str, str] | None = None,
+    ) -> None:
+        self._socket = str(folder / f"tmux-{next(_numbers)}.sock")
+        self._done = folder / "exit-code"
+        self._done.unlink(missing_ok=True)
+        quoted = " ".join(f"'{word}'" for word in command)
+        settings = " ".join(f"{k}='{v}'" for k, v in (environment or {}).items())
+        script = f"cd '{folder}' && env {settings} {quoted}; echo $? > '{self._done}'; exec cat"
+        plain = {k: v for k, v in os.environ.items() if k not in ("TMUX", "NO_COLOR")}
+        subprocess.run(
+            ["tmux", "-S", self._socket, "-f", os.devnull, "new-session", "-d",
+             "-x", str(size[0]), "-y", str(size[1]), script],
+            check=True, env={**plain, "TERM": "xterm-256color", "LC_ALL": "C.UTF-8"},
+        )  # fmt: skip
+        self._tmux("set-option", "-g", "status", "off")
+        self._tmux("resize-window", "-x", str(size[0]), "-y", str(size[1]))
+
+    def _tmux(self, *words: str) -> str:
+        done = subprocess.run(
+            ["tmux", "-S", self._socket, *words], check=True, capture_output=True, text=True
+        )
+        return done.stdout
+
+    def screen(self, *, with_colours: bool = False) -> str:
+        """What is on it."""
+        return self._tmux("capture-pane", "-p", *(["-e"] if with_colours else []))
+
+    def keys(self, *names: str) -> None:
+        """Press keys, by tmux's names."""
+        for name in names:
+            self._tmux("send-keys", name)
+
+    def until(self, shows: str | Callable[[str], bool]) -> str:
+        """Wait until the screen shows a text or meets a condition; return it."""
+        end = time.monotonic() + PATIENCE_S
+        while True:
+            screen = self.screen()
+            if shows in screen if isinstance(shows, str) else shows(screen):
+                return screen
+            if time.monotonic() > end:
+                raise AssertionError(f"never shown: {shows}\n{screen}")
+            select(POLL_S)
+
+    def pid(self) -> int:
+        """Process of the program in the pane."""
+        shell = self._tmux("display-message", "-p", "#{pane_pid}").strip()
+        children = Path(f"/proc/{shell}/task/{shell}/children").read_text().split()
+        return int(children[0])
+
+    def kill(self, number: signal.Signals) -> None:
+        """Send the program a signal."""
+        os.kill(self.pid(), number)
+
+    def exit_code(self) -> int:
+        """Wait until the program has ended."""
+        end = time.monotonic() + PATIENCE_S
+        while not (self._done.is_file() and self._done.read_text()):
+            if time.monotonic() > end:
+                raise AssertionError(f"the program goes on\n{self.screen()}")
+            select(POLL_S)
+        return int(self._done.read_text())
+
+    def close_window(self) -> None:
+        """Take the terminal away from the program, as when its window is closed."""
+        self._tmux("kill-server")
+
+    def close(self) -> None:
+        """End tmux, and with it what may still run in it. Safe to call twice."""
+        subprocess.run(
+            ["tmux", "-S", self._socket, "kill-server"], check=False, capture_output=True
+        )
+
+
+def select(seconds: float) -> None:
+    """Let the program run."""
+    signal.sigtimedwait([], seconds)

@@ -76,6 +76,8 @@ def execute(args: argparse.Namespace) -> int:
         if args.csv
         else _new_poses(opening, NEW_POSES if wanted is None else wanted)
     )
+    if poses.sha256() == state.pose_set().sha256():
+        raise UsageError("these are the poses the calibration was made from: they verify nothing")
     if len(poses.placements) > 1:
         raise UsageError("new poses must be of one placement, the one that was calibrated")
     verdict = judge_poses(arm, fixture, poses, fixed_by(solution))
@@ -92,6 +94,7 @@ def _new_poses(opening: Opening, count: int) -> PoseSet:
 
     from operator_app.composition import open_arm
     from operator_app.headless.signals import ending_signals_interrupt, ending_signals_wait
+    from operator_app.session.drives import drives_of
     from operator_app.session.folder import new_folder
     from operator_app.session.journal import Journal, utc_now
     from operator_app.session.workflow import Session
@@ -109,7 +112,7 @@ def _new_poses(opening: Opening, count: int) -> PoseSet:
         try:
             session.open(opening.sources, {**opening.settings, "verifies": str(opening.folder)})
             session.connect()
-            session.set_modes(rig.procedure.position_joints or ())
+            session.set_modes(drives_of(session))
             session.run_plan()
             reason = "done"
         finally:
@@ -164,6 +167,14 @@ def _text(verdict: Verdict, poses: PoseSet, folder: Path) -> str:
             f"{found.chi2.low:.2f} and {found.chi2.high:.2f}."
         ),
     ]
+    if found.chi2.per_dof < found.chi2.low:
+        lines.append(
+            paragraph(
+                "! these poses fit better than sensors of this kind allow: simulated, or read by "
+                "other sensors than the arm file says?",
+                indent=2,
+            )
+        )
     if verdict.odd_poses:
         worst = ", ".join(
             f"{poses.label[k]} (chance {found.pose_probability[k]:.1e})"

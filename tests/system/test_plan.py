@@ -68,7 +68,7 @@ def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet) -> 
     assert "Chosen to drive: joints 1 and 5 (reaches" in done.stderr
     assert "Explored" in done.stderr
     assert "Capture complete: all 6 planned poses are taken." in done.stderr
-    (folder,) = sessions.iterdir()
+    (folder,) = (p for p in sessions.iterdir() if not p.name.endswith("verify"))
     names = [e.name for e in read_journal(folder).events]
     assert {"drives_chosen", "campaign", "campaign_move", "campaign_ended"} <= set(names)
 
@@ -86,6 +86,17 @@ def test_plan_on_the_estimate_of_a_session(datasheet, capsys: pytest.CaptureFixt
     # All poses together count, so that two more are not judged alone.
     assert found["scaled_condition_number"] < 25
     assert found["sigma"]["theta_off_1"] < json.loads(done.stdout)["sigma"]["theta_off_1"] * 1.5
+
+
+def test_a_planned_session_is_verified_with_the_drives_it_chose(
+    datasheet, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sessions, _ = datasheet
+    (folder,) = (p for p in sessions.iterdir() if not p.name.endswith("verify"))
+    options = [folder.name, "--sessions", str(sessions), "--poses", "3", "--json"]
+    code, out, err = said(capsys, "verify", *options)
+    assert code == 0, err
+    assert json.loads(out)["poses"] == 3
 
 
 def test_interrupted_in_the_middle_of_a_plan_it_goes_on(tmp_path: Path) -> None:

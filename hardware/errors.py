@@ -17,7 +17,9 @@ class NodeMissing(HardwareError):
     def __init__(self, nodes: tuple[int, ...]) -> None:
         self.nodes = nodes
         super().__init__(
-            f"no answer from node{'s' if len(nodes) > 1 else ''} {', '.join(map(str, nodes))}"
+            f"no answer from node{'s' if len(nodes) > 1 else ''} {', '.join(map(str, nodes))}. "
+            "Check power, cable and bitrate; a virtual arm for another process is started with: "
+            "sarcal controller -i loopback"
         )
 
 

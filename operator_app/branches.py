@@ -9,7 +9,6 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
 from solver.closure import ClosureModel
-from solver.estimate import require_enough_poses
 from solver.paper_estimator import estimate_paper
 from solver.parameters import nominal_vector
 
@@ -28,7 +27,9 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple
     the last degrees are; a fit through poses of both branches would be dragged between them.
     """
     everything = np.ones(len(q), dtype=np.bool_)
-    if model.unsensed_joints:
+    # Readings that are not believed to a degree are still good enough to tell up from down.
+    model = model.with_all_joints_sensed()
+    if len(q) * model.equations_per_pose <= len(model.parameters):
         return everything, ()
     keep = ~model.reduced(nominal_vector(model.parameters), q).flipped
     if 2 * int(keep.sum()) < len(q):
@@ -39,6 +40,7 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple
             return everything, ()
         keep[list(judged)] = False
     part = model.at_poses(np.flatnonzero(keep))
-    require_enough_poses(part, int(keep.sum()))
+    if int(keep.sum()) * model.equations_per_pose <= len(model.parameters):
+        return everything, ()
     flipped = model.reduced(estimate_paper(part, q[keep]).x, q).flipped
     return ~flipped, tuple(int(k) for k in np.flatnonzero(flipped))

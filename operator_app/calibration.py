@@ -17,6 +17,7 @@ from operator_app.branches import on_main_branch, set_aside
 from operator_app.judgement import (
     AcceptanceLimits,
     Notice,
+    flexure_notices,
     flipped_notices,
     held_notices,
     outlier_notices,
@@ -229,6 +230,7 @@ def calibrate(
             *flipped_notices(flipped, poses.label),
             *held_notices(held),
             *rival_notices(found),
+            *flexure_notices(components, tuple(tolerance)),
             *outlier_notices(solution.outliers),
             *rvdt_notices(solution.rvdt),
         ),

@@ -6,6 +6,7 @@ Commands are imported when they are called, so that ``--help`` and the terminal 
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import os
 import sys
@@ -53,6 +54,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read our output has gone; the interpreter must not complain at exit either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        if error.filename is not None or error.errno != errno.ENOSPC:
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print("sarcal: the results cannot be written: no space left. Free some.", file=sys.stderr)
+        return 2
 
 
 def _dispatch(argv: Sequence[str]) -> int:
@@ -80,10 +87,13 @@ def _dispatch(argv: Sequence[str]) -> int:
 
     command = _module(args.command or APP)
     try:
-        return int(command.execute(args))
+        code = int(command.execute(args))
     except EXPECTED_ERRORS as error:
         print(f"sarcal: {error}", file=sys.stderr)
         return int(exit_code(error))
+    # Here, where a full disk can still be said in words.
+    sys.stdout.flush()
+    return code
 
 
 def _module(command: str) -> Any:

@@ -13,6 +13,7 @@ from solver.global_start import GlobalStart
 from solver.identifiability import Identifiability
 from solver.rvdt import RvdtVerdict
 from solver.statistics import chi2_test
+from solver.variance_components import VarianceComponents
 
 CHI2_BAND = 0.999
 """A sound calibration fails this test once in two thousand times."""
@@ -85,6 +86,24 @@ def flipped_notices(flipped: tuple[int, ...], labels: tuple[str, ...]) -> tuple[
             code="FLIPPED_BRANCH",
             text=f"pose{'s' if len(flipped) > 1 else ''} {names} close only with the hand upside "
             "down on the hinge and were left out: take them again or remove them",
+        ),
+    )
+
+
+def flexure_notices(
+    components: VarianceComponents | None, tolerated: tuple[str, ...]
+) -> tuple[Notice, ...]:
+    """Say that what passes for a fixture that gives may be link lengths that are off."""
+    if components is None or tolerated:
+        return ()
+    if components.flexure is None or not components.flexure.gives:
+        return ()
+    return (
+        Notice(
+            code="LENGTHS_EXACT",
+            text="the loops close only with a fixture that gives, and link lengths were taken as "
+            "exact; if the maker's lengths are not, the sigmas are too small: calibrate again with "
+            "--length-tolerance 1.5 (mm) and compare",
         ),
     )
 

@@ -17,6 +17,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain import DhTable
 from solver.closure import ClosureModel, DhLoop
 from solver.component_model import ComponentPlan, plan_of
+from solver.errors import SolverError
 from solver.implicit_estimator import NoiseModel
 from solver.parameters import DhEntry, DhKind
 from solver.poses import PoseSet
@@ -67,16 +68,22 @@ def component_plan(
     return replace(plan, flexure=fixture.kind != "measured", tolerance=soft)
 
 
+class ToleranceError(SolverError):
+    """Link lengths of this loop cannot be given a tolerance."""
+
+
 def soften(model: ClosureModel, tolerance_m: float) -> tuple[ClosureModel, dict[str, float]]:
     """Free the arm's link lengths within a tolerance: the maker's table is not exact (section 4).
 
     Returns
     -------
     The loop with lengths of links 1..n-1 free as well, and the tolerance of each by name. Lengths
-    that are free already keep no tolerance. ValueError if the loop is no D-H loop.
+    that are free already keep no tolerance. ToleranceError if the loop is no D-H loop.
     """
     if not isinstance(model, DhLoop):
-        raise ValueError("a length tolerance needs a hinge or a rigid fixture and one placement")  # noqa: TRY004
+        raise ToleranceError(
+            "a length tolerance needs a hinge or a rigid fixture and one placement"
+        )
     lengths = [
         DhEntry(kind, row)
         for kind in (DhKind.A, DhKind.S)

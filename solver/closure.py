@@ -387,8 +387,8 @@ def nearest_equivalent(
 
 
 def poses_needed(parameters: int, equations_per_pose: int) -> int:
-    """Fewest poses that leave at least one degree of freedom."""
-    return parameters // equations_per_pose + 1
+    """Fewest poses that leave at least one degree of freedom; 0 where no number does."""
+    return parameters // equations_per_pose + 1 if equations_per_pose > 0 else 0
 
 
 def entries(names: Sequence[str]) -> tuple[DhEntry, ...]:

@@ -46,6 +46,16 @@ class UnidentifiableError(SolverError):
         super().__init__("; ".join(str(direction) for direction in directions))
 
 
+class PosesDoNotFitError(SolverError):
+    """The readings are so far from closing that the loop cannot even be linearised about them."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "these poses do not fit this arm in this fixture at all: check that arm, fixture and "
+            "poses belong together, or try --global-start"
+        )
+
+
 class TooFewPosesError(SolverError):
     """Fewer equations than unknowns, or no degree of freedom left to judge the fit by."""
 
@@ -56,7 +66,13 @@ class TooFewPosesError(SolverError):
         self.needed = needed
         self.parameters = parameters
         self.equations_per_pose = equations_per_pose
-        super().__init__(
-            f"{poses} pose{'s' if poses != 1 else ''} give {poses * equations_per_pose} equations "
-            f"for {parameters} parameters; at least {needed} poses are needed"
-        )
+        if equations_per_pose <= 0:
+            text = (
+                "a pose says nothing with so many joints unsensed: use the readings of more joints"
+            )
+        else:
+            text = (
+                f"{poses} pose{'s' if poses != 1 else ''} give {poses * equations_per_pose} "
+                f"equations for {parameters} parameters; at least {needed} poses are needed"
+            )
+        super().__init__(text)

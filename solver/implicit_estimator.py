@@ -24,6 +24,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.closing import close_loops, left_null_space
 from solver.closure import ClosureModel, nearest_equivalent
+from solver.errors import PosesDoNotFitError
 from solver.estimate import Estimate, require_enough_poses
 from solver.goodness import closure_at_readings, closure_sigmas
 from solver.least_squares import Progress, column_scale
@@ -256,7 +257,7 @@ def estimate_implicit(
 
 def information(system: LinearisedPoses) -> FloatArray:
     """Fisher information of the parameters (P, P): ``sum A' V^-1 A``."""
-    white = np.linalg.solve(np.linalg.cholesky(system.V), system.A)
+    white = np.linalg.solve(_root(system.V), system.A)
     J = white.reshape(-1, white.shape[-1])
     return J.T @ J
 
@@ -280,12 +281,20 @@ def linearise(
     return LinearisedPoses(w=w, A=Et @ jac_x, B=B, V=B @ (variance[..., :, None] * Bt) + F, E=E)
 
 
+def _root(V: FloatArray) -> FloatArray:
+    """Cholesky factors of the misclosures' covariances; none exists far from any closed pose."""
+    try:
+        return np.asarray(np.linalg.cholesky(V))
+    except np.linalg.LinAlgError as error:
+        raise PosesDoNotFitError from error
+
+
 def _solve(
     system: LinearisedPoses, x: FloatArray, prior: ParameterPrior | None
 ) -> tuple[FloatArray, FloatArray, float]:
     """Step of the parameters (P,), multipliers (m, r) and the chi2 the step leads to."""
-    L = np.linalg.cholesky(system.V)
-    white_A = np.linalg.solve(L, system.A)
+    L = _root(system.V)
+    white_A = np.asarray(np.linalg.solve(L, system.A))
     white_w = np.linalg.solve(L, system.w[..., None])[..., 0]
     J, c = white_A.reshape(-1, white_A.shape[-1]), white_w.reshape(-1)
     if prior is not None:

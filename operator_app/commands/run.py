@@ -112,9 +112,14 @@ def _say_kept(listener: object, session: Session, reason: str) -> None:
 
     folder = session.journal.path.parent
     if isinstance(listener, ConsoleListener):
+        said = "The run was interrupted" if reason == "interrupted" else "The run has ended early"
+        held = "; the arm is held" if session.state.serial_number else ""
+        kept = len(session.state.poses)
         listener.say(
-            f"The run was {reason}; the arm is held. {len(session.state.poses)} poses are kept in "
-            f"{folder}. Go on with: sarcal run --resume {folder}"
+            f"{said}{held}. {kept} poses are kept in {folder}. "
+            f"Go on with: sarcal run --resume {folder}"
+            if kept
+            else f"{said}{held}; no pose was taken."
         )
 
 

@@ -16,8 +16,6 @@ from operator_app.commands.options import (
 )
 from operator_app.exit_codes import ExitCode, UsageError
 
-SUMMARY = "calibrate from a file of poses, without an arm"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""

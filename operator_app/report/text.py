@@ -57,7 +57,7 @@ def parameter_table(solution: Solution) -> str:
             f"{sigma * scale:.4f}",
         ]
         if beside and paper is not None:
-            row.append(f"{float(paper.x[k]) * scale:.3f}")
+            row.append("" if p.name in solution.tolerated else f"{paper.value(p.name) * scale:.3f}")
         rows.append(row)
     return f"Parameters ({_estimator_words(estimate)})\n" + aligned(rows)
 

@@ -34,19 +34,17 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
 def find_session(root: Path, reference: str) -> Path:
     """Return the folder of a session named by path, by name below `root`, or ``latest``."""
     if reference == "latest":
-        # Poses taken to verify another session, or none at all, are nobody's calibration.
+        # Poses taken to verify another session are nobody's calibration; one that never came as far
+        # as a pose is meant only where there is no other.
         found = [
-            entry.folder
+            entry
             for entry in list_sessions(root)
-            if entry.state is not None
-            and entry.state.captured
-            and not entry.state.settings.get("verifies")
+            if entry.state is None or not entry.state.settings.get("verifies")
         ]
+        with_poses = [entry for entry in found if entry.state is not None and entry.state.captured]
         if found:
-            return found[-1]
-        raise SessionError(
-            f"there is no session with poses in {root}", "run `sarcal run hinge` first"
-        )
+            return (with_poses or found)[-1].folder
+        raise SessionError(f"there is no session in {root}", "run `sarcal run hinge` first")
     for candidate in (Path(reference).expanduser(), root / reference):
         if (candidate / JOURNAL_NAME).is_file():
             return candidate

@@ -1,0 +1,35 @@
+"""The README's transcript is what the program prints today."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from operator_app.cli import main
+
+README = Path(__file__).resolve().parents[2] / "README.md"
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?!\w)")
+
+
+def words(line: str) -> str:
+    return " ".join(NUMBER.sub("#", line).split())
+
+
+def test_the_transcript_is_true(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    block = README.read_text().split("```text\n")[1].split("```")[0]
+    written = [line for line in block.splitlines() if line.strip()]
+    assert main(["run", "hinge", "--sessions", str(tmp_path)]) == 0
+    said = capsys.readouterr()
+    printed = [line for line in (said.err + said.out).splitlines() if line.strip()]
+    # Folders, lengths and digests at the end are of that session alone.
+    end = next(k for k, line in enumerate(written) if line.startswith("Session"))
+    assert len(printed) == len(written)
+    for before, now in zip(written[:end], printed[:end], strict=True):
+        assert words(now) == words(before)
+        numbers = [float(n) for n in NUMBER.findall(now)]
+        # Another processor may round the last digits differently; nobody else's arm looks like this.
+        assert numbers == pytest.approx(
+            [float(n) for n in NUMBER.findall(before)], rel=0.05, abs=0.02
+        )

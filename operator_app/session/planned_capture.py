@@ -16,22 +16,24 @@ import numpy as np
 
 from hardware.arm import ArmSnapshot, Watch
 from operator_app.drive_choice import names
-from operator_app.planning import CANDIDATES, STOP_MARGIN_RAD, planning_task, require_closed_chain
+from operator_app.planning import CANDIDATES, STOP_MARGIN_RAD, require_closed_chain
+from operator_app.session.campaign_replay import (
+    DivergedError,
+    built,
+    is_on_the_way,
+    replayed,
+    still_fits,
+)
 from operator_app.session.errors import GuardError
 from operator_app.session.state import SessionState
 from operator_app.session.workflow import Session
-from solver.arrays import FloatArray
-from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo, path_watch
+from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
-from solver.design.campaign_settings import CampaignSettings, Phase
+from solver.design.campaign_settings import Phase
 from solver.design.stop_rule import Progress
 
-THERE_RAD = float(np.deg2rad(1.5))
-"""An arm whose joints are this close to where the journal left them has not been moved."""
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
 """With the drives back in place, free joints farther off are on another branch of the loop."""
-SAME_RAD = 1e-6
-"""Targets of a replayed decision may differ by this much."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,10 +56,6 @@ class CampaignEnd:
     complete: bool
     text: str
     weak: tuple[Weak, ...]
-
-
-class _DivergedError(Exception):
-    """The journal's decisions are not those this program makes from the same readings."""
 
 
 class PlannedCapture:
@@ -95,21 +93,22 @@ class PlannedCapture:
 
         Nothing moves.
         """
-        log = self._session.state.campaign
+        session = self._session
+        log = session.state.campaign
         self._campaign, self._moved, self._ended = None, False, None
-        if not log.begun or not self._still_fits(log.begun):
+        if not log.begun or not still_fits(session.state, self._wanted()):
             return self._chosen
         if log.ended:
             # What could not be finished is tried again, with the poses there are.
             self._ended = _end_of(log.ended) if log.ended["complete"] else None
             return self._chosen
         try:
-            campaign = self._replayed()
-        except _DivergedError:
+            campaign = replayed(session.model, session.fixture, session.state)
+        except DivergedError:
             self._say("The journal's plan cannot be repeated: planning anew from its poses.")
             return self._chosen
-        here = self._session.arm.snapshot().positions_rad
-        if _is_on_the_way(campaign.propose(), campaign.at_rad, here):
+        here = session.arm.snapshot().positions_rad
+        if is_on_the_way(campaign.propose(), campaign.at_rad, here):
             self._campaign = campaign
             return campaign.drives
         if campaign.phase is Phase.EXPLORING:
@@ -297,90 +296,13 @@ class PlannedCapture:
                 "captured": [p.number for p in session.state.used_poses],
             },
         )
-        return self._built(session.state.campaign.begun)
-
-    def _built(self, begun: Mapping[str, Any]) -> Campaign:
-        session = self._session
-        known = {p.number: p for p in session.state.used_poses}
-        captured = [known[number] for number in begun["captured"]]
-        return Campaign(
-            task=planning_task(
-                session.model,
-                session.fixture,
-                drive_sets=tuple(tuple(drives) for drives in begun["drive_sets"]),
-                unsensed_joints=tuple(begun["unsensed_joints"]),
-                samples=begun["samples"],
-                seed=begun["seed"],
-                candidates=begun["candidates"],
-            ),
-            start_rad=np.array(begun["start_rad"]),
-            settings=CampaignSettings(poses=begun["poses"], requested=begun["requested"]),
-            captured=np.array([p.mean_rad for p in captured]) if captured else None,
-            taken=sum(p.planned for p in captured),
-            at_rad=np.array(begun["at_rad"]),
-        )
-
-    def _still_fits(self, begun: Mapping[str, Any]) -> bool:
-        """Whether what the campaign was told still counts, and what it was to do is still wanted."""
-        told = set(begun["captured"]) | {
-            data["number"] for name, data in self._session.state.campaign.steps if name == "pose"
-        }
-        counting = {p.number for p in self._session.state.used_poses}
-        wanted = self._wanted()
-        return told == counting and all(begun.get(key) == value for key, value in wanted.items())
-
-    def _replayed(self) -> Campaign:
-        """Tell a new campaign everything the journal holds, checking that it decides the same."""
-        log = self._session.state.campaign
-        campaign = self._built(log.begun)
-        readings = {p.number: p.mean_rad for p in self._session.state.used_poses}
-        for name, data in log.steps:
-            action = campaign.propose()
-            if not _same(action, name, data):
-                raise _DivergedError
-            if name == "pose":
-                campaign.captured(readings[data["number"]])
-            else:
-                campaign.observe(np.array(data["q_rad"]), data.get("stopped", ""))
-        return campaign
+        return built(session.model, session.fixture, session.state)
 
 
 def _end_of(data: Mapping[str, Any]) -> CampaignEnd:
     """Return the end that the journal holds."""
     weak = tuple(Weak(**w) for w in data["weak"])
     return CampaignEnd(complete=data["complete"], text=data["text"], weak=weak)
-
-
-def _same(action: Action, name: str, data: Mapping[str, Any]) -> bool:
-    """Whether a proposal is the one the journal says was carried out."""
-    match action, name:
-        case GoTo(), "campaign_move":
-            then = {int(j): v for j, v in data["targets_rad"].items()}
-            return then.keys() == action.targets_rad.keys() and all(
-                abs(then[j] - v) <= SAME_RAD for j, v in action.targets_rad.items()
-            )
-        case ChangeDrives(), "campaign_drives":
-            return action.drives == tuple(data["drives"])
-        case Capture(), "pose":
-            return action.planned is bool(data["planned"])
-    return False
-
-
-def _is_on_the_way(action: Action, last: FloatArray, here: FloatArray) -> bool:
-    """Whether an arm `here` can go on with `action`, left at `last`: there, or on the way."""
-    if float(np.abs(here - last).max()) <= THERE_RAD or isinstance(action, Finished):
-        return True
-    if not isinstance(action, GoTo):
-        return False
-    if action.trace_rad is not None:
-        return float(np.abs(action.trace_rad - here).max(axis=-1).min()) <= THERE_RAD
-    columns = [j - 1 for j in action.targets_rad]
-    goal = np.array(list(action.targets_rad.values()))
-    step = goal - last[columns]
-    length = max(float(step @ step), 1e-12)
-    along = float(np.clip((here[columns] - last[columns]) @ step / length, 0.0, 1.0))
-    off = np.abs(here[columns] - last[columns] - along * step)
-    return float(off.max()) <= THERE_RAD
 
 
 def _capital(text: str) -> str:

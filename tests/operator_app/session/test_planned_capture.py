@@ -15,10 +15,11 @@ from hardware.virtual.scenarios import scenario
 from hardware.virtual.truth import paper_loop
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
+from operator_app.session.campaign_replay import same
 from operator_app.session.drives import choose
 from operator_app.session.errors import GuardError
 from operator_app.session.journal import Event, Journal, read_journal
-from operator_app.session.planned_capture import PlannedCapture, _same
+from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.workflow import Session
 from oracles.plant_arm import PlantArm
 
@@ -139,7 +140,7 @@ def test_replayed_from_the_journal_it_decides_what_it_decided_then(
     assert told.said == []
     campaign = told.capture._campaign
     assert campaign is not None
-    assert _same(campaign.propose(), whole.events[k].name, whole.events[k].data)
+    assert same(campaign.propose(), whole.events[k].name, whole.events[k].data)
 
 
 def test_a_finished_capture_is_not_begun_again(whole: SimpleNamespace, tmp_path: Path) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
+from typing import TYPE_CHECKING, NoReturn
 
 from operator_app.commands.options import (
     bus_options,
@@ -13,22 +15,26 @@ from operator_app.commands.options import (
 )
 from operator_app.exit_codes import ExitCode, UsageError
 
+if TYPE_CHECKING:
+    from operator_app.source import ComposedSource
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
+    group = parser.add_argument_group("terminal app")
+    group.add_argument(
         "--procedure", default="hinge", help="procedure file or built-in name (hinge)"
     )
-    parser.add_argument("--poses", type=int, metavar="N", help="how many poses to capture")
-    parser.add_argument(
+    group.add_argument("--poses", type=int, metavar="N", help="how many poses to capture")
+    group.add_argument(
         "--resume", metavar="SESSION", help="go on with a session: folder, name or latest"
     )
-    parser.add_argument("--ascii", action="store_true", help="only ASCII characters")
-    parser.add_argument(
+    group.add_argument("--ascii", action="store_true", help="only ASCII characters")
+    group.add_argument(
         "--plain", action="store_true", help="numbered prompts instead of a full screen"
     )
-    parser.add_argument("--light", action="store_true", help="begin with the light theme")
-    parser.add_argument(
+    group.add_argument("--light", action="store_true", help="begin with the light theme")
+    group.add_argument(
         "--speed",
         type=float,
         default=1.0,
@@ -42,28 +48,59 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run until the operator leaves."""
-    from operator_app.tui.app import run
-    from operator_app.tui.look import DARK, LIGHT
-    from operator_app.tui.source import ComposedSource
+    from operator_app.source import ComposedSource
 
     if not 0.0 < args.speed <= 50.0:
         raise UsageError("--speed: between 0 and 50 times real time")
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+    if not args.plain and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError("the terminal app needs a terminal: use --plain, or `sarcal run`")
     source = ComposedSource(
         args.procedure, choices_from(args), root=args.sessions, speed=args.speed
     )
-    reason = run(
+    reason = _plain(args, source) if args.plain else _full_screen(args, source)
+    if source.last is not None:
+        how = "" if reason == "left" else f"ended by {reason}; "
+        print(f"sarcal: {how}the arm is held. Session {source.last}", file=sys.stderr)
+        print(f"Go on with: sarcal --resume {source.last}", file=sys.stderr)
+    return ExitCode.ACCEPTED if reason in ("left", "end of input") else ExitCode.INTERRUPTED
+
+
+def _full_screen(args: argparse.Namespace, source: ComposedSource) -> str:
+    from operator_app.tui.app import run
+    from operator_app.tui.look import DARK, LIGHT
+
+    return run(
         source,
         theme=LIGHT if args.light else DARK,
         ascii_only=args.ascii,
         resume=args.resume,
     )
-    if source.last is not None:
-        how = "left" if reason == "left" else f"ended by {reason}"
-        print(
-            f"sarcal: {how}; the arm is held. The session is kept in {source.last}.",
-            file=sys.stderr,
-        )
-        print(f"Go on with: sarcal --resume {source.last}", file=sys.stderr)
-    return ExitCode.INTERRUPTED if reason.startswith("SIG") else ExitCode.ACCEPTED
+
+
+class _Ended(BaseException):
+    """A signal that asks this process to end, unwinding it in order."""
+
+
+def _plain(args: argparse.Namespace, source: ComposedSource) -> str:
+    from operator_app.headless.plain import Plain
+    from operator_app.headless.plain_terminal import StandardTerminal
+    from operator_app.headless.signals import ending_signals_wait
+
+    def end(number: int, _: object) -> NoReturn:
+        raise _Ended(signal.Signals(number).name)
+
+    before = {n: signal.signal(n, end) for n in (signal.SIGTERM, signal.SIGHUP)}
+    reason = "failed"
+    try:
+        desk = source.resumed(args.resume) if args.resume else source.new()
+        reason = Plain(desk, StandardTerminal()).run()
+    except _Ended as ended:
+        reason = str(ended)
+    except KeyboardInterrupt:
+        reason = "interrupted"
+    finally:
+        with ending_signals_wait():
+            source.close(reason)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    return reason

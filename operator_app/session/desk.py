@@ -247,6 +247,8 @@ class Desk:
                 self._current = job
                 self._show_task(job.kind, job.text)
                 self._do(job)
+            elif not self._closing.is_set():
+                self.say(Level.INFO, f"{job.text}: ended by the operator before it began")
             self._hand.popleft()
             self._current = None
             self.publish(task=None)

@@ -22,13 +22,13 @@ from operator_app.session.desk import Desk
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
+from operator_app.source import Source
 from operator_app.tui.actions import Actions
 from operator_app.tui.keys import ACTIONS, PRIMARY, STOP_KEYS, Action, by_name, for_key
 from operator_app.tui.lines import Lines
 from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, Look, look, themes
 from operator_app.tui.main_screen import MainScreen
 from operator_app.tui.palette import ActionProvider
-from operator_app.tui.source import Source
 from operator_app.tui.widgets.safety_strip import Clicked
 
 POLL_S = 1.0 / 20.0

@@ -1,4 +1,4 @@
-"""Where the app's sessions come from: a desk for a new one or for one that goes on. Knows no widget."""
+"""Where both faces get their desks: one for a new session or for one that goes on. Knows no screen."""
 
 from __future__ import annotations
 

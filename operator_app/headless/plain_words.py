@@ -1,0 +1,139 @@
+"""What plain mode says of a snapshot: whole sentences, one fact a line. Knows no terminal."""
+
+from __future__ import annotations
+
+import math
+
+from fixtures.base import Severity
+from hardware.arm import JointMode
+from operator_app.report.text import solution_text
+from operator_app.session.next_thing import next_thing
+from operator_app.session.snapshot import DataState, SessionSnapshot
+from operator_app.session.steps import Step
+
+
+def describe(step: Step, s: SessionSnapshot) -> list[str]:
+    """Where the operator is, whether it is safe, what comes next."""
+    kind = "SIMULATED" if s.simulated else "REAL ARM"
+    lines = [f"Step {int(step)} of {len(Step)}, {step.title}. {kind}. {_safety(s)}"]
+    lines += _DETAILS[step](s)
+    label = next_thing(step, s, wanted_modes(s)).label
+    return [*lines, f"Recommended now: {label}."] if label else lines
+
+
+def wanted_modes(s: SessionSnapshot) -> tuple[JointMode, ...]:
+    """Modes that the procedure names, or the best ranked ones."""
+    joints = s.procedure.position_joints or (s.ranked[0].drives if s.ranked else ())
+    return tuple(
+        JointMode.POSITION if j in joints else JointMode.FREE
+        for j in range(1, s.procedure.arm.joint_count + 1)
+    )
+
+
+def results(s: SessionSnapshot) -> list[str]:
+    """Everything about the calibration, most important first."""
+    return ["there is no calibration yet"] if s.solution is None else [solution_text(s.solution)]
+
+
+def _safety(s: SessionSnapshot) -> str:
+    if not s.connected:
+        return "No arm is connected."
+    if s.data is DataState.LOST:
+        return f"Alarm: no data for {s.oldest_s:.1f} s."
+    if s.stopped:
+        return "STOP is latched."
+    data = (
+        "Data ok" if s.data is DataState.FRESH else f"Warning: data {1e3 * s.oldest_s:.0f} ms old"
+    )
+    drives = "drives enabled in their modes" if s.drives_ready else "drives not ready"
+    return f"{data}, {drives}."
+
+
+def _connect(s: SessionSnapshot) -> list[str]:
+    lines = [f"Bus: {s.bus}. Session: {s.folder}."]
+    if s.identity is not None:
+        lines.append(
+            f"Arm {s.identity.model}, serial {s.identity.serial_number}, "
+            f"{len(s.identity.nodes)} nodes."
+        )
+    return lines
+
+
+def _fixture(s: SessionSnapshot) -> list[str]:
+    words = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
+    lines = [
+        f"Check {words[c.severity]}: {c.text}" + (f": {c.remedy}" if c.remedy else "")
+        for c in s.checks
+    ]
+    if s.forecast is not None:
+        lines.append(f"Predicted condition number {s.forecast.scaled_condition_number:.0f}.")
+    left = len(s.procedure.fixture.checklist) - len(s.ticked)
+    return [*lines, f"Check list: {left} items left."]
+
+
+def _modes(s: SessionSnapshot) -> list[str]:
+    lines = []
+    if s.arm is not None:
+        for joint, state in zip(s.procedure.arm.joints, s.arm.joints, strict=True):
+            mode = "no mode" if state.mode is None else state.mode.value
+            position = math.degrees(state.position_rad)
+            lines.append(f"Joint {state.joint} {joint.name}: {mode}, {position:.3f} deg.")
+    for ranked in s.ranked[:3]:
+        pair = " and ".join(str(j) for j in ranked.drives)
+        lines.append(f"Ranked pair {pair}: {ranked.score:.2f}, {'; '.join(ranked.reasons)}.")
+    return lines
+
+
+def _capture(s: SessionSnapshot) -> list[str]:
+    lines = [f"{len(s.state.used_poses)} of {s.wanted_poses} poses."]
+    if s.live is not None and s.live.history:
+        lines.append(
+            f"Condition number {s.live.scaled_condition_number:.1f}, acceptable below 100; weakest: "
+            f"{', '.join(s.live.weakest[:3])}."
+        )
+    for pose in s.state.poses[-3:]:
+        noise = math.degrees(float(pose.sd_rad.max()))
+        words = f"Pose {pose.number}: noise up to {noise:.4f} deg"
+        words += f", excluded {pose.excluded}" if pose.excluded else ""
+        words += f", note: {pose.note}" if pose.note else ""
+        lines.append(words + ".")
+    return lines
+
+
+def _calibrate(s: SessionSnapshot) -> list[str]:
+    unsensed = ", ".join(str(j) for j in s.unsensed_joints) or "none"
+    return [f"Estimator {s.estimator}; unsensed joints: {unsensed}."]
+
+
+def _results(s: SessionSnapshot) -> list[str]:
+    if s.solution is None:
+        return []
+    verdict = "Accepted" if s.solution.accepted else "Not accepted"
+    condition = s.solution.seen.scaled_condition_number
+    return [
+        f"{verdict}, condition number {condition:.1f}, {s.solution.poses} poses.",
+        *(f"Reason: {reason}." for reason in s.solution.reasons),
+        *(f"Warning: {n.text}." for n in s.solution.warnings),
+    ]
+
+
+def _export(s: SessionSnapshot) -> list[str]:
+    lines = ["Not written yet." if s.written is None else f"Written: {s.written.parameters}."]
+    if s.receipt is not None:
+        lines.append(f"Uploaded to slot {s.receipt.slot} and read back: {s.receipt.sha256}.")
+    if s.verification is not None:
+        v = s.verification
+        word = "as expected" if v.holds else "worse than expected"
+        lines.append(f"Verified with {v.poses} new poses: {1e3 * v.position_m:.3f} mm rms, {word}.")
+    return lines
+
+
+_DETAILS = {
+    Step.CONNECT: _connect,
+    Step.FIXTURE: _fixture,
+    Step.MODES: _modes,
+    Step.CAPTURE: _capture,
+    Step.CALIBRATE: _calibrate,
+    Step.RESULTS: _results,
+    Step.EXPORT: _export,
+}

@@ -1,0 +1,147 @@
+"""Plain mode: the same way in numbered prompts, on a live fake arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from operator_app.config.parameters_file import load_parameters
+from operator_app.headless.plain import Plain
+from oracles.live_source import FakeSource
+
+
+class Script:
+    """A terminal whose operator picks menu items by their words."""
+
+    def __init__(self, answers: list[str | Callable[[], str]]) -> None:
+        self._answers = iter(answers)
+        self.said: list[str] = []
+        self.touches = 0
+        self.touch_after: int | None = None
+
+    def say(self, text: str) -> None:
+        self.said += text.splitlines()
+
+    def ask(self, prompt: str) -> str:
+        self.said.append(prompt)
+        try:
+            answer = next(self._answers)
+        except StopIteration as end:
+            raise EOFError from end
+        if callable(answer):
+            return answer()
+        if prompt != "Number: ":
+            return answer
+        for row in reversed(self.said):
+            number, _, label = row.strip().partition(" ")
+            if number.isdecimal() and label.startswith(answer):
+                return number
+        raise AssertionError(f"no item {answer!r} in {self.said[-12:]}")
+
+    def touched(self, timeout_s: float) -> bool:
+        self.touches += 1
+        return self.touch_after is not None and self.touches > self.touch_after
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Iterator[FakeSource]:
+    made = FakeSource(tmp_path / "sessions")
+    yield made
+    made.close("end of the test")
+
+
+def run(source: FakeSource, *answers: str | Callable[[], str]) -> Script:
+    script = Script(list(answers))
+    pauses: list[float] = []
+    script.reason = Plain(source.new(), script, pause=pauses.append).run()
+    return script
+
+
+TO_CAPTURE = (
+    "Connect", "Go on", *["Confirm:"] * 6, "Go on", "Put joints 1 and 5", "yes", "Go on",
+)  # fmt: skip
+
+
+def test_from_connect_to_uploaded_parameters(source):
+    script = run(
+        source,
+        *TO_CAPTURE,
+        "Capture all",
+        "Go on",
+        "Calibrate",
+        "Go on",
+        "Read the results",
+        "Go on",
+        "Write",
+        "Upload",
+        "SDA-0001",
+        "Leave",
+    )
+    assert script.reason == "left"
+    assert "ACCEPTED: the calibration meets its limits." in script.said
+    written = source.root / "session-1" / "parameters.yaml"
+    assert load_parameters(written).arm_serial == "SDA-0001"
+    assert source.arm.active_parameters() == written.read_bytes()
+    assert any("uploaded to slot A" in row for row in script.said)
+
+
+def test_what_is_closed_says_why_and_is_not_done(source):
+    script = run(source, "Go on to step 2")
+    assert "Not done: no arm is connected: connect first (step 1)." in script.said
+    assert script.reason == "end of input"
+
+
+def test_a_wrong_number_and_a_wrong_serial_do_nothing(source):
+    script = run(
+        source, lambda: "99", lambda: "one", *TO_CAPTURE, "Capture all", "Go on", "Calibrate",
+        "Go on", "Go on", "Upload", "SDA-0009", "Leave",
+    )  # fmt: skip
+    assert sum("type a number from 1 to" in row for row in script.said) == 2
+    assert "Not done: that is not SDA-0001. Nothing was sent." in script.said
+    assert source.arm.active_parameters() == b""
+
+
+def test_too_many_position_joints_are_refused_with_the_reason(source):
+    script = run(source, *TO_CAPTURE[:-3], "Choose other", "1 2 5", "Leave")
+    assert any("until a drive trips" in row for row in script.said)
+
+
+def test_notes_undo_and_exclusion(source):
+    script = run(
+        source, *TO_CAPTURE, "Move to", "Capture a pose", "Capture a pose", "Note", "1",
+        "cable touched?", "Exclude", "2", "Exclude", "7", "Take back", "Leave",
+    )  # fmt: skip
+    assert "Pose 1: noise up to" in "".join(script.said)
+    assert any("cable touched?" in row for row in script.said)
+    assert "There is no pose '7'." in script.said
+    assert any("pose 2 taken back" in row for row in script.said)
+
+
+def test_enter_stops_a_motion(source):
+    source.pace_s = 0.005
+    script = Script([*TO_CAPTURE, "Move to", "Leave"])
+    script.touch_after = 0
+    Plain(source.new(), script, pause=lambda _: None).run()
+    assert "moving: press Enter to stop it." in script.said
+    assert any("ended by the operator" in row for row in script.said)
+    assert not source.arm.stops
+
+
+def test_ctrl_c_is_stop_while_an_arm_is_connected_and_its_reset_is_offered(source):
+    def interrupt() -> str:
+        raise KeyboardInterrupt
+
+    script = run(source, *TO_CAPTURE, interrupt, "Reset STOP", "Back to Modes", "Leave")
+    assert len(source.arm.stops) == 1
+    assert any("software STOP sent" in row for row in script.said)
+    assert any("STOP reset: nothing moves" in row for row in script.said)
+
+
+def test_ctrl_c_without_an_arm_leaves(source):
+    def interrupt() -> str:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(source, interrupt)

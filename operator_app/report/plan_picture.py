@@ -6,7 +6,7 @@ For 80 columns, in braille or in plain ASCII, without colour. Decides nothing, p
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -95,10 +95,12 @@ class Plane:
         """Write a label at a pose, or beside it where another label stands already."""
         x, y = self._at(q_rad)
         column, row = int(x) // 2, int(y) // 4
-        for down, right in BESIDE:
+        # First where no other label touches it: 6 beside 7 would read as 67.
+        for gap, (down, right) in product((1, 0), BESIDE):
             cells = [(row + down, column + right * len(text) + k) for k in range(len(text))]
             inside = all(0 <= r < ROWS and 0 <= c < COLUMNS for r, c in cells)
-            if inside and not self._labelled.intersection(cells):
+            around = {(r, c + k) for r, c in cells for k in range(-gap, gap + 1)}
+            if inside and not self._labelled & around:
                 self._labelled.update(cells)
                 self._canvas.letter(2.0 * cells[0][1], 4.0 * cells[0][0], text)
                 return

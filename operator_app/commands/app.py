@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn
 
 from operator_app.commands.options import (
@@ -48,29 +49,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run until the operator leaves."""
-    from operator_app.source import ComposedSource
-
     if not 0.0 < args.speed <= 50.0:
         raise UsageError("--speed: between 0 and 50 times real time")
     if not args.plain and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError("the terminal app needs a terminal: use --plain, or `sarcal run`")
-    source = ComposedSource(
-        args.procedure, choices_from(args), root=args.sessions, speed=args.speed
-    )
-    reason = _plain(args, source) if args.plain else _full_screen(args, source)
-    if source.last is not None:
+    made: list[ComposedSource] = []
+
+    def make_source() -> ComposedSource:
+        from operator_app.source import ComposedSource
+
+        made.append(
+            ComposedSource(args.procedure, choices_from(args), root=args.sessions, speed=args.speed)
+        )
+        return made[0]
+
+    reason = _plain(args, make_source()) if args.plain else _full_screen(args, make_source)
+    last = made[0].last if made else None
+    if last is not None:
         how = "" if reason == "left" else f"ended by {reason}; "
-        print(f"sarcal: {how}the arm is held. Session {source.last}", file=sys.stderr)
-        print(f"Go on with: sarcal --resume {source.last}", file=sys.stderr)
+        print(f"sarcal: {how}the arm is held. Session {last}", file=sys.stderr)
+        print(f"Go on with: sarcal --resume {last}", file=sys.stderr)
     return ExitCode.ACCEPTED if reason in ("left", "end of input") else ExitCode.INTERRUPTED
 
 
-def _full_screen(args: argparse.Namespace, source: ComposedSource) -> str:
+def _full_screen(args: argparse.Namespace, make_source: Callable[[], ComposedSource]) -> str:
     from operator_app.tui.app import run
     from operator_app.tui.look import DARK, LIGHT
 
     return run(
-        source,
+        make_source,
         theme=LIGHT if args.light else DARK,
         ascii_only=args.ascii,
         resume=args.resume,

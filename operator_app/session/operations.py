@@ -76,6 +76,9 @@ class Operations:
             self._session.arm.close()
         identity = self._session.connect()
         self._board.publish(identity=identity)
+        if all("virtual" in node.device_name for node in identity.nodes):
+            # On whatever bus: these nodes say themselves that nothing real moves.
+            self._board.publish(simulated=True)
         self._board.say(
             Level.INFO,
             f"connected to {identity.model}, serial {identity.serial_number}, "

@@ -1,6 +1,7 @@
 """The app: polls one snapshot at 20 Hz, sends keys to actions, STOP straight to the arm.
 
-Decides nothing about a calibration; `session` does. Knows no bus.
+Decides nothing about a calibration; `session` does. Knows no bus. What takes time to import is
+imported by a thread while the first screen is there already.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ import asyncio
 import contextlib
 import os
 import signal
-from collections.abc import Iterator
-from typing import ClassVar
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, ClassVar
 
 from textual import events
 from textual.app import App, SystemCommand
@@ -18,18 +19,19 @@ from textual.binding import BindingType
 from textual.screen import Screen
 from textual.widgets import Input
 
-from operator_app.session.desk import Desk
-from operator_app.session.guards import ends_with_any_key
-from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.source import Source
-from operator_app.tui.actions import Actions
-from operator_app.tui.keys import ACTIONS, PRIMARY, STOP_KEYS, Action, by_name, for_key
-from operator_app.tui.lines import Lines
+from operator_app.tui.keys import PRIMARY, STOP_KEYS, Action, by_name, for_key
+from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, Look, look, themes
-from operator_app.tui.main_screen import MainScreen
 from operator_app.tui.palette import ActionProvider
-from operator_app.tui.widgets.safety_strip import Clicked
+from operator_app.tui.start_screen import StartScreen
+
+if TYPE_CHECKING:
+    from operator_app.session.desk import Desk
+    from operator_app.session.snapshot import SessionSnapshot
+    from operator_app.source import Source
+    from operator_app.tui.actions import Actions
+    from operator_app.tui.main_screen import MainScreen
 
 POLL_S = 1.0 / 20.0
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
@@ -46,7 +48,7 @@ class SarcalApp(App[str]):
 
     def __init__(
         self,
-        source: Source,
+        make_source: Callable[[], Source],
         *,
         theme: str = DARK,
         ascii_only: bool = False,
@@ -59,27 +61,38 @@ class SarcalApp(App[str]):
             self.register_theme(made)
         self.theme = NO_COLOUR if colourless else theme
         self.look: Look = look(self.theme, ascii_only=ascii_only)
-        self.source = source
         self.resume_first = resume
         self.desk: Desk | None = None
         self.step = Step.CONNECT
-        self.main = MainScreen()
-        self.actions = Actions(self)
         self.picture: SessionSnapshot | None = None
+        self.loaded = False
+        self._make_source = make_source
+        self.source: Source
+        self.main: MainScreen
+        self.actions: Actions
 
     # -- life --------------------------------------------------------------------------------------
 
     def get_default_screen(self) -> Screen[None]:
-        """The one main screen."""
-        return self.main
+        """Something to see at once."""
+        return StartScreen()
 
     async def on_mount(self) -> None:
-        """Listen for signals."""
+        """Listen for signals; load the rest."""
         loop = asyncio.get_running_loop()
         for number in ENDINGS:
             # Textual does not unmount on a signal: leave in order instead.
             with contextlib.suppress(ValueError, NotImplementedError, RuntimeError):
                 loop.add_signal_handler(number, self.leave, number.name)
+        self.call_after_refresh(self.run_worker, self._load())
+
+    async def _load(self) -> None:
+        """Import what is heavy, in a thread; then show the main screen."""
+        main_screen, actions = await asyncio.to_thread(_import)
+        self.source = await asyncio.to_thread(self._make_source)
+        self.main, self.actions = main_screen(), actions(self)
+        self.loaded = True
+        await self.push_screen(self.main)
 
     def on_main_screen_ready(self) -> None:
         """Begin a session, or offer to resume; then poll."""
@@ -114,13 +127,18 @@ class SarcalApp(App[str]):
 
     def _take(self, event: events.Key) -> bool:
         """Whether a key was dealt with here."""
+        if not self.loaded:
+            if event.key in by_name("quit").keys:
+                self.leave("left")
+            return True
         key = event.key
         typing = isinstance(self.focused, Input)
         if key in STOP_KEYS and not (key == "space" and typing):
             self.actions.stop_now()
             return True
         desk = self.desk
-        if desk is not None and self.picture is not None and ends_with_any_key(self.picture.task):
+        task = None if self.picture is None else self.picture.task
+        if desk is not None and task is not None and task.moves:
             desk.cancel()
             self.main.refuse("")
             return True
@@ -185,19 +203,29 @@ class SarcalApp(App[str]):
         self.actions.do_quit()
 
 
+def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], Actions]]:
+    """Import what the first screen does not need."""
+    from operator_app.tui.actions import Actions
+    from operator_app.tui.main_screen import MainScreen
+
+    return MainScreen, Actions
+
+
 def run(
-    source: Source, *, theme: str = DARK, ascii_only: bool = False, resume: str | None = None
+    make_source: Callable[[], Source],
+    *,
+    theme: str = DARK,
+    ascii_only: bool = False,
+    resume: str | None = None,
 ) -> str:
     """Run the app until the operator leaves; the arm is held and the journal closed in any case."""
+    app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume)
     reason = "failed"
     try:
-        app = SarcalApp(source, theme=theme, ascii_only=ascii_only, resume=resume)
         reason = app.run() or "left"
         if app.return_code:
             reason = "failed"
     finally:
-        source.close(reason)
+        if app.loaded:
+            app.source.close(reason)
     return reason
-
-
-__all__ = ["ACTIONS", "SarcalApp", "run"]

@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.segment import Segment
+from textual.content import Content
 from textual.geometry import Region
+from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -58,6 +60,14 @@ def beside(left: Line, right: Line, width: int) -> Line:
     return (*left, (" " * gap, "text"), *right)
 
 
+class Clicked(Message):
+    """The operator clicked an action by name."""
+
+    def __init__(self, action: str) -> None:
+        super().__init__()
+        self.action = action
+
+
 class Lines(Widget, can_focus=True):
     """Lines of spans.
 
@@ -85,8 +95,6 @@ class Lines(Widget, can_focus=True):
 
     def retitle(self, text: str) -> None:
         """Set the title without reading markup in it."""
-        from textual.content import Content
-
         app: Any = self.app
         new = Content(app.look.text(text)) if text else ""
         if str(self.border_title or "") != str(new):

@@ -16,7 +16,7 @@ from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import Level, SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.keys import FOOTER, by_name
-from operator_app.tui.lines import Line, Lines, Span, clip, line, wrapped
+from operator_app.tui.lines import Clicked, Line, Lines, Span, clip, line, wrapped
 from operator_app.tui.look import SMALLEST, is_compact
 from operator_app.tui.steps.calibrate import CalibrateView
 from operator_app.tui.steps.capture import CaptureView
@@ -26,7 +26,7 @@ from operator_app.tui.steps.fixture import FixtureView
 from operator_app.tui.steps.modes import ModesView
 from operator_app.tui.steps.results import ResultsView
 from operator_app.tui.steps.view import StepView
-from operator_app.tui.widgets.safety_strip import Banner, Clicked, SafetyStrip
+from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
 from operator_app.tui.widgets.step_rail import StepRail, StepRow
 
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)

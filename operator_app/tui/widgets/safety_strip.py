@@ -8,24 +8,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from textual import events
-from textual.message import Message
 
 from hardware.arm import DriveState, JointMode
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.snapshot import DataState, SessionSnapshot
-from operator_app.tui.lines import Line, Lines, Span, clip
+from operator_app.tui.lines import Clicked, Line, Lines, Span, clip
 
 HEARTBEAT_LATE_S = 0.35
 SEPARATOR: Span = (" │ ", "dim")
 THIN: Span = ("│", "dim")
-
-
-class Clicked(Message):
-    """The operator clicked an action by name."""
-
-    def __init__(self, action: str) -> None:
-        super().__init__()
-        self.action = action
 
 
 class SafetyStrip(Lines, can_focus=False):

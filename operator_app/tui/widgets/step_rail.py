@@ -10,8 +10,7 @@ from hardware.arm import JointMode
 from operator_app.session.guards import missing_for
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Line, Lines, Span, line
-from operator_app.tui.widgets.safety_strip import Clicked
+from operator_app.tui.lines import Clicked, Line, Lines, Span, line
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:

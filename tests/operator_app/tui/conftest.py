@@ -141,7 +141,7 @@ def drive(source: FakeSource):
 
     @asynccontextmanager
     async def run(size: tuple[int, int] = (120, 36), **options):
-        app = SarcalApp(source, **options)
+        app = SarcalApp(lambda: source, **options)
         async with app.run_test(size=size) as pilot:
             driver = Driver(app, pilot)
             await driver.ready()
@@ -157,7 +157,7 @@ def still():
 
     @asynccontextmanager
     async def run(picture, *, step=Step.CONNECT, size=(120, 36), entries=(), **options):
-        app = SarcalApp(StillSource(picture, entries), **options)
+        app = SarcalApp(lambda: StillSource(picture, entries), **options)
         async with app.run_test(size=size) as pilot:
             driver = Driver(app, pilot)
             await driver.ready()

@@ -29,7 +29,7 @@ def compare(snap_compare, monkeypatch):
     monkeypatch.delenv("NO_COLOR", raising=False)
 
     def look(picture, step, size, *, press=(), **options):
-        app = SarcalApp(StillSource(picture), **options)
+        app = SarcalApp(lambda: StillSource(picture), **options)
 
         async def show(pilot) -> None:
             while app.picture is None:

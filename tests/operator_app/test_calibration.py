@@ -68,6 +68,11 @@ def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(
         assert "FLIPPED_BRANCH" in codes(found)
         # What is left is the clean set less two poses.
         np.testing.assert_allclose(found.estimate.x, clean.estimate.x, atol=1e-3)
+    # Readings that are not used still tell up from down.
+    for unsensed in ((6, 7), (1, 5)):
+        found = calibrate(arm, hinge, replace(poses, q_rad=q), unsensed_joints=unsensed)
+        assert found.dropped_flipped == (5, 30)
+        assert found.estimate.converged
 
 
 @pytest.mark.parametrize(("degrees", "verdict"), [(5.0, "warned"), (0.5, "refused")])

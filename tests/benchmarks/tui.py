@@ -1,0 +1,228 @@
+# ruff: noqa: T201 - a benchmark prints
+"""What the terminal app costs and how fast it answers. Run: python -m tests.benchmarks.tui [--quick]
+
+The real program in a pseudo-terminal of 120 x 36. The virtual controller is a process of its own on
+the loopback bus, 100 SYNC/s, and the screen is repainted 20 times a second. Printed:
+
+- first paint, memory
+- CPU of the thread that paints, and of the whole process, at rest and while poses are captured
+- key to screen: from writing a key until the first byte of what it changes, p50 and p95, at rest and
+  while a calibration runs
+- STOP: from writing F8 until the seventh quick-stop frame is on the bus, seen by a third process's
+  socket, at rest, in a dialog, and while a calibration runs on a loaded bus
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import can
+import numpy as np
+
+from hardware.buses import BusSettings, open_bus
+from hardware.cia402 import CONTROLWORD_QUICK_STOP
+from hardware.objects import COB_RPDO1
+from tests.oracles.pty_program import PtyProgram
+
+QUICK = "--quick" in sys.argv
+SARCAL = str(Path(sys.executable).with_name("sarcal"))
+CHANNEL = f"bench-{os.getpid()}"
+POSES = 12
+F8 = b"\x1b[19~"
+JOINTS = 7
+KEYS = 20 if QUICK else 100
+STOPS = 5 if QUICK else 30
+LOAD_PER_S = 500
+"""Frames a second of other traffic while the bus is loaded."""
+
+
+class StopWatch:
+    """Listens on the bus for quick stops."""
+
+    def __init__(self) -> None:
+        self._bus = open_bus(BusSettings(interface="loopback", channel=CHANNEL))
+        self._seen: dict[int, float] = {}
+        self._news = threading.Condition()
+        self._end = False
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        while not self._end:
+            message = self._bus.recv(0.2)
+            if message is None:
+                continue
+            node = message.arbitration_id - COB_RPDO1
+            if 1 <= node <= JOINTS and len(message.data) >= 2:
+                word = int.from_bytes(message.data[:2], "little")
+                if word == CONTROLWORD_QUICK_STOP:
+                    with self._news:
+                        self._seen.setdefault(node, time.monotonic())
+                        self._news.notify_all()
+
+    def quiet(self) -> None:
+        """Forget what was seen, and make sure that nothing is sent without being asked for."""
+        with self._news:
+            self._seen.clear()
+            if self._news.wait_for(lambda: bool(self._seen), timeout=0.1):
+                raise RuntimeError(f"quick stop of {sorted(self._seen)} that nobody asked for")
+
+    def all_seven(self) -> float:
+        """Return when the seventh drive's frame was there."""
+        with self._news:
+            if not self._news.wait_for(lambda: len(self._seen) == JOINTS, timeout=5.0):
+                raise TimeoutError(f"quick stop reached {sorted(self._seen)} only")
+            return max(self._seen.values())
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._end = True
+        self._thread.join()
+        self._bus.shutdown()
+
+
+class Load:
+    """Other traffic on the bus: frames that concern nobody."""
+
+    def __init__(self) -> None:
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._send, daemon=True)
+        self._thread.start()
+
+    def _send(self) -> None:
+        bus = open_bus(BusSettings(interface="loopback", channel=CHANNEL))
+        message = can.Message(arbitration_id=0x7F0, data=bytes(8), is_extended_id=False)
+        while not self._end.wait(1.0 / LOAD_PER_S):
+            bus.send(message)
+        bus.shutdown()
+
+    def close(self) -> None:
+        """End it."""
+        self._end.set()
+        self._thread.join()
+
+
+def main() -> None:
+    """Measure and print."""
+    with tempfile.TemporaryDirectory() as root:
+        folder = Path(root)
+        controller = subprocess.Popen(
+            [SARCAL, "controller", "-i", "loopback", "-c", CHANNEL, "--seed", "1"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        app = PtyProgram(
+            [SARCAL, "-i", "loopback", "-c", CHANNEL, "--scenario", "datasheet", "--seed", "1",
+             "--poses", str(POSES)],
+            size=(120, 36), folder=folder,
+        )  # fmt: skip
+        try:
+            measure(app)
+        finally:
+            app.close()
+            controller.terminate()
+            controller.wait(20)
+
+
+def measure(app: PtyProgram) -> None:
+    """Walk the app to each situation and measure there."""
+    print(f"first paint            {1e3 * (app.seen('loading', 0) - app.began_s):7.0f} ms")
+    print(f"ready for the first key{1e3 * (app.seen('Enter connects', 0) - app.began_s):7.0f} ms")
+    press(app, b"\r", "goes on to Fixture")
+    press(app, b"\r", "Check list")
+    press(app, b"\r", "goes on to Modes")
+    press(app, b"\r", "Ranked")
+    press(app, b"a", "Apply the modes?")
+    press(app, b"y", "goes on to Capture")
+    press(app, b"\r", "What the poses tell")
+    cpu(app, "at rest")
+    app.write(b"a")
+    app.seen("ANY KEY STOPS", 0)
+    cpu(app, "capturing")
+    app.seen(f"all {POSES} poses captured", 0, patience_s=120.0)
+    print(f"memory, all captured   {app.memory_mb():7.1f} MB")
+    answers(app, "at rest")
+    watch = StopWatch()
+    try:
+        stops(app, watch, "at rest")
+        stops(app, watch, "in a dialog", before=b"q")
+        load = Load()
+        app.write(b"5")
+        stops(app, watch, "dialog, solving, loaded bus", before=b"sq")
+        load.close()
+    finally:
+        watch.close()
+    answers(app, "while solving", to=(b"5s", "Calibration"))
+    print(f"memory, solved         {app.memory_mb():7.1f} MB")
+
+
+def press(app: PtyProgram, key: bytes, text: str) -> None:
+    """Press a key and wait for what it leads to."""
+    mark = app.mark()
+    app.write(key)
+    app.seen(text, mark)
+
+
+def cpu(app: PtyProgram, what: str) -> None:
+    """Share of one core over a few seconds."""
+    seconds = 3.0 if QUICK else 10.0
+    thread, process, began = app.thread_cpu_s(), app.cpu_s(), time.monotonic()
+    threading.Event().wait(seconds)
+    took = time.monotonic() - began
+    painting, whole = app.thread_cpu_s() - thread, app.cpu_s() - process
+    print(
+        f"CPU, {what:<18}{100 * painting / took:7.1f} % painting, {100 * whole / took:.1f} % in all"
+    )
+
+
+def answers(app: PtyProgram, what: str, to: tuple[bytes, str] = (b"4", "Captured")) -> None:
+    """Key to screen: back and forth between Connect and another step, until its title is written."""
+    times = []
+    press(app, b"1", "Nodes")
+    for _ in range(KEYS // 2):
+        for keys, title in (to, (b"1", "Nodes")):
+            mark = app.mark()
+            pressed = app.write(keys)
+            times.append(app.seen(title, mark) - pressed)
+            # Not in step with the repaints, which are every 50 ms.
+            threading.Event().wait(0.05 + 0.03 * (len(times) % 7))
+    show(f"key, {what}", times)
+
+
+def stops(app: PtyProgram, watch: StopWatch, what: str, before: bytes = b"") -> None:
+    """F8 to the seventh frame on the bus; each time reset before the next."""
+    times = []
+    for _ in range(STOPS):
+        if before:
+            app.write(before)
+            threading.Event().wait(0.2)
+        watch.quiet()
+        mark = app.mark()
+        pressed = app.write(F8)
+        times.append(watch.all_seven() - pressed)
+        app.seen("SOFTWARE STOP", mark)
+        if before:
+            app.write(b"\x1b")
+            threading.Event().wait(0.3)
+        mark = app.mark()
+        app.write(b"R")
+        app.seen("STOP reset", mark)
+    show(f"STOP, {what}", times)
+
+
+def show(what: str, times: list[float]) -> None:
+    """Print p50, p95, p99 and the largest."""
+    ms = 1e3 * np.array(times)
+    p50, p95, p99 = np.percentile(ms, [50, 95, 99])
+    print(
+        f"{what:<34} p50 {p50:6.1f}  p95 {p95:6.1f}  p99 {p99:6.1f}  max {ms.max():6.1f} ms  (n {len(ms)})"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""A program in a pseudo-terminal of our own, with the time of every byte it writes. Linux only."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import struct
+import subprocess
+import termios
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+
+
+class PtyProgram:
+    """One program; `written` is everything it wrote, `began_s` when it was started (monotonic)."""
+
+    def __init__(self, command: Sequence[str], *, size: tuple[int, int], folder: Path) -> None:
+        self._master, slave = pty.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
+        environment = {**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
+        self.began_s = time.monotonic()
+        self.process = subprocess.Popen(
+            command, stdin=slave, stdout=slave, stderr=slave, cwd=folder, env=environment,
+            start_new_session=True,
+        )  # fmt: skip
+        os.close(slave)
+        self._news = threading.Condition()
+        self._chunks: list[tuple[float, bytes]] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        while True:
+            try:
+                data = os.read(self._master, 65536)
+            except OSError:
+                data = b""
+            now = time.monotonic()
+            with self._news:
+                if not data:
+                    return
+                self._chunks.append((now, data))
+                self._news.notify_all()
+
+    def write(self, keys: bytes) -> float:
+        """Press keys; return when (monotonic)."""
+        now = time.monotonic()
+        os.write(self._master, keys)
+        return now
+
+    def mark(self) -> int:
+        """Return a place in the output to look from."""
+        with self._news:
+            return len(self._chunks)
+
+    def seen(self, text: str, since: int, patience_s: float = 60.0) -> float:
+        """Return when `text` was written after the mark `since` (monotonic)."""
+        wanted = text.encode()
+        end = time.monotonic() + patience_s
+        at, tail = since, b""
+        with self._news:
+            while True:
+                while at < len(self._chunks):
+                    when, data = self._chunks[at]
+                    at += 1
+                    tail = (tail + data)[-65536:]
+                    if wanted in tail:
+                        return when
+                if not self._news.wait(end - time.monotonic()):
+                    raise TimeoutError(f"never written: {text}\n{tail[-3000:]!r}")
+
+    def thread_cpu_s(self) -> float:
+        """CPU time of the main thread, where the screen is painted."""
+        return _cpu_s(Path(f"/proc/{self.process.pid}/task/{self.process.pid}/stat"))
+
+    def cpu_s(self) -> float:
+        """CPU time of all threads."""
+        return _cpu_s(Path(f"/proc/{self.process.pid}/stat"))
+
+    def memory_mb(self) -> float:
+        """Resident memory."""
+        for row in Path(f"/proc/{self.process.pid}/status").read_text().splitlines():
+            if row.startswith("VmRSS:"):
+                return int(row.split()[1]) / 1024.0
+        raise RuntimeError("no VmRSS")
+
+    def close(self) -> None:
+        """End it."""
+        if self.process.poll() is None:
+            self.process.terminate()
+            self.process.wait(20)
+        os.close(self._master)
+
+
+def _cpu_s(stat: Path) -> float:
+    fields = stat.read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS_PER_S

@@ -2,30 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-RUNNER = REPOSITORY.parent / "shared" / "tools" / "uml_run.py"
+from oracles.user_mode_linux import in_user_mode_linux
 
-_missing = [
-    what
-    for what, there in (
-        (f"{RUNNER.name} (runs a command under User-Mode Linux)", RUNNER.exists()),
-        ("Debian package user-mode-linux", shutil.which("linux.uml") is not None),
-        ("Debian package can-utils", shutil.which("candump") is not None),
-        (
-            "Debian package iproute2",
-            Path("/usr/sbin/ip").exists() or Path("/sbin/ip").exists(),
-        ),
-    )
-    if not there
-]
-pytestmark = pytest.mark.skipif(bool(_missing), reason="needs " + "; ".join(_missing))
+pytestmark = pytest.mark.needs("linux.uml", "candump", "ip")
 
 INSIDE = """
 import pathlib, subprocess, sys, time
@@ -60,41 +43,20 @@ bus.shutdown()
 """
 
 
-def _in_uml(*command: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [
-            sys.executable,
-            str(RUNNER),
-            "/usr/bin/env",
-            "-C",
-            str(REPOSITORY),
-            "TMPDIR=/run",
-            *command,
-        ],
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
-
-
 def test_socketcan_keeps_the_contracts_of_transport_and_arm() -> None:
     # Timing under a user-mode kernel on one processor says nothing; two sessions of the arm are enough.
     chosen = "socketcan and (transport_contract or two_driven or stop_in_a_move)"
     contracts = [f"tests/contracts/test_{what}_contract.py" for what in ("transport", "arm")]
-    done = _in_uml(
+    said = in_user_mode_linux(
         sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", "--no-cov",
         "--basetemp=/run/pytest", "-k", chosen, *contracts,
     )  # fmt: skip
-    assert done.returncode == 0, done.stdout[-4000:]
-    assert "skipped" not in done.stdout
-    assert " passed" in done.stdout
+    assert "skipped" not in said
+    assert " passed" in said
 
 
 def test_candump_and_cansend_agree_and_missing_devices_are_named() -> None:
-    done = _in_uml(sys.executable, "-c", INSIDE)
-    assert done.returncode == 0, done.stdout[-4000:]
-    lines = done.stdout.splitlines()
+    lines = in_user_mode_linux(sys.executable, "-c", INSIDE).splitlines()
     assert "DUMP ['181#112233', '181#FF']" in lines
     assert "HEARD 0x581 4b41600027020000" in lines
     (missing,) = (line for line in lines if line.startswith("MISSING"))

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-RUNNER = REPOSITORY.parent / "shared" / "tools" / "uml_run.py"
+from oracles.user_mode_linux import in_user_mode_linux
 
 SCRIPT = """
 cd /run
 candump -L vcan0 > dump.log &
 "$0" -m operator_app.cli controller -i socketcan -c vcan0 2> controller.err &
 controller=$!
-until grep -q Ctrl-C controller.err; do :; done
+until grep -q Ctrl-C controller.err; do sleep 0.2; done
 "$0" -m operator_app.cli run hinge -i socketcan -c vcan0 --poses 3 --json > out.json 2> run.err
 echo "CODE $?"
 kill -INT $controller
@@ -28,21 +25,11 @@ echo "JSON $(tr -d '\\n' < out.json)"
 
 
 @pytest.mark.needs("linux.uml", "candump", "ip")
-@pytest.mark.skipif(not RUNNER.is_file(), reason="needs ../shared/tools, beside the repository")
 def test_a_run_on_vcan0_with_candump_as_witness() -> None:
-    done = subprocess.run(
-        [
-            sys.executable, str(RUNNER), "/usr/bin/env", "TMPDIR=/run", f"PYTHONPATH={REPOSITORY}",
-            "bash", "-c", SCRIPT, sys.executable,
-        ],
-        capture_output=True,
-        text=True,
-        timeout=280,
-        check=False,
-    )  # fmt: skip
-    lines = {line.split()[0]: line for line in done.stdout.splitlines() if line.strip()}
+    said = in_user_mode_linux("bash", "-c", SCRIPT, sys.executable)
+    lines = {line.split()[0]: line for line in said.splitlines() if line.strip()}
     # Three poses determine the arm but not well: solved, and accepted or not.
-    assert lines["CODE"] in ("CODE 0", "CODE 4"), done.stdout[-3000:]
+    assert lines["CODE"] in ("CODE 0", "CODE 4"), said[-3000:]
     found = json.loads(lines["JSON"][5:])
     assert found["poses"] == 3
     assert found["rank"] == 14

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from itertools import combinations
-from time import perf_counter
 
 import numpy as np
 import pytest
@@ -88,15 +87,3 @@ def test_only_allowed_poses_are_chosen(told) -> None:
     assert set(choose_poses(told.root, 9, allowed=allowed).chosen) <= set(np.flatnonzero(allowed))
     with pytest.raises(ValueError, match="9 poses asked of 0"):
         choose_poses(told.root, 9, allowed=np.zeros(len(told.root), dtype=bool))
-
-
-def test_update_is_fast_enough_for_the_screen(told) -> None:
-    root = np.concatenate([told.root] * 3)[:3000]
-    M = told.of(range(10))
-    next_best(root, M)
-    times = []
-    for _ in range(5):
-        start = perf_counter()
-        next_best(root, M)
-        times.append(perf_counter() - start)
-    assert min(times) < 0.05

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from time import process_time
 
 import numpy as np
 import pytest
@@ -64,15 +63,11 @@ def test_twelve_planned_beat_sixty_random_by_the_oracle(task, x) -> None:
     assert plan.predicted_sigma == pytest.approx(np.sqrt(np.diag(planned)), rel=1e-3)
 
 
-def test_planning_is_fast(task, x) -> None:
-    start = process_time()
+def test_twenty_poses_are_chosen_from_thousands(task, x) -> None:
+    """How long that takes, tests/benchmarks/planning.py says."""
     plan = make_plan(task, x, HOME, 20)
-    assert process_time() - start < 2.0
     assert plan.manifold.size > 2500
-    information = information_of(task, x, plan.poses_rad)
-    start = process_time()
-    plan.best_now(information)
-    assert process_time() - start < 0.05
+    assert len(set(plan.visits)) == 20
 
 
 def test_captured_poses_change_the_plan(task, x, plan) -> None:

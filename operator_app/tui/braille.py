@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,8 @@ if TYPE_CHECKING:
     from operator_app.tui.lines import Line
 
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+_LAST_BITS = 1e-6
+"""Places that differ by rounding errors only must fall on one dot, on every machine."""
 _ASCII_MARK = {"text": "*", "dim": ".", "accent": "o", "warn": "!", "alarm": "!"}
 
 
@@ -43,16 +46,17 @@ class Canvas:
 
     def dot(self, x: float, y: float, role: str = "text") -> None:
         """Set one dot; outside of the canvas nothing happens."""
-        column, row = int(x) // 2, int(y) // 4
-        if 0 <= column < self.columns and 0 <= row < self.rows and x >= 0 and y >= 0:
-            self._bits[row][column] |= _DOTS[int(x) % 2][int(y) % 4]
+        across, down = _whole(x), _whole(y)
+        column, row = across // 2, down // 4
+        if 0 <= column < self.columns and 0 <= row < self.rows:
+            self._bits[row][column] |= _DOTS[across % 2][down % 4]
             self._roles[row][column] = role
 
     def segment(
         self, x0: float, y0: float, x1: float, y1: float, role: str = "text", every: int = 1
     ) -> None:
         """Draw a straight line; `every` > 1 leaves gaps."""
-        steps = int(max(abs(x1 - x0), abs(y1 - y0), 1.0))
+        steps = _whole(max(abs(x1 - x0), abs(y1 - y0), 1.0))
         for k in range(0, steps + 1, every):
             self.dot(x0 + (x1 - x0) * k / steps, y0 + (y1 - y0) * k / steps, role)
 
@@ -64,7 +68,7 @@ class Canvas:
 
     def letter(self, x: float, y: float, text: str, role: str = "text") -> None:
         """Write text over the cell at a dot."""
-        column, row = int(x) // 2, int(y) // 4
+        column, row = _whole(x) // 2, _whole(y) // 4
         for k, character in enumerate(text):
             if 0 <= column + k < self.columns and 0 <= row < self.rows:
                 self._letters[row, column + k] = (character, role)
@@ -93,3 +97,7 @@ class Canvas:
         if self._ascii:
             return _ASCII_MARK.get(role, "*"), role
         return chr(0x2800 + bits), role
+
+
+def _whole(place: float) -> int:
+    return math.floor(place + _LAST_BITS)

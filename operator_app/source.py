@@ -9,6 +9,9 @@ from typing import Protocol
 
 from hardware.control_loop import Pace
 from operator_app.composition import open_arm
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.config.resources import builtin_names
 from operator_app.session.desk import Desk
 from operator_app.session.folder import SessionEntry, list_sessions
 from operator_app.session.journal import JOURNAL_NAME, Journal
@@ -19,8 +22,12 @@ from operator_app.session.workflow import Session
 class Source(Protocol):
     """Gives one desk at a time."""
 
-    def new(self) -> Desk:
-        """Begin a session."""
+    def new(self, procedure: str | None = None) -> Desk:
+        """Begin a session, of another procedure if one is named."""
+        ...
+
+    def procedures(self) -> tuple[Procedure, ...]:
+        """The procedures a session can follow."""
         ...
 
     def resumed(self, reference: str) -> Desk:
@@ -63,15 +70,23 @@ class ComposedSource:
         self._desk: Desk | None = None
         self.last: Path | None = None
 
-    def new(self) -> Desk:
-        """Begin a session."""
+    def new(self, procedure: str | None = None) -> Desk:
+        """Begin a session; a procedure that is named stays chosen."""
+        named = procedure or self._procedure
+        opening = begin(named, self._choices, root=self._root)
+        self._procedure = named
         self.close("another session was begun")
-        return self._open(begin(self._procedure, self._choices, root=self._root))
+        return self._open(opening)
+
+    def procedures(self) -> tuple[Procedure, ...]:
+        """The packaged ones."""
+        return tuple(load_procedure(name) for name in builtin_names("procedure"))
 
     def resumed(self, reference: str) -> Desk:
         """Go on with a session."""
+        opening = resume(reference, self._choices, root=self._root)
         self.close("another session was resumed")
-        return self._open(resume(reference, self._choices, root=self._root))
+        return self._open(opening)
 
     def sessions(self) -> tuple[SessionEntry, ...]:
         """All sessions, newest first."""

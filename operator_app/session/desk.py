@@ -19,6 +19,7 @@ from typing import Any
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.errors import HardwareError
 from operator_app.session.journal import Clock, utc_now
+from operator_app.session.motion import MotionWatch
 from operator_app.session.operations import Cancelled, Operations
 from operator_app.session.snapshot import (
     LOST_S,
@@ -36,7 +37,6 @@ from operator_app.session.workflow import Session
 
 WATCH_PERIOD_S = 0.05
 MESSAGES_KEPT = 100
-RATE_WINDOW_S = 1.0
 FIELDS = frozenset(f.name for f in fields(SessionSnapshot))
 
 MOVING = frozenset({TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.VERIFY})
@@ -81,7 +81,7 @@ class Desk:
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
-        self._rates: list[tuple[float, int]] = []
+        self._motion = MotionWatch(session.model, session.procedure.capture)
         self._seen_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(
@@ -156,7 +156,6 @@ class Desk:
             data=state,
             oldest_s=oldest,
             stale_joints=tuple(j.joint for j in arm.joints if j.age_s > STALE_S),
-            sync_rate_hz=self._rate(now, arm.sync_count),
         )
 
     def _arm_snapshot(self) -> ArmSnapshot | None:
@@ -166,14 +165,10 @@ class Desk:
             # The link went down between two looks; the watchman says so once.
             return None
 
-    def _rate(self, now: float, syncs: int) -> float:
-        """SYNCs a second over the last window."""
-        marks = self._rates
-        marks.append((now, syncs))
-        while len(marks) > 2 and now - marks[0][0] > RATE_WINDOW_S:
-            marks.pop(0)
-        span = now - marks[0][0]
-        return (syncs - marks[0][1]) / span if span > 0.0 else 0.0
+    @property
+    def connected(self) -> bool:
+        """Whether there is an arm to stop."""
+        return self.session.identity is not None
 
     # -- commands ----------------------------------------------------------------------------------
 
@@ -281,6 +276,7 @@ class Desk:
         lost = False
         while not self._closing.wait(WATCH_PERIOD_S):
             now = self.snapshot()
+            self._look_at_motion(now)
             if now.arm is not None and now.stop is not None:
                 self._count_stopped(now, now.stop)
             if now.data is DataState.LOST and not lost:
@@ -294,6 +290,13 @@ class Desk:
             elif lost and now.data is DataState.FRESH:
                 lost = False
                 self.say(Level.INFO, "the data are back: reset STOP (R) when it is safe")
+
+    def _look_at_motion(self, now: SessionSnapshot) -> None:
+        if now.arm is not None and now.data is DataState.FRESH:
+            self.publish(motion=self._motion.see(now.now_s, now.arm))
+        elif now.motion is not None:
+            self._motion.forget()
+            self.publish(motion=None)
 
     def _stop_quietly(self) -> None:
         self.cancel()

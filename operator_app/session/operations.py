@@ -184,13 +184,19 @@ class Operations:
         """Explore, plan on what was found, visit; going on where it was ended."""
         session = self._session
         capture = PlannedCapture(
-            session, session.position_joints, say=lambda text: self._board.say(Level.INFO, text)
+            session,
+            session.position_joints,
+            say=lambda text: self._board.say(Level.INFO, text),
+            on_move=lambda move: self._board.publish(heading=move),
         )
         drives = capture.ready()
         if drives != session.position_joints:
             session.set_modes(drives)
         self._board.publish(at_waypoint=None)
-        end = capture.run(on_pose=lambda _state: self.refresh(), ended=self._ends)
+        try:
+            end = capture.run(on_pose=lambda _state: self.refresh(), ended=self._ends)
+        finally:
+            self._board.publish(heading=None)
         self.refresh()
         self._raise_if_cancelled()
         if end is not None:

@@ -69,6 +69,8 @@ class PlannedCapture:
         Joints to begin with; a campaign that is under way knows its own.
     say
         Takes a sentence when something is decided.
+    on_move
+        Hears of every move before it begins.
     """
 
     def __init__(
@@ -77,11 +79,12 @@ class PlannedCapture:
         drives: tuple[int, ...],
         *,
         say: Callable[[str], None] = lambda _text: None,
+        on_move: Callable[[GoTo], None] = lambda _move: None,
         candidates: int = CANDIDATES,
     ) -> None:
         require_closed_chain(session.fixture)
         self._session = session
-        self._say = say
+        self._say, self._on_move = say, on_move
         self._candidates = candidates
         self._chosen = drives
         self._campaign: Campaign | None = None
@@ -175,6 +178,7 @@ class PlannedCapture:
         def watch(snapshot: ArmSnapshot) -> str | None:
             return (ended and ended(snapshot)) or on_path(snapshot.positions_rad)
 
+        self._on_move(action)
         moved = session.go_to(action.targets_rad, watch)
         if ended is not None and ended(session.arm.snapshot()) is not None:
             return False

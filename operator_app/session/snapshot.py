@@ -17,7 +17,9 @@ from operator_app.checks import Checks
 from operator_app.config.procedure import Procedure
 from operator_app.session.forecast import Forecast
 from operator_app.session.live import LiveQuality
+from operator_app.session.motion import Motion
 from operator_app.session.state import SessionState
+from solver.design.actions import GoTo
 from solver.design.drive_joints import RankedDrives
 
 STALE_S = 0.1
@@ -150,6 +152,8 @@ class SessionSnapshot:
         Latest state of the arm; None before there is one.
     data, oldest_s, stale_joints
         Age of the data: verdict, age of the oldest joint's answer, joints older than `STALE_S`.
+    motion
+        How the joints moved lately; None without fresh data.
     simulated, bus
         Whether nothing real can move, and which bus this is, in words.
     stop_tested, ticked
@@ -157,6 +161,8 @@ class SessionSnapshot:
     plan, forecast, next_waypoint, best_waypoint, at_waypoint
         Waypoints, what the model says of them; the one that is next, that would tell most, that the
         arm is at.
+    heading
+        Where a planned capture takes the arm now, with the poses predicted on the way; else None.
     estimator, unsensed_joints
         How the next calibration will be made.
     """
@@ -175,7 +181,7 @@ class SessionSnapshot:
     data: DataState = DataState.NONE
     oldest_s: float = 0.0
     stale_joints: tuple[int, ...] = ()
-    sync_rate_hz: float = 0.0
+    motion: Motion | None = None
     stop_tested: bool = False
     checks: tuple[SetupCheck, ...] = ()
     ticked: frozenset[int] = frozenset()
@@ -186,6 +192,7 @@ class SessionSnapshot:
     next_waypoint: int | None = None
     best_waypoint: int | None = None
     at_waypoint: int | None = None
+    heading: GoTo | None = None
     live: LiveQuality | None = None
     iterations: tuple[Iteration, ...] = ()
     solution: Solution | None = None
@@ -203,6 +210,11 @@ class SessionSnapshot:
     def connected(self) -> bool:
         """Whether an arm has answered and was checked."""
         return self.identity is not None
+
+    @property
+    def sync_rate_hz(self) -> float:
+        """SYNC messages a second; 0 without fresh data."""
+        return 0.0 if self.motion is None else self.motion.sync_rate_hz
 
     @property
     def stopped(self) -> bool:

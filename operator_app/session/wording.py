@@ -19,6 +19,7 @@ from hardware.errors import (
     WrongArm,
 )
 from operator_app.config.errors import ConfigError, WriteError
+from operator_app.config.procedure import Procedure
 from operator_app.session.errors import SessionError
 from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
 
@@ -66,6 +67,18 @@ def _remedy(error: BaseException) -> str:
             return "Free space or choose another folder; the journal is whole"
         case _:
             return "Nothing was changed"
+
+
+def summary(procedure: Procedure) -> str:
+    """Return a procedure in one line: fixture, drive joints, poses."""
+    capture, joints = procedure.capture, procedure.position_joints
+    drives = "drive joints by rank"
+    if joints is not None:
+        drives = f"J{' J'.join(map(str, joints))} drive{'s' if len(joints) == 1 else ''}"
+    poses = f"{capture.poses} poses as they come"
+    if capture.strategy == "planned":
+        poses = f"{capture.poses} planned poses after a short exploration"
+    return f"{procedure.name}: {procedure.fixture.name}, {drives}, {poses}"
 
 
 def _capital(text: str) -> str:

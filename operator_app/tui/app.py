@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING, ClassVar
 from textual import events
 from textual.app import App, SystemCommand
 from textual.binding import BindingType
+from textual.driver import Driver
 from textual.screen import Screen
 from textual.widgets import Input
 
 from operator_app.session.steps import Step
+from operator_app.tui.driver import watched
 from operator_app.tui.keys import PRIMARY, STOP_KEYS, Action, by_name, for_key
 from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, Look, look, themes
@@ -66,6 +68,7 @@ class SarcalApp(App[str]):
         self.step = Step.CONNECT
         self.picture: SessionSnapshot | None = None
         self.loaded = False
+        self._stopped_at_the_door: list[events.Key] = []
         self._make_source = make_source
         self.source: Source
         self.main: MainScreen
@@ -117,6 +120,22 @@ class SarcalApp(App[str]):
 
     # -- keys --------------------------------------------------------------------------------------
 
+    def get_driver_class(self) -> type[Driver]:
+        """The platform's, with STOP at the door."""
+        return watched(super().get_driver_class(), self.at_the_door)
+
+    def at_the_door(self, event: events.Key) -> None:
+        """STOP from the thread that reads the keys; the loop hears of it when it has time."""
+        desk = self.desk
+        if desk is not None and desk.connected and self._is_stop(event):
+            self._stopped_at_the_door.append(event)
+            desk.stop()
+
+    def _is_stop(self, event: events.Key) -> bool:
+        """F8 always; space unless somebody is writing."""
+        typing = event.key == "space" and isinstance(self.focused, Input)
+        return event.key in STOP_KEYS and not typing
+
     async def on_event(self, event: events.Event) -> None:
         """Look at keys before anything else: STOP first, then whatever ends a motion."""
         if isinstance(event, events.Key) and not event.is_forwarded and self._take(event):
@@ -131,9 +150,12 @@ class SarcalApp(App[str]):
             if event.key in by_name("quit").keys:
                 self.leave("left")
             return True
+        if any(event is done for done in self._stopped_at_the_door):
+            self._stopped_at_the_door.clear()
+            self.main.refuse("")
+            return True
         key = event.key
-        typing = isinstance(self.focused, Input)
-        if key in STOP_KEYS and not (key == "space" and typing):
+        if self._is_stop(event):
             self.actions.stop_now()
             return True
         desk = self.desk

@@ -62,6 +62,9 @@ ACTIONS: tuple[Action, ...] = (
            steps=_at(Step.CONNECT)),
     Action(name="resume", keys=("o",), shown="o", label="Open session",
            help="Resume an earlier session.", steps=_at(Step.CONNECT, Step.EXPORT)),
+    Action(name="procedure", keys=("p",), shown="p", label="Procedure",
+           help="Take another procedure: fixture, drive joints, how poses are chosen. It begins a "
+           "new session.", steps=_at(Step.CONNECT, Step.FIXTURE)),
     Action(name="check_fixture", keys=("k",), shown="k", label="Check again",
            help="Judge the fixture's placement again where the arm stands now.",
            steps=_at(Step.FIXTURE)),
@@ -150,12 +153,12 @@ ACTIONS: tuple[Action, ...] = (
 
 FOOTER: dict[Step, tuple[str, ...]] = {
     Step.CONNECT: ("stop", "primary", "stop_tested", "resume", "help", "quit"),
-    Step.FIXTURE: ("stop", "primary", "check_fixture", "back", "help", "quit"),
+    Step.FIXTURE: ("stop", "primary", "procedure", "back", "help", "quit"),
     Step.MODES: ("stop", "primary", "toggle_mode", "suggest", "wiggle", "help"),
     Step.CAPTURE: ("stop", "primary", "go", "capture", "undo", "help"),
     Step.CALIBRATE: ("stop", "primary", "estimator", "unsensed", "back", "help"),
     Step.RESULTS: ("stop", "primary", "view", "back", "help", "quit"),
-    Step.EXPORT: ("stop", "primary", "upload", "verify", "new_session", "help"),
+    Step.EXPORT: ("stop", "primary", "verify", "report", "new_session", "help"),
 }
 """At most six a step; everything else is in the palette and in help."""
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.segment import Segment
+from rich.style import Style
 from textual.content import Content
 from textual.geometry import Region
 from textual.message import Message
@@ -87,7 +88,7 @@ class Lines(Widget, can_focus=True):
         super().__init__(id=id, classes=classes)
         self._lines: tuple[Line, ...] = ()
         self._strips: dict[int, Strip] = {}
-        self._links: dict[int, str] = {}
+        self._base: Style | None = None
 
     def on_mount(self) -> None:
         """Title the frame."""
@@ -132,6 +133,7 @@ class Lines(Widget, can_focus=True):
 
     def forget(self) -> None:
         """Paint everything anew, after a change of look."""
+        self._base = None
         self._strips.clear()
         self.refresh()
 
@@ -146,13 +148,16 @@ class Lines(Widget, can_focus=True):
 
     def on_resize(self) -> None:
         """Forget rows that were cut for another width."""
+        self._base = None
         self._strips.clear()
 
     def _strip(self, row: Line, width: int) -> Strip:
         app: Any = self.app
         look: Look = app.look
         row = clip(row, width)
-        base = self.rich_style
+        if self._base is None:
+            self._base = self.rich_style
+        base = self._base
         if row and row[0][1].startswith("cursor"):
             base += look.style("cursor")
         segments = [Segment(look.text(text), base + look.style(role)) for text, role in row]

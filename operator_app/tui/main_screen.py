@@ -29,6 +29,8 @@ from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
 from operator_app.tui.widgets.step_rail import StepRail, StepRow
 
+SELDOM = 4
+"""Strip and rail are repainted every so many times only, unless there is news."""
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
 MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
 
@@ -138,6 +140,8 @@ class MainScreen(Screen[None]):
         self.log_lines = Log(id="log")
         self.steps = tuple(view() for view in VIEWS)
         self.too_small = TooSmall(id="too-small")
+        self._frames = 0
+        self._told: object = None
 
     def on_mount(self) -> None:
         """Say so."""
@@ -181,11 +185,25 @@ class MainScreen(Screen[None]):
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot."""
-        frame = (self.strip, self.banner, *self.rails, self.hint, self.log_lines, self.footer)
-        for widget in frame:
+        self._frames += 1
+        news = self._news(s)
+        often: tuple[Lines, ...] = (self.banner, self.hint, self.log_lines, self.footer)
+        if news != self._told or self._frames % SELDOM == 0:
+            # Ages in milliseconds cannot be read twenty times a second.
+            self._told = news
+            often = (self.strip, *self.rails, *often)
+        for widget in often:
             if widget.display:
                 widget.show(s)
         self.view.show(s)
+
+    def _news(self, s: SessionSnapshot) -> object:
+        """What strip and rail must show at once."""
+        modes = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
+        return (
+            s.data, s.stale_joints, s.stopped, s.connected, s.simulated, modes, id(s.state), s.ticked,
+            s.stop_tested, id(s.solution), id(s.written), id(s.receipt), self.hint.step, self.size,
+        )  # fmt: skip
 
     def on_resize(self, event: events.Resize) -> None:
         """Take the layout for this size."""

@@ -12,7 +12,7 @@ from operator_app.session.operations import Operations
 from operator_app.session.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.state import SessionState
 from operator_app.session.steps import Step
-from operator_app.session.wording import EXPECTED, words
+from operator_app.session.wording import EXPECTED, summary, words
 from operator_app.tui.dialogs import Choose, Confirm, Read
 from operator_app.tui.help import help_text
 from operator_app.tui.lines import Lines
@@ -145,12 +145,9 @@ class Navigation:
 
     def stop_now(self) -> None:
         """Software STOP, from this thread, at once."""
-        if (
-            self.app.desk is not None
-            and self.app.picture is not None
-            and self.app.picture.connected
-        ):
-            self.app.desk.stop()
+        desk = self.app.desk
+        if desk is not None and desk.connected:
+            desk.stop()
             self.app.main.refuse("")
         else:
             self.app.main.refuse("STOP: no arm is connected, nothing was sent")
@@ -181,6 +178,17 @@ class Navigation:
 
         text = "This session is closed and kept; the arm is held. Another one begins at step 1."
         self.app.push_screen(Confirm("New session?", text, "Begin"), answer)
+
+    def do_procedure(self) -> None:
+        """Take another procedure; a session with poses is closed and kept."""
+        options = [(p.name, summary(p)) for p in self.app.source.procedures()]
+
+        def answer(said: str | None) -> None:
+            if said:
+                self.open(lambda: self.app.source.new(said))
+
+        text = "A new session begins with it; this one is closed and kept, the arm is held."
+        self.app.push_screen(Choose("Which procedure?", text, options), answer)
 
     def do_resume(self) -> None:
         """Resume an earlier session."""

@@ -36,11 +36,17 @@ class FakeSource:
         self.desk: Desk | None = None
         self._made = 0
 
-    def new(self) -> Desk:
+    def new(self, procedure: str | None = None) -> Desk:
         """Begin."""
         self.close("another session was begun")
+        if procedure is not None:
+            self.procedure = load_procedure(procedure)
         self._made += 1
         return self._open(Journal.create(self.root / f"session-{self._made}"), begun=False)
+
+    def procedures(self) -> tuple[Procedure, ...]:
+        """What there is to choose from."""
+        return (self.procedure, load_procedure("hinge_planned"))
 
     def resumed(self, reference: str) -> Desk:
         """Go on."""

@@ -7,6 +7,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
 from operator_app.session.folder import SessionEntry
 from operator_app.session.snapshot import Level, Message, SessionSnapshot, TaskKind
 
@@ -23,6 +25,10 @@ class StillDesk:
             journal=SimpleNamespace(path=picture.folder / "journal.jsonl"), state=picture.state
         )
         self.operations: Any = None
+
+    @property
+    def connected(self) -> bool:
+        return self.picture.connected
 
     def snapshot(self) -> SessionSnapshot:
         return self.picture
@@ -52,11 +58,16 @@ class StillSource:
         self.desk = StillDesk(picture)
         self.entries = entries
         self.begun = 0
+        self.procedure_named: str | None = None
         self.resumed_names: list[str] = []
 
-    def new(self) -> Any:
+    def new(self, procedure: str | None = None) -> Any:
         self.begun += 1
+        self.procedure_named = procedure
         return self.desk
+
+    def procedures(self) -> tuple[Procedure, ...]:
+        return tuple(load_procedure(name) for name in ("hinge", "hinge_planned"))
 
     def resumed(self, reference: str) -> Any:
         self.resumed_names.append(reference)

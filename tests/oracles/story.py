@@ -13,10 +13,13 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 from hardware.arm import ArmSnapshot, DriveState
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.desk import Desk
 from operator_app.session.journal import Journal
+from operator_app.session.motion import Motion
 from operator_app.session.snapshot import (
     DataState,
     SessionSnapshot,
@@ -29,6 +32,15 @@ from oracles.live_arm import LiveArm
 
 POSES = 16
 NOW_S = 1000.0
+RESTING = Motion(
+    sync_rate_hz=100.0,
+    speed_rad_per_s=np.zeros(7),
+    still=True,
+    held_s=1.4,
+    needed_s=0.52,
+    worst_joint=6,
+    spread_share=0.31,
+)
 FOLDER = Path("sessions/20260131-120000-hinge")
 
 
@@ -142,7 +154,7 @@ def _still(s: SessionSnapshot) -> SessionSnapshot:
         data=DataState.NONE if arm is None else DataState.FRESH,
         oldest_s=0.0 if arm is None else 0.004,
         stale_joints=(),
-        sync_rate_hz=0.0 if arm is None else 100.0,
+        motion=None if arm is None else RESTING,
     )
 
 
@@ -157,6 +169,7 @@ def stale(s: SessionSnapshot, joint: int = 5, age_s: float = 0.24) -> SessionSna
         s,
         arm=replace(s.arm, joints=joints),
         data=DataState.STALE,
+        motion=None,
         oldest_s=age_s,
         stale_joints=(joint,),
     )
@@ -170,6 +183,7 @@ def lost(s: SessionSnapshot) -> SessionSnapshot:
         s,
         arm=replace(s.arm, joints=joints),
         data=DataState.LOST,
+        motion=None,
         oldest_s=1.5,
         stale_joints=tuple(j.joint for j in joints),
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+import numpy as np
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
@@ -26,8 +27,9 @@ class StillPanel(Lines):
 
     TITLE = "Next pose"
     HELP = (
-        "Which planned pose is next and whether the arm stands still. Still: over the window, no "
-        "joint spreads more than its allowance. A pose is captured only when it is."
+        "Which planned pose is next and whether the arm stands still. Still: over 20 SYNC or as many "
+        "as the procedure says, no joint's reading spreads more than its sensor's noise explains; the "
+        "limit is named with the joint that comes nearest to it. A pose is captured only when it is."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -36,27 +38,36 @@ class StillPanel(Lines):
 
 
 def _target(s: SessionSnapshot) -> Line:
+    if s.heading is not None:
+        return line((" Target    ", "dim"), f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
     if s.next_waypoint is None or not s.plan:
         return line((" Target    ", "dim"), "none left" if s.plan else "no plan yet")
     target = s.plan[s.next_waypoint]
-    goal = "  ".join(f"J{j} {math.degrees(v):+.2f}" for j, v in target.items())
     here = f"   at waypoint {s.at_waypoint + 1}" if s.at_waypoint is not None else ""
     return line(
-        (" Target    ", "dim"), f"waypoint {s.next_waypoint + 1}: {goal} deg", (here, "dim")
+        (" Target    ", "dim"), f"waypoint {s.next_waypoint + 1}: {_angles(target)}", (here, "dim")
     )
 
 
+def _angles(targets_rad: Mapping[int, float]) -> str:
+    """Drive joints and where they should go."""
+    return "  ".join(f"J{j} {math.degrees(v):+.2f}" for j, v in targets_rad.items()) + " deg"
+
+
 def _still(s: SessionSnapshot) -> Line:
-    if s.arm is None or s.stale_joints:
+    motion = s.motion
+    if motion is None:
         return line((" Motion    ", "dim"), ("no fresh data", "warn"))
-    fastest = max(s.arm.joints, key=lambda j: abs(j.speed_rad_per_s))
-    speed = math.degrees(abs(fastest.speed_rad_per_s))
-    word = "still" if speed < 0.2 else "moving"
-    bar = min(10, int(speed / 2.0))
+    if not motion.still:
+        k = int(np.argmax(np.abs(motion.speed_rad_per_s)))
+        speed = math.degrees(motion.speed_rad_per_s[k])
+        return line((" Motion    ", "dim"), f"{'○' * 10} moving, J{k + 1} at {speed:+7.2f} deg/s")
+    ready = motion.held_s >= motion.needed_s
+    full = 10 if ready else int(10 * motion.held_s / motion.needed_s)
     return line(
         (" Motion    ", "dim"),
-        ("●" * bar + "○" * (10 - bar), "text"),
-        f" {word}, fastest J{fastest.joint} {speed:6.2f} deg/s",
+        f"{'●' * full}{'○' * (10 - full)} still {min(motion.held_s, 99.9):4.1f} s, ",
+        f"spread {100 * motion.spread_share:3.0f} % of the limit (J{motion.worst_joint})",
     )
 
 
@@ -149,7 +160,7 @@ class QualityPanel(Lines):
     TITLE = "What the poses tell"
     HELP = (
         "Scaled condition number: below 100 is acceptable, the paper reached 28; lower is better. "
-        "Weakest: the parameters the poses tell least about. Coverage: which part of each joint's "
+        "Weak: the parameters the poses tell least about. Coverage: which part of each joint's "
         "range the poses span. Best next: the planned pose that would tell most."
     )
 
@@ -164,8 +175,8 @@ class QualityPanel(Lines):
         else:
             rows.append(line((" trend  —", "dim")))
         names = 3 if width > 40 else 2
-        weakest = ", ".join(live.weakest[:names]) if live is not None and live.weakest else "—"
-        rows.append(clip(line((" weakest ", "dim"), weakest), width))
+        weakest = " ".join(live.weakest[:names]) if live is not None and live.weakest else "—"
+        rows.append(clip(line((" weak  ", "dim"), weakest), width))
         best = "—" if s.best_waypoint is None else f"waypoint {s.best_waypoint + 1} (key b)"
         rows.append(line((" best next ", "dim"), best))
         rows.append(line((" coverage of joint ranges", "dim")))

@@ -29,7 +29,7 @@ class BusPanel(Lines):
         return [
             line((" Bus       ", "dim"), s.bus, ("   " + rate, "text")),
             line((" Procedure ", "dim"), f"{s.procedure.name}: {s.procedure.arm.name} in "
-                 f"{s.procedure.fixture.name}, {s.wanted_poses} poses"),
+                 f"{s.procedure.fixture.name}, {s.wanted_poses} poses", ("   (p: another)", "dim")),
             line((" Session   ", "dim"), session if len(session) < width - 12 else "…" + session[-width + 13:]),
         ]  # fmt: skip
 
@@ -48,7 +48,7 @@ class NodesPanel(Lines):
         if s.identity is None:
             return [(), line(("  no node has been asked yet", "dim"))]
         wide = width >= 90
-        device = "DEVICE".ljust(25) + " " if wide else ""
+        device = "DEVICE".ljust(26) + " " if wide else ""
         rows = [
             line((f"  NODE  ROLE        {device} SERIAL  HEARTBEAT      DATA  STATE", "header"))
         ]
@@ -63,7 +63,7 @@ def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
         joint = s.arm.joints[node.node - 1]
     heartbeat = "     —" if beat is None else f"{1e3 * beat:4.0f} ms"
     age = "     —" if joint is None else f"{1e3 * joint.age_s:4.0f} ms"
-    device = f"{node.device_name[:25]:<25} " if wide else ""
+    device = f"{node.device_name[:26]:<26} " if wide else ""
     late = beat is not None and beat > 0.35
     state = "● answers" if joint is None else joint.drive.value
     return line(

@@ -53,18 +53,11 @@ class PlanPanel(Lines):
             rows.append(
                 line((" Ranked    by how well each pair drives the chain from here", "dim"))
             )
-        for k, ranked in enumerate(s.ranked[: max(3, height - len(rows))], 1):
+        for k, ranked in enumerate(s.ranked, 1):
             pair = " ".join(f"J{j}" for j in ranked.drives)
-            role = "text" if ranked.usable else "dim"
             glyph = "▌" if ranked.drives == marked else " "
-            rows.append(
-                line(
-                    (
-                        f" {glyph}{k:>2} {pair:<8} {ranked.score:4.2f}  {'; '.join(ranked.reasons)}",
-                        role,
-                    )
-                )
-            )
+            text = f" {glyph}{k:>2} {pair:<8} {ranked.score:4.2f}  {'; '.join(ranked.reasons)}"
+            rows += wrapped(text, width, "text" if ranked.usable else "dim", " " * 19)
         return rows
 
 

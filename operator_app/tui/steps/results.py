@@ -65,8 +65,14 @@ class VerdictPanel(Lines):
             rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
         rows += _second_opinion(s)
         for notice in found.warnings:
-            rows.append(line((f" ▲ {notice.text.partition(';')[0]}", "warn")))
+            rows.append(line((f" ▲ {_in_short(notice.text)}", "warn")))
         return [clip(row, width) for row in rows]
+
+
+def _in_short(notice: str) -> str:
+    """What is wrong and what to do: the first and the last clause."""
+    what, *rest = notice.split("; ")
+    return f"{what}; {rest[-1]}" if rest else what
 
 
 def _second_opinion(s: SessionSnapshot) -> list[Line]:
@@ -163,7 +169,7 @@ def _rows(solution: Solution) -> list[Line]:
 class ResultsPlot(Lines):
     """Residuals by pose, by joint, RVDT curves, D-H table; `v` turns over."""
 
-    TITLE = "Residual of poses (v: next)"
+    TITLE = "Residuals (v: next)"
     HELP = (
         "v turns over: residual of each pose, corrections by joint, the curve of each RVDT as the "
         "loops see it, the whole D-H table. A curve inside the dashed lines is within the sensor's "
@@ -185,14 +191,14 @@ class ResultsPlot(Lines):
         self.count = self.pages(s)
         page = self.page % self.count
         if page == 0:
-            self.retitle("Residual of poses (v: next)")
+            self.retitle("Residuals (v: next)")
             return by_pose(s, width, height, ascii_only=ascii_only)
         if page <= len(joints):
             joint = joints[page - 1]
             self.retitle(f"RVDT of J{joint} (v: next)")
             return rvdt_curve(s, joint, width, height, ascii_only=ascii_only)
         if page == len(joints) + 1:
-            self.retitle("Corrections by joint (v: next)")
+            self.retitle("By joint (v: next)")
             return by_joint(s, width)
         if page == len(joints) + 2:
             self.retitle("Warnings in full (v: next)")

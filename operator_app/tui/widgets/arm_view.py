@@ -35,7 +35,8 @@ class ArmView(Lines):
     HELP = (
         "The arm as the current estimate sees it, from its base (B) over joints 1 to 7 to the "
         "hinge (its axis is drawn through ⊕). Joints in position mode are marked in colour and "
-        "bold. The dotted arm is where the next planned pose will take it."
+        "bold. The dotted arm is where the next pose will take it; on a planned move a line of dots "
+        "is the way its hand goes."
     )
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
@@ -43,6 +44,7 @@ class ArmView(Lines):
         self._box: FloatArray | None = None
         self._key: object = None
         self._drawn: Sequence[Line] = ()
+        self._turn = False
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Draw only when something moved by more than a dot could show."""
@@ -61,8 +63,11 @@ class ArmView(Lines):
             width,
             height,
             id(s.forecast),
+            id(s.heading),
         )
-        if key != self._key:
+        self._turn = not self._turn
+        # Every other time is enough for the eye, and it is the dearest panel.
+        if key != self._key and (self._turn or not self._drawn):
             self._key = key
             self._drawn = self._draw(s, q, x, width, height)
         return self._drawn
@@ -79,7 +84,14 @@ class ArmView(Lines):
         if self._box is None:
             self._box = _box(model, x, q, s)
         place = _Placing(self._box, canvas)
-        if s.forecast is not None and s.next_waypoint is not None:
+        way = None if s.heading is None else s.heading.trace_rad
+        if way is not None:
+            hand = np.array(
+                [_chain(model, x, pose)[0][-1] for pose in way[:: max(1, len(way) // 12)]]
+            )
+            place.path(hand, role="dim", every=2)
+            place.path(_chain(model, x, way[-1])[0], role="dim", every=4)
+        elif s.heading is None and s.forecast is not None and s.next_waypoint is not None:
             ghost, _ = _chain(model, x, s.forecast.q_rad[s.next_waypoint])
             place.path(ghost, role="dim", every=4)
         ends = np.stack((chain[-1] - _AXIS_M * axis, chain[-1] + _AXIS_M * axis))

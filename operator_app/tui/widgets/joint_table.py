@@ -94,7 +94,10 @@ class JointTable(Lines):
             ((("?" if stale else " ") + f"{position:+8.3f}"), back + ("warn" if stale else "text"))
         )
         if not self.show_wanted:
-            speed = "      ?" if stale else f"{math.degrees(state.speed_rad_per_s):+7.2f}"
+            speed = "      ?"
+            if s.motion is not None and not stale:
+                # Plus zero, lest it flickers between +0.00 and -0.00.
+                speed = f"{round(math.degrees(s.motion.speed_rad_per_s[k]), 2) + 0.0:+7.2f}"
             spans.append((" " + speed, back + ("warn" if stale else "text")))
         torque = "     ?" if stale else f"{state.torque_nm:+6.1f}"
         heavy = not stale and abs(state.torque_nm) > 0.6 * joint.max_torque_nm

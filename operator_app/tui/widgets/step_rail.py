@@ -31,9 +31,7 @@ def detail(step: Step, s: SessionSnapshot) -> str:
             return s.identity.serial_number if s.identity else "not connected"
         case Step.FIXTURE:
             left = len(s.procedure.fixture.checklist) - len(s.ticked)
-            return (
-                f"{s.procedure.fixture.kind}, {left} to tick" if left else s.procedure.fixture.kind
-            )
+            return f"{left} to tick" if left else s.procedure.fixture.kind
         case Step.MODES:
             names = [str(k) for k, m in enumerate(s.modes, 1) if m is JointMode.POSITION]
             if not names:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hardware.virtual.scenarios import scenario
@@ -13,6 +14,7 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.session.operations import Cancelled, Operations
 from operator_app.session.snapshot import Level, SessionSnapshot
 from operator_app.session.workflow import Session
+from solver.design.actions import GoTo
 
 MakeSession = Callable[..., Session]
 
@@ -23,10 +25,13 @@ class Board:
     def __init__(self) -> None:
         self.fields: dict[str, Any] = {}
         self.said: list[tuple[Level, str]] = []
+        self.headings: list[GoTo | None] = []
         self.end_after: int | None = None
 
     def publish(self, **changes: Any) -> None:
         self.fields |= changes
+        if "heading" in changes:
+            self.headings.append(changes["heading"])
 
     def say(self, level: Level, text: str) -> None:
         self.said.append((level, text))
@@ -86,6 +91,13 @@ def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -
     assert wanted_poses(session) == len(used)
     assert board.said[-1] == (Level.INFO, "capture complete: all 2 planned poses are taken")
     assert any("Explored" in text for _, text in board.said)
+
+    # Every move was shown before it began, on the planned ones the poses on the way as well.
+    *moves, last = board.headings
+    assert last is None
+    traced = [m.trace_rad for m in moves if m is not None and m.trace_rad is not None]
+    assert len(traced) >= 2
+    assert np.abs(traced[-1][-1] - used[-1].mean_rad).max() < np.deg2rad(1.0)
 
     # A pose taken back is wanted again.
     work.undo()

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 from textual import events
+from textual.drivers.headless_driver import HeadlessDriver
 from textual.keys import _character_to_key
+from textual.pilot import Pilot
 
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.app import SarcalApp
+from operator_app.tui.driver import watched
 from oracles.live_source import FakeSource
 from oracles.still_desk import StillSource
 
@@ -84,9 +88,8 @@ class Driver:
             self.pressed += 1
             named = _character_to_key(key) if len(key) == 1 else key
             character = key if len(key) == 1 else {"space": " ", "enter": "\r"}.get(key)
-            event = events.Key(named, character)
-            event.set_sender(self.app)
-            self.app._driver.send_message(event)
+            # As the thread that reads the terminal does it.
+            self.app._driver.process_message(events.Key(named, character))
             await self.settle()
 
     async def settle(self) -> None:
@@ -134,15 +137,24 @@ class Driver:
             assert self.pressed < 40, f"stuck at {before}: {self.hint}"
 
 
+@asynccontextmanager
+async def running(app: SarcalApp, size: tuple[int, int]) -> AsyncIterator[Pilot]:
+    """Run the app without a terminal, but with keys read as from one: STOP at the door."""
+    with pytest.MonkeyPatch.context() as patch:
+        watching = watched(HeadlessDriver, app.at_the_door)
+        patch.setattr("textual.drivers.headless_driver.HeadlessDriver", watching)
+        async with app.run_test(size=size) as pilot:
+            yield pilot
+
+
 @pytest.fixture
 def drive(source: FakeSource):
     """Run the app and return its driver: ``async with drive() as d``."""
-    from contextlib import asynccontextmanager
 
     @asynccontextmanager
     async def run(size: tuple[int, int] = (120, 36), **options):
         app = SarcalApp(lambda: source, **options)
-        async with app.run_test(size=size) as pilot:
+        async with running(app, size) as pilot:
             driver = Driver(app, pilot)
             await driver.ready()
             yield driver
@@ -153,12 +165,11 @@ def drive(source: FakeSource):
 @pytest.fixture
 def still():
     """Run the app on one picture: ``async with still(picture, step=Step.CAPTURE) as d``."""
-    from contextlib import asynccontextmanager
 
     @asynccontextmanager
     async def run(picture, *, step=Step.CONNECT, size=(120, 36), entries=(), **options):
         app = SarcalApp(lambda: StillSource(picture, entries), **options)
-        async with app.run_test(size=size) as pilot:
+        async with running(app, size) as pilot:
             driver = Driver(app, pilot)
             await driver.ready()
             app.step = step

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from textual import events
 
 from hardware.arm import JointMode
 from operator_app.session.snapshot import TaskKind
@@ -108,6 +109,17 @@ async def test_stop_works_at_every_step(still):
                 await d.see(story()["solved"], step)
                 await d.press(key)
                 assert (d.desk.stops, d.desk.asked) == (1, []), (step, key)
+
+
+async def test_stop_does_not_wait_for_the_event_loop(still):
+    async with still(story()["solved"], step=Step.RESULTS) as d:
+        d.app._driver.process_message(events.Key("f8", None))
+        # Nothing was awaited: the loop has had no turn yet.
+        assert d.desk.stops == 1
+        await d.settle()
+        assert d.desk.stops == 1
+        await d.press("n", "f8")
+        assert d.desk.stops == 2
 
 
 DIALOGS = [
@@ -341,6 +353,18 @@ async def test_sessions_can_be_chosen_and_cancel_is_marked_first(still):
         await d.press("o", "down", "enter")
         await d.settle()
         assert d.app.source.resumed_names == [earlier.folder.name]
+
+
+async def test_another_procedure_can_be_chosen_and_begins_a_session(still):
+    async with still(story()["connected"], step=Step.FIXTURE) as d:
+        before = d.app.source.begun
+        await d.press("p")
+        assert isinstance(d.app.screen, Choose)
+        await d.press("enter")
+        assert (d.app.source.begun, d.app.step) == (before, Step.FIXTURE)
+        await d.press("p", "down", "down", "enter")
+        assert (d.app.source.begun, d.app.step) == (before + 1, Step.CONNECT)
+        assert d.app.source.procedure_named == "hinge_planned"
 
 
 async def test_a_new_session_begins_at_connect(still):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -67,9 +68,17 @@ def execute(args: argparse.Namespace) -> int:
     last = made[0].last if made else None
     if last is not None:
         how = "" if reason == "left" else f"ended by {reason}; "
-        print(f"sarcal: {how}the arm is held. Session {last}", file=sys.stderr)
-        print(f"Go on with: sarcal --resume {last}", file=sys.stderr)
+        _tell(f"sarcal: {how}the arm is held. Session {last}\nGo on with: sarcal --resume {last}")
     return ExitCode.ACCEPTED if reason in ("left", "end of input") else ExitCode.INTERRUPTED
+
+
+def _tell(text: str) -> None:
+    """Say it, if there is still a terminal to say it on."""
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except OSError:
+        # What is left in the buffer must not fail once more when the interpreter ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def _full_screen(args: argparse.Namespace, make_source: Callable[[], ComposedSource]) -> str:

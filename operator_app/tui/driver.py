@@ -1,11 +1,15 @@
-"""STOP at the door: keys are looked at in the thread that reads them, before the event loop has a turn.
+"""Between the terminal and the app: STOP is looked for at the door, and a terminal may be taken away.
 
-A repaint or a calibration may keep the loop for some hundredths of a second; STOP does not wait for it.
+A repaint or a calibration may keep the event loop for some hundredths of a second; STOP does not wait
+for it: keys are looked at in the thread that reads them. And where a closed terminal ends the thread
+that writes, whoever waits for that thread would wait for ever, with the arm still enabled.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
+from typing import IO, Any
 
 from textual import events
 from textual.driver import Driver
@@ -13,10 +17,16 @@ from textual.message import Message
 
 
 def watched(driver: type[Driver], at_the_door: Callable[[events.Key], None]) -> type[Driver]:
-    """Return the driver class with a look at every key as it is read."""
+    """Return the driver class with a look at every key as it is read, and writing that never fails."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
         """See `watched`."""
+
+        def __init__(self, *args: Any, **options: Any) -> None:
+            super().__init__(*args, **options)
+            file: IO[str] | None = getattr(self, "_file", None)
+            if file is not None:
+                self._file: Any = _MayBeGone(file)
 
         def process_message(self, message: Message) -> None:
             """Look, then pass it on."""
@@ -25,3 +35,24 @@ def watched(driver: type[Driver], at_the_door: Callable[[events.Key], None]) -> 
             super().process_message(message)
 
     return WatchedDriver
+
+
+class _MayBeGone:
+    """The terminal as a file; what is written to one that was closed is lost, and nothing else happens."""
+
+    def __init__(self, file: IO[str]) -> None:
+        self._file = file
+
+    def write(self, text: str) -> None:
+        with contextlib.suppress(OSError):
+            self._file.write(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            self._file.flush()
+
+    def fileno(self) -> int:
+        return self._file.fileno()
+
+    def isatty(self) -> bool:
+        return self._file.isatty()

@@ -74,6 +74,12 @@ class PtyProgram:
                 if not self._news.wait(end - time.monotonic()):
                     raise TimeoutError(f"never written: {text}\n{tail[-3000:]!r}")
 
+    def press(self, keys: bytes, text: str, patience_s: float = 60.0) -> float:
+        """Press keys and wait for what they lead to; return how long that took, s."""
+        mark = self.mark()
+        pressed = self.write(keys)
+        return self.seen(text, mark, patience_s) - pressed
+
     def thread_cpu_s(self) -> float:
         """CPU time of the main thread, where the screen is painted."""
         return _cpu_s(Path(f"/proc/{self.process.pid}/task/{self.process.pid}/stat"))
@@ -89,12 +95,18 @@ class PtyProgram:
                 return int(row.split()[1]) / 1024.0
         raise RuntimeError("no VmRSS")
 
+    def hang_up(self) -> None:
+        """Take the terminal away, as when its window is closed; the signals are the caller's affair."""
+        os.close(self._master)
+        self._master = -1
+
     def close(self) -> None:
         """End it."""
         if self.process.poll() is None:
             self.process.terminate()
             self.process.wait(20)
-        os.close(self._master)
+        if self._master >= 0:
+            os.close(self._master)
 
 
 def _cpu_s(stat: Path) -> float:

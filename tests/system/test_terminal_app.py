@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
+import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -12,7 +16,8 @@ import pytest
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.folder import read_session
 from operator_app.session.journal import JOURNAL_NAME, read_journal
-from oracles.terminal import Terminal
+from oracles.pty_program import PtyProgram
+from oracles.terminal import PATIENCE_S, POLL_S, Terminal, select
 
 pytestmark = pytest.mark.needs("tmux")
 
@@ -138,14 +143,121 @@ def test_a_closed_terminal_leaves_the_journal_whole_and_closed(terminal, tmp_pat
     assert contents.events[-1].name == "closed"
 
 
-def wait_for_end(pid: int) -> None:
-    from oracles.terminal import PATIENCE_S, POLL_S, select
+def test_a_program_without_a_terminal_ends(tmp_path):
+    """The kernel's SIGCONT makes Textual begin anew, on a terminal that is not there any more."""
+    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=tmp_path)
+    try:
+        program.seen("Enter connects", 0)
+        for key, text in WALK:
+            program.press(key, text)
+        program.hang_up()
+        program.process.send_signal(signal.SIGCONT)
+        # Time enough for a screen that is still painted to fill what nobody empties.
+        wait_for_poses(tmp_path, 4)
+        program.process.send_signal(signal.SIGHUP)
+        assert program.process.wait(PATIENCE_S) == 130
+    finally:
+        program.process.kill()
+        program.close()
+    assert read_journal(the_session(tmp_path)).events[-1].name == "closed"
 
+
+WALK = [
+    (b"\r", "goes on to Fixture"),
+    (b"\r", "Check list"),
+    (b"\r", "goes on to Modes"),
+    (b"\r", "Ranked"),
+    (b"\r", "Apply the modes?"),
+    (b"y", "goes on to Capture"),
+    (b"\r", "What the poses tell"),
+    (b"\r", "ANY KEY STOPS"),
+]
+"""From Connect to automatic capture: what is pressed and what is written then."""
+
+
+def wait_for_poses(root: Path, wanted: int) -> None:
+    """Wait for poses in the journal."""
+    for _ in range(int(PATIENCE_S / POLL_S)):
+        if len(read_session(the_session(root)).state.poses) >= wanted:
+            return
+        select(POLL_S)
+    raise AssertionError(f"never {wanted} poses")
+
+
+def wait_for_end(pid: int) -> None:
     for _ in range(int(PATIENCE_S / POLL_S)):
         if not Path(f"/proc/{pid}").exists():
             return
         select(POLL_S)
     raise AssertionError("the program goes on without a terminal")
+
+
+def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path):
+    bus = ("-i", "loopback", "-c", f"app-{os.getpid()}")
+    with controller(*bus) as node:
+        t = terminal(*bus)
+        walk_to_capture(t)
+        t.keys("Enter")
+        t.until(lambda screen: re.search(r"Poses +[2-9]/10", screen) is not None)
+        node.send_signal(signal.SIGSTOP)
+        t.until("no data from the arm")
+        t.until("quick stop sent")
+        accepted = read_session(the_session(tmp_path)).state.poses
+        node.send_signal(signal.SIGCONT)
+        t.until("the data are back")
+        t.keys("R")
+        t.until("STOP reset")
+        apply_modes_again(t)
+    t.until("LOST")
+    t.until("Enter To Connect")
+    t.keys("Enter")
+    t.until("Enter Connect again")
+    with controller(*bus):
+        t.keys("Enter")
+        t.until("Enter Fixture")
+        apply_modes_again(t)
+        t.keys("Enter")
+        t.until("Enter Calibrate")
+        t.keys("q")
+        t.until("Leave?")
+        t.keys("y")
+        assert t.exit_code() == 0
+    contents = read_journal(the_session(tmp_path))
+    assert not contents.torn
+    assert contents.events[-1].name == "closed"
+    poses = read_session(the_session(tmp_path)).state.poses
+    assert [p.number for p in poses] == list(range(1, POSES + 1))
+    for before, after in zip(accepted, poses, strict=False):
+        assert before.mean_rad.tolist() == after.mean_rad.tolist()
+
+
+def apply_modes_again(t: Terminal) -> None:
+    """Modes are forgotten with a stop or a restart; from any step to Capture."""
+    t.keys("3")
+    t.until("Enter Apply modes")
+    t.keys("Enter")
+    t.until("Apply the modes?")
+    t.keys("y")
+    t.until("Enter Capture")
+    t.keys("Enter")
+    t.until("Enter Automatic")
+
+
+@contextmanager
+def controller(*bus: str) -> Iterator[subprocess.Popen[str]]:
+    """The virtual controller as a process of its own; it is killed in the end."""
+    with subprocess.Popen(
+        [SARCAL[0], "controller", *bus, "--seed", "1"],
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    ) as started:  # fmt: skip
+        try:
+            assert started.stderr is not None
+            for said in started.stderr:
+                if "Ctrl-C" in said:
+                    break
+            yield started
+        finally:
+            started.kill()
 
 
 def test_no_colour_means_none_and_ascii_means_ascii(terminal):
@@ -159,8 +271,6 @@ def test_no_colour_means_none_and_ascii_means_ascii(terminal):
 
 
 def test_without_a_terminal_it_says_what_to_do():
-    import subprocess
-
     done = subprocess.run(
         SARCAL, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
     )

@@ -67,7 +67,7 @@ def _still(s: SessionSnapshot) -> Line:
     return line(
         (" Motion    ", "dim"),
         f"{'●' * full}{'○' * (10 - full)} still {min(motion.held_s, 99.9):4.1f} s, ",
-        f"spread {100 * motion.spread_share:3.0f} % of the limit (J{motion.worst_joint})",
+        f"spread {100 * motion.spread_share:3.0f} % of limit (J{motion.worst_joint})",
     )
 
 
@@ -178,6 +178,8 @@ class QualityPanel(Lines):
         weakest = " ".join(live.weakest[:names]) if live is not None and live.weakest else "—"
         rows.append(clip(line((" weak  ", "dim"), weakest), width))
         best = "—" if s.best_waypoint is None else f"waypoint {s.best_waypoint + 1} (key b)"
+        if s.procedure.capture.strategy == "planned":
+            best = "as the plan says (key a)"
         rows.append(line((" best next ", "dim"), best))
         rows.append(line((" coverage of joint ranges", "dim")))
         for k, joint in enumerate(s.procedure.arm.joints):

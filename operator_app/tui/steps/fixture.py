@@ -102,7 +102,7 @@ class ChecksPanel(Lines):
 
 
 def _ranges(s: SessionSnapshot) -> list[Line]:
-    """Predicted range of every joint, two to a line."""
+    """Predicted range of every joint, three to a line."""
     if s.forecast is None:
         return []
     cells = []
@@ -110,11 +110,11 @@ def _ranges(s: SessionSnapshot) -> list[Line]:
         low, high = (math.degrees(v) for v in s.forecast.span_rad(k, s.wanted_poses))
         room = min(low - math.degrees(joint.lower_rad), math.degrees(joint.upper_rad) - high)
         near = room < 3.0
-        cells.append((f"{'▲' if near else ' '} J{k} {low:+7.1f} to {high:+7.1f} deg", near))
-    rows = [line((" ◌ predicted ranges of the joints", "text"))]
-    for first in range(0, len(cells), 2):
-        pair = cells[first : first + 2]
-        rows.append(tuple((f"  {text:<28}", "warn" if near else "dim") for text, near in pair))
+        cells.append((f" {'▲' if near else ' '} J{k} {low:+6.1f} to {high:+6.1f}", near))
+    rows = [line((" ◌ predicted ranges of the joints [deg]", "text"))]
+    for first in range(0, len(cells), 3):
+        some = cells[first : first + 3]
+        rows.append(tuple((text, "warn" if near else "dim") for text, near in some))
     return rows
 
 

@@ -64,9 +64,11 @@ class VerdictPanel(Lines):
         for reason in found.reasons:
             rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
         rows += _second_opinion(s)
-        for notice in found.warnings:
-            rows.append(line((f" ▲ {_in_short(notice.text)}", "warn")))
-        return [clip(row, width) for row in rows]
+        short = [f" ▲ {_in_short(notice.text)}" for notice in found.warnings]
+        whole = [row for text in short for row in wrapped(text, width, "warn", "   ")]
+        if len(rows) + len(whole) > height:
+            whole = [line((text, "warn")) for text in short]
+        return [clip(row, width) for row in (*rows, *whole)]
 
 
 def _in_short(notice: str) -> str:

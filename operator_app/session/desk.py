@@ -182,9 +182,10 @@ class Desk:
         if not self._closing.is_set():
             job = _Job(kind, text, work, threading.Event())
             self._hand.append(job)
-            self._jobs.put(job)
+            # Shown before the worker has it: shown after, it could be over already, and stay.
             if self._base.task is None:
                 self._show_task(kind, text)
+            self._jobs.put(job)
 
     def cancel(self) -> None:
         """End the work in hand and what waits behind it; a moving arm comes to rest and holds."""

@@ -6,11 +6,13 @@ python-can ``virtual`` channel, behind the same frames a real one would send.
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import count
 from pathlib import Path
 
@@ -41,6 +43,9 @@ from solver.sensors import Encoder, NoSensor, Rvdt
 SWITCH_INTERVAL_S = 0.0005
 """How long one thread may keep the interpreter: a SYNC must not wait for a solver or a repaint."""
 
+RARELY = 100_000
+"""Collections of middle-aged garbage before one of all."""
+
 SERIAL_NUMBER = "SDA-0001"
 """Of every virtual arm."""
 
@@ -59,6 +64,18 @@ class Rig:
     procedure: Procedure
     choices: Choices
     simulated: bool
+
+
+@cache
+def be_punctual() -> None:
+    """Let nothing hold the interpreter for long; once a process."""
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    # To look through everything for garbage takes a tenth of a second, and more on a slow machine, in
+    # which no SYNC is answered and no STOP sent. Young garbage is collected as ever; what grows old in
+    # a session, some closed dialogs, is little.
+    gc.freeze()
+    young, middle, _ = gc.get_threshold()
+    gc.set_threshold(young, middle, RARELY)
 
 
 @contextmanager
@@ -83,7 +100,7 @@ def open_arm(
     BusError
         The bus cannot be opened.
     """
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    be_punctual()
     procedure = carried_procedure(opening)
     bus = settings = _bus(opening.choices, procedure)
     embedded = settings.interface == "virtual"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -22,8 +23,8 @@ from textual.widgets import Input
 
 from operator_app.session.steps import Step
 from operator_app.tui.driver import watched
-from operator_app.tui.keys import PRIMARY, STOP_KEYS, Action, by_name, for_key
-from operator_app.tui.lines import Clicked, Lines
+from operator_app.tui.keys import STOP_KEYS, Action, by_name, for_key
+from operator_app.tui.lines import Clicked
 from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, Look, look, themes
 from operator_app.tui.palette import ActionProvider
 from operator_app.tui.start_screen import StartScreen
@@ -99,6 +100,7 @@ class SarcalApp(App[str]):
 
     def on_main_screen_ready(self) -> None:
         """Begin a session, or offer to resume; then poll."""
+        gc.enable()
         self.main.set_class(self.look.ascii_only, "-ascii")
         self.actions.begin()
         self.main.set_interval(POLL_S, self.poll)
@@ -131,6 +133,13 @@ class SarcalApp(App[str]):
             self._stopped_at_the_door.append(event)
             desk.stop()
 
+    def _was_done_at_the_door(self, event: events.Key) -> bool:
+        before = len(self._stopped_at_the_door)
+        # The thread that reads the keys may append meanwhile: nothing but this one is taken out.
+        with contextlib.suppress(ValueError):
+            self._stopped_at_the_door.remove(event)
+        return len(self._stopped_at_the_door) < before
+
     def _is_stop(self, event: events.Key) -> bool:
         """F8 always; space unless somebody is writing."""
         typing = event.key == "space" and isinstance(self.focused, Input)
@@ -150,8 +159,7 @@ class SarcalApp(App[str]):
             if event.key in by_name("quit").keys:
                 self.leave("left")
             return True
-        if any(event is done for done in self._stopped_at_the_door):
-            self._stopped_at_the_door.clear()
+        if self._was_done_at_the_door(event):
             self.main.refuse("")
             return True
         key = event.key
@@ -178,16 +186,14 @@ class SarcalApp(App[str]):
         return False
 
     def perform(self, action: Action) -> None:
-        """Do an action at the present step."""
-        if action is PRIMARY:
-            self.actions.do_primary()
-            return
+        """Do an action at the present step, and show at once what came of it."""
         name, _, argument = action.name.partition("(")
         method = getattr(self.actions, f"do_{name}")
         if argument:
             method(int(argument.rstrip(")")))
         else:
             method()
+        self.poll()
 
     def perform_anywhere(self, action: Action) -> None:
         """Do an action from the palette: go to its step first, if that is open."""
@@ -209,8 +215,7 @@ class SarcalApp(App[str]):
         order = (DARK, LIGHT, NO_COLOUR)
         self.theme = order[(order.index(self.theme) + 1) % len(order)]
         self.look = look(self.theme, ascii_only=self.look.ascii_only)
-        for widget in self.main.query(Lines):
-            widget.forget()
+        self.main.forget()
 
     def get_system_commands(self, screen: Screen[object]) -> Iterator[SystemCommand]:
         """None of Textual's own."""
@@ -241,6 +246,8 @@ def run(
     resume: str | None = None,
 ) -> str:
     """Run the app until the operator leaves; the arm is held and the journal closed in any case."""
+    # Loading makes no garbage, and to look for it takes a third of a second.
+    gc.disable()
     app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume)
     reason = "failed"
     try:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.segment import Segment
 from rich.style import Style
 from textual.content import Content
-from textual.geometry import Region
+from textual.geometry import Region, Size
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
@@ -78,6 +78,8 @@ class Lines(Widget, can_focus=True):
 
     HELP = ""
     TITLE = ""
+    FIXED = False
+    """Whether the lines are given once and no snapshot changes them."""
 
     def __init__(
         self,
@@ -89,6 +91,11 @@ class Lines(Widget, can_focus=True):
         self._lines: tuple[Line, ...] = ()
         self._strips: dict[int, Strip] = {}
         self._base: Style | None = None
+        # To ask for it every time takes longer than most lines take to build.
+        self._room: Size | None = None
+        # Rows with frame and background, as last painted: Textual asks for all rows of all panels
+        # between the first and the last that changed anywhere.
+        self._painted: dict[int, Strip] = {}
 
     def on_mount(self) -> None:
         """Title the frame."""
@@ -107,9 +114,10 @@ class Lines(Widget, can_focus=True):
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot; only rows that differ are painted."""
-        size = self.content_size
-        if size.width and size.height:
-            self.show_lines(self.build(s, size.width, size.height))
+        if self._room is None or not self._room.area:
+            self._room = self.content_size
+        if self._room.area:
+            self.show_lines(self.build(s, self._room.width, self._room.height))
 
     def show_lines(self, lines: Sequence[Line]) -> None:
         """Show lines as they are."""
@@ -123,8 +131,10 @@ class Lines(Widget, can_focus=True):
         if not changed:
             return
         self._lines = new
+        above = self.gutter.top
         for y in changed:
             self._strips.pop(y, None)
+            self._painted.pop(y + above, None)
         if len(changed) > 0.7 * max(1, self.content_size.height):
             self.refresh()
         else:
@@ -132,10 +142,40 @@ class Lines(Widget, can_focus=True):
             self.refresh(*(Region(0, y, width, 1) for y in changed))
 
     def forget(self) -> None:
-        """Paint everything anew, after a change of look."""
-        self._base = None
+        """Paint everything anew, after a change of look or layout."""
+        self._base = self._room = None
         self._strips.clear()
         self.refresh()
+
+    def refresh(
+        self,
+        *regions: Region,
+        repaint: bool = True,
+        layout: bool = False,
+        recompose: bool = False,
+    ) -> Self:
+        """Repaint regions, or everything anew."""
+        if not regions:
+            self._painted.clear()
+        return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
+
+    def notify_style_update(self) -> None:
+        """Paint with other colours or another frame."""
+        self._painted.clear()
+        super().notify_style_update()
+
+    def render_lines(self, crop: Region) -> list[Strip]:
+        """Return rows with frame and background; what did not change is not made again."""
+        painted, width = self._painted, self.outer_size.width
+        missing = [y for y in crop.line_range if y not in painted]
+        if missing:
+            first, last = missing[0], missing[-1]
+            made = super().render_lines(Region(0, first, width, last - first + 1))
+            painted.update(zip(range(first, last + 1), made, strict=True))
+        rows = [painted[y] for y in crop.line_range]
+        if crop.column_span != (0, width):
+            rows = [row.crop(*crop.column_span) for row in rows]
+        return rows
 
     def render_line(self, y: int) -> Strip:
         """Return one row."""
@@ -147,9 +187,13 @@ class Lines(Widget, can_focus=True):
         return strip
 
     def on_resize(self) -> None:
-        """Forget rows that were cut for another width."""
-        self._base = None
+        """Forget rows that were cut for another width, and fill the room there is now."""
+        self._base = self._room = None
         self._strips.clear()
+        self._painted.clear()
+        app: Any = self.app
+        if not self.FIXED and app.picture is not None:
+            self.show(app.picture)
 
     def _strip(self, row: Line, width: int) -> Strip:
         app: Any = self.app

@@ -30,7 +30,7 @@ from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
 from operator_app.tui.widgets.step_rail import StepRail, StepRow
 
 SELDOM = 4
-"""Strip and rail are repainted every so many times only, unless there is news."""
+"""What surrounds a step is repainted every so many times only, unless there is news."""
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
 MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
 
@@ -112,6 +112,8 @@ class Footer(Lines, can_focus=False):
 class TooSmall(Lines, can_focus=False):
     """Says what size is needed."""
 
+    FIXED = True
+
     def show_size(self, width: int, height: int) -> None:
         """Say it."""
         columns, rows = SMALLEST
@@ -140,6 +142,9 @@ class MainScreen(Screen[None]):
         self.log_lines = Log(id="log")
         self.steps = tuple(view() for view in VIEWS)
         self.too_small = TooSmall(id="too-small")
+        self.frame: tuple[Lines, ...] = (
+            self.strip, self.banner, *self.rails, self.hint, self.log_lines, self.footer,
+        )  # fmt: skip
         self._frames = 0
         self._told: object = None
 
@@ -187,23 +192,27 @@ class MainScreen(Screen[None]):
         """Show a snapshot."""
         self._frames += 1
         news = self._news(s)
-        often: tuple[Lines, ...] = (self.banner, self.hint, self.log_lines, self.footer)
         if news != self._told or self._frames % SELDOM == 0:
-            # Ages in milliseconds cannot be read twenty times a second.
             self._told = news
-            often = (self.strip, *self.rails, *often)
-        for widget in often:
-            if widget.display:
-                widget.show(s)
+            for widget in self.frame:
+                if widget.display:
+                    widget.show(s)
         self.view.show(s)
 
     def _news(self, s: SessionSnapshot) -> object:
-        """What strip and rail must show at once."""
-        modes = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
+        """What the frame around the step must show at once; ages and rates can wait a little."""
+        joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
+        told = s.messages[-1].number if s.messages else 0
         return (
-            s.data, s.stale_joints, s.stopped, s.connected, s.simulated, modes, id(s.state), s.ticked,
-            s.stop_tested, id(s.solution), id(s.written), id(s.receipt), self.hint.step, self.size,
+            s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, told,
+            s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
+            id(s.receipt), id(s.plan), self.hint.refusal, self.hint.wanted, self.hint.step, self.size,
         )  # fmt: skip
+
+    def forget(self) -> None:
+        """Build and paint everything anew."""
+        for panel in self.query(Lines):
+            panel.forget()
 
     def on_resize(self, event: events.Resize) -> None:
         """Take the layout for this size."""
@@ -214,3 +223,5 @@ class MainScreen(Screen[None]):
         for view in self.steps:
             view.set_compact(compact)
         self.too_small.show_size(width, height)
+        # A frame may have come or gone without the panel in it changing its outer size.
+        self.call_after_refresh(self.forget)

@@ -11,6 +11,8 @@ from operator_app.tui.lines import Line, Lines, line
 class _Fixed(Lines, can_focus=False):
     """Lines that never change."""
 
+    FIXED = True
+
     def __init__(self, rows: list[Line], *, id: str) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)
         self._rows = rows

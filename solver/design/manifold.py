@@ -9,15 +9,18 @@ that can be reached inside the ranges at nearly even spacing. Knows no drive joi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from solver.arrays import FloatArray, IntArray
 from solver.closing import close_loops
 from solver.closure import ClosureModel
 from solver.design.motion import ChainMotion, chain_motion
 from solver.design.projection import project
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 SPACING = 0.75
 """New poses keep this share of a step from all others, as a disc packing leaves few gaps there."""
@@ -120,7 +123,7 @@ def grow_manifold(
         wave_q, wave_u = _wave(front_q, front_u, front, step_rad, rng)
         inside = ranges.clearance(wave_q) > -step_rad
         wave_q, wave_u = wave_q[inside], wave_u[inside]
-        new = _far_from(cKDTree(q), wave_q, 0.6 * step_rad)
+        new = _far_from(_tree(q), wave_q, 0.6 * step_rad)
         wave_q, wave_u = wave_q[new], wave_u[new]
         # Twins of another pose's step need not be closed to be dropped.
         alone = _spread(wave_q, TWINS * step_rad)
@@ -132,7 +135,7 @@ def grow_manifold(
         moved = np.sqrt(((closed.q - wave_q) ** 2).sum(-1))
         keep = closed.closed & (ranges.clearance(closed.q) >= 0.0) & (moved < 0.7 * step_rad)
         wave_q, wave_u = closed.q[keep], closed.u[keep]
-        new = _far_from(cKDTree(q), wave_q, SPACING * step_rad)
+        new = _far_from(_tree(q), wave_q, SPACING * step_rad)
         wave_q, wave_u = wave_q[new], wave_u[new]
         chosen = _spread(wave_q, SPACING * step_rad)[: most - len(q)]
         front_q, front_u = wave_q[chosen], wave_u[chosen]
@@ -205,6 +208,12 @@ def _wave(
     return wave_q, wave_u
 
 
+def _tree(points: FloatArray) -> cKDTree:
+    from scipy.spatial import cKDTree  # takes long to import; the terminal app may never need it
+
+    return cKDTree(points)
+
+
 def _far_from(tree: cKDTree, points: FloatArray, distance: float) -> FloatArray:
     """Boolean (m,): no point of the tree is nearer than `distance`."""
     if len(points) == 0:
@@ -217,7 +226,7 @@ def _spread(points: FloatArray, distance: float) -> IntArray:
     """Indices of points of which no two are nearer than `distance`, earlier ones first."""
     dropped = np.zeros(len(points), dtype=np.bool_)
     if len(points):
-        pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
+        pairs = _tree(points).query_pairs(distance, output_type="ndarray")
         order = np.lexsort((pairs[:, 1], pairs[:, 0]))
         for first, second in pairs[order]:
             if not dropped[first]:
@@ -228,7 +237,7 @@ def _spread(points: FloatArray, distance: float) -> IntArray:
 def _touching(q: FloatArray, u: FloatArray, motion: ChainMotion, step_rad: float) -> IntArray:
     """Pairs of poses that touch along the manifold (E, 2)."""
     points = np.concatenate((q, u), axis=-1)
-    pairs = cKDTree(points).query_pairs(TOUCHING * step_rad, output_type="ndarray")
+    pairs = _tree(points).query_pairs(TOUCHING * step_rad, output_type="ndarray")
     if len(pairs) == 0:
         return np.zeros((0, 2), dtype=np.int64)
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]

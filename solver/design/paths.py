@@ -11,15 +11,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
 
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.closure import ClosureModel
 from solver.design.drive_line import drive_straight
 from solver.design.manifold import Manifold, Ranges
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 AT_START = 0.6
 """Where the arm stands already this share of the least leverage will do: it must be able to leave."""
@@ -113,6 +115,8 @@ class PathGraph:
 
     def reachable(self, source: int = 0, *, drives: tuple[int, ...] | None = None) -> BoolArray:
         """Poses (m,) that can be reached from `source`, with `drives` alone or with all sets in turn."""
+        from scipy.sparse.csgraph import connected_components
+
         size, layers = self.manifold.size, len(self.drive_sets)
         if drives is not None:
             k = self.drive_sets.index(drives)
@@ -127,6 +131,8 @@ class PathGraph:
 
     def distances(self, sources: Sequence[int]) -> FloatArray:
         """Cheapest paths between poses, (len(sources), len(sources)), inf where there is none."""
+        from scipy.sparse.csgraph import dijkstra
+
         size, layers, count = self.manifold.size, len(self.drive_sets), len(sources)
         nodes = np.concatenate([np.asarray(sources) + k * size for k in range(layers)])
         between = dijkstra(self._graph, directed=False, indices=nodes)[:, nodes]
@@ -196,6 +202,8 @@ class PathGraph:
         )
 
     def _assemble(self) -> csr_array:
+        from scipy.sparse import csr_array
+
         size, layers = self.manifold.size, len(self.drive_sets)
         i, j = self.manifold.neighbours.T
         first, second, cost = [], [], []
@@ -221,6 +229,8 @@ class PathGraph:
         self, source: int, target: int, drives: tuple[int, ...]
     ) -> tuple[list[tuple[int, int]], float] | None:
         """Cheapest path as (layer, pose) pairs and its cost."""
+        from scipy.sparse.csgraph import dijkstra
+
         size = self.manifold.size
         start = self.drive_sets.index(drives) * size + source
         costs, predecessors = dijkstra(

@@ -33,11 +33,11 @@ from tests.oracles.pty_program import PtyProgram
 QUICK = "--quick" in sys.argv
 SARCAL = str(Path(sys.executable).with_name("sarcal"))
 CHANNEL = f"bench-{os.getpid()}"
-POSES = 12
+POSES = 24
 F8 = b"\x1b[19~"
 JOINTS = 7
 KEYS = 20 if QUICK else 100
-STOPS = 5 if QUICK else 30
+STOPS = 5 if QUICK else 100
 LOAD_PER_S = 500
 """Frames a second of other traffic while the bus is loaded."""
 
@@ -67,11 +67,13 @@ class StopWatch:
                         self._news.notify_all()
 
     def quiet(self) -> None:
-        """Forget what was seen, and make sure that nothing is sent without being asked for."""
+        """Wait until nothing is sent any more: the loop repeats quick stop until the reset has come."""
         with self._news:
-            self._seen.clear()
-            if self._news.wait_for(lambda: bool(self._seen), timeout=0.1):
-                raise RuntimeError(f"quick stop of {sorted(self._seen)} that nobody asked for")
+            for _ in range(20):
+                self._seen.clear()
+                if not self._news.wait_for(lambda: bool(self._seen), timeout=0.1):
+                    return
+        raise RuntimeError("quick stop goes on though nobody asked for it")
 
     def all_seven(self) -> float:
         """Return when the seventh drive's frame was there."""
@@ -133,13 +135,13 @@ def measure(app: PtyProgram) -> None:
     """Walk the app to each situation and measure there."""
     print(f"first paint            {1e3 * (app.seen('loading', 0) - app.began_s):7.0f} ms")
     print(f"ready for the first key{1e3 * (app.seen('Enter connects', 0) - app.began_s):7.0f} ms")
-    press(app, b"\r", "goes on to Fixture")
-    press(app, b"\r", "Check list")
-    press(app, b"\r", "goes on to Modes")
-    press(app, b"\r", "Ranked")
-    press(app, b"a", "Apply the modes?")
-    press(app, b"y", "goes on to Capture")
-    press(app, b"\r", "What the poses tell")
+    app.press(b"\r", "goes on to Fixture")
+    app.press(b"\r", "Check list")
+    app.press(b"\r", "goes on to Modes")
+    app.press(b"\r", "Ranked")
+    app.press(b"a", "Apply the modes?")
+    app.press(b"y", "goes on to Capture")
+    app.press(b"\r", "What the poses tell")
     cpu(app, "at rest")
     app.write(b"a")
     app.seen("ANY KEY STOPS", 0)
@@ -153,19 +155,14 @@ def measure(app: PtyProgram) -> None:
         stops(app, watch, "in a dialog", before=b"q")
         load = Load()
         app.write(b"5")
-        stops(app, watch, "dialog, solving, loaded bus", before=b"sq")
+        stops(
+            app, watch, "dialog, solving, loaded bus", before=b"5sq", ends="ended by the operator"
+        )
         load.close()
     finally:
         watch.close()
     answers(app, "while solving", to=(b"5s", "Calibration"))
     print(f"memory, solved         {app.memory_mb():7.1f} MB")
-
-
-def press(app: PtyProgram, key: bytes, text: str) -> None:
-    """Press a key and wait for what it leads to."""
-    mark = app.mark()
-    app.write(key)
-    app.seen(text, mark)
 
 
 def cpu(app: PtyProgram, what: str) -> None:
@@ -183,19 +180,19 @@ def cpu(app: PtyProgram, what: str) -> None:
 def answers(app: PtyProgram, what: str, to: tuple[bytes, str] = (b"4", "Captured")) -> None:
     """Key to screen: back and forth between Connect and another step, until its title is written."""
     times = []
-    press(app, b"1", "Nodes")
+    app.press(b"1", "Nodes")
     for _ in range(KEYS // 2):
         for keys, title in (to, (b"1", "Nodes")):
-            mark = app.mark()
-            pressed = app.write(keys)
-            times.append(app.seen(title, mark) - pressed)
+            times.append(app.press(keys, title))
             # Not in step with the repaints, which are every 50 ms.
             threading.Event().wait(0.05 + 0.03 * (len(times) % 7))
     show(f"key, {what}", times)
 
 
-def stops(app: PtyProgram, watch: StopWatch, what: str, before: bytes = b"") -> None:
-    """F8 to the seventh frame on the bus; each time reset before the next."""
+def stops(
+    app: PtyProgram, watch: StopWatch, what: str, before: bytes = b"", ends: str = ""
+) -> None:
+    """F8 to the seventh frame on the bus; each time reset before the next. `ends`: what it must end."""
     times = []
     for _ in range(STOPS):
         if before:
@@ -206,6 +203,8 @@ def stops(app: PtyProgram, watch: StopWatch, what: str, before: bytes = b"") -> 
         pressed = app.write(F8)
         times.append(watch.all_seven() - pressed)
         app.seen("SOFTWARE STOP", mark)
+        if ends:
+            app.seen(ends, mark)
         if before:
             app.write(b"\x1b")
             threading.Event().wait(0.3)

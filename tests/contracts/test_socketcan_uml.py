@@ -48,7 +48,7 @@ def test_socketcan_keeps_the_contracts_of_transport_and_arm() -> None:
     chosen = "socketcan and (transport_contract or two_driven or stop_in_a_move)"
     contracts = [f"tests/contracts/test_{what}_contract.py" for what in ("transport", "arm")]
     said = in_user_mode_linux(
-        sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", "--no-cov",
+        sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", "--no-cov", "-n0",
         "--basetemp=/run/pytest", "-k", chosen, *contracts,
     )  # fmt: skip
     assert "skipped" not in said

@@ -29,7 +29,7 @@ class StepView(Container):
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot in every panel that is visible."""
-        for panel in self.query(Lines):
+        for panel in self.walk_children(Lines):
             if panel.display:
                 panel.show(s)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import is_not
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from solver.parameters import nominal_vector
 _TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
 _AXIS_M = 0.16
 """Half the length at which the hinge axis is drawn."""
+VISIBLE_RAD = 0.015
+"""At arm's length this moves less than a dot; a resting RVDT wanders by as much."""
 
 
 def _view() -> FloatArray:
@@ -42,38 +45,40 @@ class ArmView(Lines):
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id, classes="panel")
         self._box: FloatArray | None = None
-        self._key: object = None
+        self._figures: tuple[object, ...] = ()
+        self._things: tuple[object, ...] = ()
+        self._at = np.zeros(0)
+        self._next: tuple[FloatArray, ...] = ()
         self._drawn: Sequence[Line] = ()
         self._turn = False
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Draw only when something moved by more than a dot could show."""
+        """Draw only when something moved by what a dot could show."""
         if s.arm is None:
             return [(), line((" no arm connected", "dim"))]
         if s.data is DataState.LOST:
             return [(), line((" ▲ data LOST: the arm is not drawn", "warn"))]
         q = s.arm.positions_rad
         x = s.live.x if s.live is not None and s.live.estimated else None
-        modes = tuple(j.mode for j in s.arm.joints)
-        key = (
-            np.round(q, 3).tobytes(),
-            id(x),
-            s.next_waypoint,
-            modes,
-            width,
-            height,
-            id(s.forecast),
-            id(s.heading),
-        )
+        figures = (s.next_waypoint, tuple(j.mode for j in s.arm.joints), width, height)
+        things = (s.procedure, x, s.forecast, s.heading)
+        news = figures != self._figures or any(map(is_not, things, self._things))
         self._turn = not self._turn
-        # Every other time is enough for the eye, and it is the dearest panel.
-        if key != self._key and (self._turn or not self._drawn):
-            self._key = key
-            self._drawn = self._draw(s, q, x, width, height)
+        # Ten times a second is enough for the eye, and this is the dearest panel.
+        if news or (self._turn and np.abs(q - self._at).max() > VISIBLE_RAD):
+            self._drawn = self._draw(s, q, x, width, height, anew=news)
+            self._figures, self._things, self._at = figures, things, q
         return self._drawn
 
     def _draw(
-        self, s: SessionSnapshot, q: FloatArray, x: FloatArray | None, width: int, height: int
+        self,
+        s: SessionSnapshot,
+        q: FloatArray,
+        x: FloatArray | None,
+        width: int,
+        height: int,
+        *,
+        anew: bool,
     ) -> Sequence[Line]:
         model = s.procedure.fixture.fixture.model(s.procedure.arm)
         if not isinstance(model, DhLoop):
@@ -84,16 +89,10 @@ class ArmView(Lines):
         if self._box is None:
             self._box = _box(model, x, q, s)
         place = _Placing(self._box, canvas)
-        way = None if s.heading is None else s.heading.trace_rad
-        if way is not None:
-            hand = np.array(
-                [_chain(model, x, pose)[0][-1] for pose in way[:: max(1, len(way) // 12)]]
-            )
-            place.path(hand, role="dim", every=2)
-            place.path(_chain(model, x, way[-1])[0], role="dim", every=4)
-        elif s.heading is None and s.forecast is not None and s.next_waypoint is not None:
-            ghost, _ = _chain(model, x, s.forecast.q_rad[s.next_waypoint])
-            place.path(ghost, role="dim", every=4)
+        if anew:
+            self._next = _next(model, x, s)
+        for path, every in zip(self._next, (4, 2), strict=False):
+            place.path(path, role="dim", every=every)
         ends = np.stack((chain[-1] - _AXIS_M * axis, chain[-1] + _AXIS_M * axis))
         place.path(ends, role="dim", every=2)
         place.path(chain, role="text", every=1, thick=True)
@@ -106,10 +105,23 @@ class ArmView(Lines):
         return canvas.lines()
 
 
+def _next(model: DhLoop, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
+    """The chain at the next pose, and on a planned move the way of its hand."""
+    if s.heading is not None:
+        way = s.heading.trace_rad
+        if way is None:
+            return ()
+        some = way[:: max(1, len(way) // 12)]
+        return _chain(model, x, way[-1])[0], np.stack([_chain(model, x, q)[0][-1] for q in some])
+    if s.forecast is None or s.next_waypoint is None:
+        return ()
+    return (_chain(model, x, s.forecast.q_rad[s.next_waypoint])[0],)
+
+
 def _chain(model: DhLoop, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Origins of frames 0..n (n + 1, 3) and the hinge axis (3,), seen in the arm's base frame 0."""
-    pose = q[None, :]
-    frames = model.frames(x, pose, model.initial_unsensed(x, pose))
+    # The hinge angle turns everything about the hinge: seen from frame 0 it changes nothing.
+    frames = model.frames(x, q[None, :], np.zeros((1, len(model.unsensed_rows))))
     R0, p0 = frames.axes[0, 1], frames.origins_m[0, 1]
     origins = (frames.origins_m[0, 1:] - p0) @ R0
     return origins, frames.axes[0, -1, :, 2] @ R0

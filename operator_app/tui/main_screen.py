@@ -191,6 +191,7 @@ class MainScreen(Screen[None]):
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot."""
         self._frames += 1
+        self.rails[0].place = self.view.place
         news = self._news(s)
         if news != self._told or self._frames % SELDOM == 0:
             self._told = news
@@ -207,6 +208,7 @@ class MainScreen(Screen[None]):
             s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, told,
             s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
             id(s.receipt), id(s.plan), self.hint.refusal, self.hint.wanted, self.hint.step, self.size,
+            self.rails[0].place,
         )  # fmt: skip
 
     def forget(self) -> None:

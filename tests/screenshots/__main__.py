@@ -25,8 +25,8 @@ from operator_app.tui.app import SarcalApp
 HERE = Path(__file__).parent
 SIZE = (120, 36)
 SEED = 1
-SPEED = 3.0
-PATIENCE_S = 120.0
+SPEED = 1.5
+PATIENCE_S = 300.0
 POSES_SHOWN = 12
 
 
@@ -48,6 +48,7 @@ async def main() -> None:
                 await walk(app, pilot, Step.CALIBRATE)
                 await pilot.press("enter")
                 await until(pilot, lambda: app.step is Step.RESULTS and idle(app))
+                await pilot.pause()
                 write(app, "results")
         finally:
             source.close("pictures taken")
@@ -69,7 +70,8 @@ async def until(pilot: Pilot[str], holds: Callable[[], bool]) -> None:
         if time.monotonic() > end:
             raise TimeoutError(str(app_state(pilot)))
         await asyncio.sleep(0.02)
-    await pilot.pause()
+    # A moment to paint, no more: the arm goes on.
+    await pilot.pause(0.03)
 
 
 def app_state(pilot: Pilot[str]) -> object:

@@ -249,6 +249,12 @@ class ResultsView(StepView):
             self.compact and self.view == 0
         )
 
+    @property
+    def place(self) -> tuple[int, int]:
+        """Table, then the plots."""
+        plots = self.query_one("#results-plot", ResultsPlot)
+        return (1 if self.view == 0 else 2 + plots.page), 1 + plots.count
+
     def row_count(self, s: SessionSnapshot) -> int:
         """Parameters."""
         return len(s.solution.estimate.parameters) if s.solution else 0

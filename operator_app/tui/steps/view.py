@@ -44,6 +44,11 @@ class StepView(Container):
             self.view = (self.view + 1) % len(self.VIEWS)
             self._apply_view()
 
+    @property
+    def place(self) -> tuple[int, int]:
+        """Which view a small terminal shows, from 1, and how many there are."""
+        return self.view + 1, max(1, len(self.VIEWS))
+
     def move(self, by: int, s: SessionSnapshot) -> None:
         """Move the mark of the main list."""
         if self.MAIN:

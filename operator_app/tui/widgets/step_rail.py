@@ -76,7 +76,9 @@ class StepRail(Lines, can_focus=False):
 
 
 class StepRow(StepRail, can_focus=False):
-    """All steps in one row, for small terminals."""
+    """All steps in one row, for small terminals. `place`: which of how many views is shown."""
+
+    place = (1, 1)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Only the present step has its name."""
@@ -87,6 +89,9 @@ class StepRow(StepRail, can_focus=False):
             text = f" {glyph}{int(step)} {step.title} " if here else f" {glyph}{int(step)} "
             row.append((text, "accent" if here else "dim"))
         row.append((f"  {detail(self.current, s)}", "dim"))
+        view, count = self.place
+        if count > 1:
+            row += [("   v", "key"), (f" view {view}/{count}", "dim")]
         return [tuple(row)]
 
     def on_click(self, event: events.Click) -> None:

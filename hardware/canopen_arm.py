@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -42,6 +43,7 @@ from hardware.objects import (
     emergency_text,
     joint_node,
 )
+from hardware.stop_line import StopLatch
 
 MODE_SYNCS: Final = 5
 MODE_ATTEMPTS: Final = 6
@@ -88,11 +90,16 @@ class CanopenArm:
         self._n = len(description.joints)
         self._connection: Connection | None = None
         self._recording_failure: str | None = None
+        self._latch = StopLatch()  # here, so that a new connection does not lift a STOP
+        self._closing = False
+        self._close_lock = threading.RLock()
 
     # ---- connection ------------------------------------------------------------------------------
 
     def connect(self) -> ArmIdentity:
         """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
+
+        A STOP latched before stays latched.
 
         Raises
         ------
@@ -109,6 +116,7 @@ class CanopenArm:
             openers=self._openers,
             record_to=self._record_to,
         )
+        connection.loop.latch = self._latch
         try:
             identity = connection.open()
         except BaseException:
@@ -118,10 +126,22 @@ class CanopenArm:
         return identity
 
     def close(self) -> None:
-        """Leave the arm held, give the token back, end heartbeats and recording. Safe to call twice."""
-        link, self._connection = self._connection, None
-        if link is None:
-            return
+        """Leave the arm held, give the token back, end heartbeats and recording. Safe to call twice.
+
+        From any thread; a second one waits until the arm is closed.
+        """
+        with self._close_lock:
+            link = self._connection
+            if link is None or self._closing:  # closing: called again by the thread that closes
+                return
+            self._closing = True
+            try:
+                self._let_go(link)
+            finally:
+                # Not before: STOP needs the connection to the last moment.
+                self._connection, self._closing = None, False
+
+    def _let_go(self, link: Connection) -> None:
         try:
             if link.in_control:
                 with contextlib.suppress(HardwareError):  # the drives hold without us as well
@@ -280,7 +300,7 @@ class CanopenArm:
             If a frame could not be sent; all others were.
         """
         link = self._link
-        link.loop.stop_latched = True
+        self._latch.press()
         link.send_quick_stops()
 
     def reset_stop(self) -> None:
@@ -289,13 +309,14 @@ class CanopenArm:
         Raises
         ------
         Stopped
-            If STOP was pressed again meanwhile.
+            If STOP was pressed again meanwhile; it stays latched.
         DriveFault
             If a fault cannot be cleared.
         """
-        link = self._link
+        link, press = self._link, self._latch.last
         lagging = link.loop.run(
-            steps.reset(link.loop, link.loop.nodes.forget_faults), despite=(Stopped, DriveFault)
+            steps.reset(link.loop, link.loop.nodes.forget_faults, press=press),
+            despite=(Stopped, DriveFault),
         )
         link.read_modes()
         self._raise_if_stopped(link)

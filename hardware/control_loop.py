@@ -11,7 +11,7 @@ depends on nothing but the samples, so a run on a seeded virtual arm is the same
 The next SYNC does not overtake a late answer: a sample is closed when all joints have answered, or
 when their time is up and nothing more has come.
 
-STOP does not come through here. It sets `stop_latched` and sends its frames by itself; the loop looks
+STOP does not come through here. It presses `latch` and sends its frames by itself; the loop looks
 at the latch before and after the commands it sends, so that the last word on the bus is quick stop.
 """
 
@@ -42,6 +42,7 @@ from hardware.objects import (
     NmtState,
 )
 from hardware.sampling import Sampler, View
+from hardware.stop_line import StopLatch
 from hardware.tasks import Steps, Task, TaskQueue
 
 SWITCH_INTERVAL_S = 0.0005
@@ -128,8 +129,8 @@ class ControlLoop:
     ----------
     commands
         Sent last, or None before control was taken.
-    stop_latched
-        STOP was pressed: nothing but quick stop goes to the drives.
+    latch
+        Of STOP. Whoever has one that outlives the connection sets it before `start`.
     moving
         Steps are moving the arm.
     failure
@@ -150,7 +151,7 @@ class ControlLoop:
     ) -> None:
         self.nodes = NodeWatch((*range(1, joints + 1), SUPERVISOR_NODE))
         self.commands: Commands | None = None
-        self.stop_latched = False
+        self.latch = StopLatch()
         self.moving = False
         self.failure: HardwareError | None = None
         self._wire, self._joints, self._pace = wire, joints, pace
@@ -169,6 +170,11 @@ class ControlLoop:
         self._closing = False
 
     # ---- for other threads -----------------------------------------------------------------------
+
+    @property
+    def stop_latched(self) -> bool:
+        """STOP was pressed: nothing but quick stop goes to the drives."""
+        return self.latch.latched
 
     @property
     def view(self) -> View:

@@ -26,6 +26,7 @@ from hardware.cyclic import Command, Commands, Sample
 from hardware.errors import CommandRefused, DriveFault, HardwareError, Stopped
 from hardware.objects import CYCLIC_POSITION, MODE_CODE
 from hardware.scale import JointScale
+from hardware.stop_line import StopLatch
 from hardware.trajectory import StraightMove
 
 TRANSITION_SYNCS = 50
@@ -36,7 +37,7 @@ class Desk(Protocol):
     """What steps see of the control loop."""
 
     commands: Commands | None
-    stop_latched: bool
+    latch: StopLatch
     moving: bool
 
     @property
@@ -97,14 +98,21 @@ def drive_to(desk: Desk, wish: Wish) -> Generator[Commands | None, Sample, tuple
 
 
 def reset(
-    desk: Desk, clear: Callable[[], None]
+    desk: Desk, clear: Callable[[], None], *, press: object | None
 ) -> Generator[Commands | None, Sample, tuple[int, ...]]:
     """Release the STOP latch and clear drive faults; the drives end disabled.
 
-    `clear` forgets the emergencies known so far. Returns the joints whose fault stays.
+    `clear` forgets the emergencies known so far; `press` is the STOP to be lifted. Returns the
+    joints whose fault stays.
+
+    Raises
+    ------
+    Stopped
+        If STOP was pressed after `press`; nothing was changed.
     """
+    if not desk.latch.release(press):
+        raise Stopped("STOP was pressed again before it was reset: reset it once more")
     desk.commands = None  # the commands from before must not go out again
-    desk.stop_latched = False
     clear()
     return (yield from drive_to(desk, Wish.FAULT_CLEARED))
 
@@ -149,7 +157,8 @@ def move(
     """Move joints in step along a straight line in joint space.
 
     A watch's sentence ends the move with that reason. Any alarm but STOP first brings the joints to
-    rest along the line and is then raised; after a tripped drive all others hold where they are.
+    rest along the line and is then raised, also one that comes while they are coming to rest; after
+    a tripped drive all others hold where they are.
     """
     sample = yield None
     raise_alarm(desk)
@@ -174,14 +183,12 @@ def move(
                         target = scales[joint - 1].to_counts(angle)
                         commands = _with_target(commands, joint, target)
             sample = yield commands
-            if desk.stop_latched:
+            if desk.latch.latched:
                 raise_alarm(desk)
-            if path.braking:
-                continue
-            ending = desk.alarm() or _not_enabled(sample, joints)
+            ending = _more_urgent(desk.alarm() or _not_enabled(sample, joints), ending)
             if isinstance(ending, Stopped):
                 raise ending
-            if ending is None and watch is not None:
+            if ending is None and watch is not None and not path.braking:
                 try:
                     reason = watch(snapshot()) or ""
                 except Exception as error:  # noqa: BLE001 - raised again when the arm is at rest
@@ -239,6 +246,16 @@ def _not_enabled(sample: Sample, joints: Sequence[int]) -> CommandRefused | None
             state = state_of(sample.statuswords[joint - 1])
             return CommandRefused(f"joint {joint}: the drive is in {state.value}")
     return None
+
+
+def _more_urgent(found: HardwareError | None, ending: Exception | None) -> Exception | None:
+    """Why a move ends: the first reason, unless what was found since asks for more than rest."""
+    if ending is None or isinstance(found, Stopped):
+        return found
+    # A trip is often seen in the statusword first, as a drive that is not enabled.
+    if isinstance(found, DriveFault) and not isinstance(ending, DriveFault):
+        return found
+    return ending
 
 
 def _with_target(commands: Commands, joint: int, counts: int) -> Commands:

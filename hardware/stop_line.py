@@ -1,4 +1,4 @@
-"""STOP's own way to the drives: a second handle on the bus. Takes no lock, waits for nothing, knows no loop."""
+"""STOP: its latch, and its own way to the drives by a second handle on the bus. Takes no lock, knows no loop."""
 
 from __future__ import annotations
 
@@ -11,6 +11,38 @@ from hardware.cyclic import Command, Commands
 from hardware.errors import BusError
 from hardware.objects import COB_RPDO1, CYCLIC_POSITION, joint_node
 from hardware.wire import Wire
+
+
+class StopLatch:
+    """Whether STOP is latched, and by which press: a reset lifts only the STOP it was asked for.
+
+    Each side writes one name only, so that no press is lost between a look and a write; without a
+    lock, since STOP waits for nothing.
+    """
+
+    def __init__(self) -> None:
+        self._pressed: object | None = None
+        self._released: object | None = None
+
+    @property
+    def latched(self) -> bool:
+        """Whether STOP was pressed after what was released last."""
+        return self._pressed is not self._released
+
+    @property
+    def last(self) -> object | None:
+        """The latest press, for `release`; None before the first."""
+        return self._pressed
+
+    def press(self) -> None:
+        """Latch. From any thread."""
+        self._pressed = object()
+
+    def release(self, press: object | None) -> bool:
+        """Lift the latch if nothing was pressed after `press`; whether it is lifted."""
+        if self._pressed is press:
+            self._released = press
+        return not self.latched
 
 
 class StopLine:
@@ -53,13 +85,14 @@ class StopLine:
             )
             try:
                 self._bus.send(message, timeout=0.0)
-            except (can.CanError, OSError):
+            except Exception:  # noqa: BLE001 - whatever a driver raises, the other drives get theirs
                 try:
                     self._spare.send_at_once(message)
-                except BusError as error:
+                except Exception as error:  # noqa: BLE001 - raised when all frames were tried
                     failure = error
         if failure is not None:
-            raise BusError(f"STOP could not be sent: {failure} Use the emergency stop.")
+            words = str(failure).rstrip(".")
+            raise BusError(f"STOP could not be sent: {words}. Use the emergency stop.") from failure
 
     def close(self) -> None:
         """Shut the handle down."""

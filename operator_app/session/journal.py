@@ -57,6 +57,7 @@ class Journal:
         self._descriptor = descriptor
         self._seq = len(contents.events)
         self._chain = chain
+        self._broken = ""
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sarcal-journal")
 
     @classmethod
@@ -100,7 +101,7 @@ class Journal:
         return cls(path, descriptor, contents, chain)
 
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> Event:
-        """Write one event; returns when it is on disk.
+        """Write one event; returns when it is on disk. A line that cannot be is taken back.
 
         The writing is done by a thread of its own: a signal that interrupts the caller at any
         moment leaves the line whole and the next one numbered right.
@@ -108,6 +109,11 @@ class Journal:
         return self._writer.submit(self._append, name, data, clock).result()
 
     def _append(self, name: str, data: Mapping[str, Any], clock: Clock) -> Event:
+        if self._broken:
+            raise JournalError(
+                f"{self.path} takes no more lines: {self._broken}",
+                "repair the disk, then resume this session and look at its last entry",
+            )
         event = Event(
             seq=self._seq + 1,
             utc=clock().isoformat(timespec="milliseconds").replace("+00:00", "Z"),
@@ -118,12 +124,7 @@ class Journal:
         chain = _checksum(self._chain, body)
         line = f'{body[:-1]},"sum":"{chain}"}}\n'.encode()
         try:
-            written = os.write(self._descriptor, line)
-            if written != len(line):
-                # The rest of a line that did not fit would look like a torn one: take it back.
-                os.ftruncate(self._descriptor, os.fstat(self._descriptor).st_size - written)
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            os.fsync(self._descriptor)
+            self._write(line)
         except OSError as error:
             raise JournalError(
                 f"cannot write {self.path}: {error.strerror}",
@@ -132,6 +133,25 @@ class Journal:
             ) from error
         self._seq, self._chain = event.seq, chain
         return event
+
+    def _write(self, line: bytes) -> None:
+        """Put a line on disk, or leave the file as it was."""
+        size = os.fstat(self._descriptor).st_size
+        try:
+            if os.write(self._descriptor, line) != len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(self._descriptor)
+        except OSError:
+            # Any part of it, even a whole line, would make the next one look damaged.
+            self._take_back(size)
+            raise
+
+    def _take_back(self, size: int) -> None:
+        try:
+            os.ftruncate(self._descriptor, size)
+            os.fsync(self._descriptor)
+        except OSError as error:
+            self._broken = f"one that was refused could not be taken back ({error.strerror})"
 
     @property
     def closed(self) -> bool:

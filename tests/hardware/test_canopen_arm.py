@@ -39,7 +39,7 @@ from hardware.errors import (
     UploadRefused,
     WrongArm,
 )
-from hardware.tasks import Task
+from hardware.tasks import Steps, Task
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus
 
 PER_RAD = COUNTS_PER_REV / (2 * math.pi)
@@ -387,6 +387,62 @@ def test_a_tripped_drive_ends_the_move_and_all_others_hold(
         driven.capture(3)
 
 
+def brake_at(angle_rad: float) -> Callable[[ArmSnapshot], str | None]:
+    return lambda now: "far enough" if now.joints[1].position_rad > angle_rad else None
+
+
+def after_braking_began(bus: FakeArmBus, syncs: int, act: Callable[[], None]) -> None:
+    """Let something happen some SYNCs after joint 2 passed 0.2 rad, where it is told to brake."""
+    passed: list[int] = []
+
+    def look(sync: int) -> None:
+        if not passed and bus.drives[2].counts > 0.2 * PER_RAD:
+            passed.append(sync)
+        if passed and sync == passed[0] + syncs:
+            act()
+
+    bus.on_sync = look
+
+
+@pytest.mark.parametrize("joint", [2, 5])
+def test_a_drive_that_trips_while_braking_is_named_and_all_others_hold(
+    driven: CanopenArm, bus: FakeArmBus, joint: int
+) -> None:
+    after_braking_began(bus, 10, lambda: bus.trip(joint, 0x8311))
+    with pytest.raises(DriveFault) as fault:
+        driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at(0.2))
+    assert (fault.value.joint, fault.value.code) == (joint, 0x8311)
+    assert {drive.mode for j, drive in bus.drives.items() if j != joint} == {8}
+
+
+def test_a_trip_is_a_trip_when_its_emergency_comes_after_its_statusword(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    start = bus.syncs
+
+    def trip_in_two_parts(sync: int) -> None:
+        if sync == start + 40:
+            bus.drives[2].status = 0x08
+        elif sync == start + 45:
+            bus.trip(2, 0x8311)
+
+    bus.on_sync = trip_in_two_parts
+    with pytest.raises(DriveFault):
+        driven.move({2: 1.0}, speed_rad_per_s=0.5)
+    assert {drive.mode for j, drive in bus.drives.items() if j != 2} == {8}
+
+
+def test_an_external_stop_while_braking_is_a_stop_at_once(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    external = struct.pack("<HB5x", 0x5441, 0x81)
+    after_braking_began(bus, 10, lambda: bus.say(0x90, external))
+    with pytest.raises(Stopped, match="external stop"):
+        driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at(0.2))
+    targets = [target for _, target, _ in bus.drives[2].heard]
+    assert targets[-1] - targets[-2] > 0.1 * 0.01 * PER_RAD, "it was braked to rest first"
+
+
 # ---- settling and capturing ------------------------------------------------------------------------
 
 
@@ -605,6 +661,65 @@ def test_an_external_stop_is_a_stop(driven: CanopenArm, bus: FakeArmBus) -> None
         capture_for_ever(driven)
 
 
+def test_a_stop_between_reset_and_its_turn_stays(
+    driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """STOP strikes after RESET was asked for and before the loop comes to it."""
+    driven.stop()
+    loop = driven._link.loop
+    run = loop.run
+
+    def late_run(asked: Steps, **options: Any) -> Any:
+        driven.stop()
+        return run(asked, **options)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(loop, "run", late_run)
+        with pytest.raises(Stopped, match="again"):
+            driven.reset_stop()
+    assert driven.snapshot().stopped
+    assert {drive.status for drive in bus.drives.values()} == {0x07}
+    driven.reset_stop()
+    assert not driven.snapshot().stopped
+    assert {drive.status for drive in bus.drives.values()} == {0x40}
+
+
+def test_a_stop_while_being_reset_stays(driven: CanopenArm, bus: FakeArmBus) -> None:
+    driven.stop()
+    start = bus.syncs
+    bus.on_sync = lambda sync: driven.stop() if sync == start + 2 else None
+    with pytest.raises(Stopped):
+        driven.reset_stop()
+    assert driven.snapshot().stopped
+
+
+def test_one_reset_lifts_all_stops_before_it(driven: CanopenArm) -> None:
+    for _ in range(3):
+        driven.stop()
+    driven.reset_stop()
+    assert not driven.snapshot().stopped
+
+
+def test_a_stop_outlives_the_connection(driven: CanopenArm, bus: FakeArmBus) -> None:
+    driven.stop()
+    driven.close()
+    driven.connect()
+    assert driven.snapshot().stopped
+    for refused in (driven.take_control, lambda: driven.move({2: 0.1}, speed_rad_per_s=0.1)):
+        with pytest.raises(Stopped):
+            refused()
+    driven.reset_stop()
+    assert not driven.snapshot().stopped
+    driven.take_control()
+    driven.set_modes(TWO_DRIVEN)
+    assert driven.move({2: 0.1}, speed_rad_per_s=0.1).reached
+
+
+def test_a_connected_arm_is_not_connected_again(arm: CanopenArm) -> None:
+    with pytest.raises(ValueError, match="already"):
+        arm.connect()
+
+
 # ---- parameters ------------------------------------------------------------------------------------
 
 DOCUMENT = ("schema: sarcal/parameters/1\n" + "x: 1.0\n" * 600).encode()
@@ -700,6 +815,61 @@ def test_closing_after_stop_does_not_lift_the_stop(driven: CanopenArm, bus: Fake
     driven.close()
     assert {drive.status for drive in bus.drives.values()} == {0x07}
     assert bus.token == 0
+
+
+def test_stop_while_closing_stops_the_drives_and_latches(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    start = bus.syncs
+    bus.on_sync = lambda sync: driven.stop() if sync == start + 2 else None
+    driven.close()
+    assert {drive.status for drive in bus.drives.values()} == {0x07}
+    assert bus.token == 0
+    driven.connect()
+    assert driven.snapshot().stopped
+
+
+def test_stop_reaches_the_drives_to_the_last_moment_of_closing(
+    driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop = driven._link.loop
+    close, before = loop.close, []
+
+    def close_and_stop() -> None:
+        close()
+        before.append(len(bus.sent))
+        driven.stop()
+
+    monkeypatch.setattr(loop, "close", close_and_stop)
+    driven.close()
+    late = [(i, struct.unpack("<Hib", data)[0]) for i, data in bus.sent[before[0] :]]
+    assert late == [(0x200 + j, 0x0002) for j in range(1, JOINTS + 1)]
+
+
+def test_closing_twice_at_once_closes_once(
+    driven: CanopenArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = driven._link
+    close, closed = link.close, []
+    other = threading.Thread(target=driven.close)
+    waited = []
+
+    def close_within() -> None:
+        closed.append(link)
+        if len(closed) == 1:
+            driven.close()  # as a signal handler of this thread would
+            other.start()
+            other.join(0.05)
+            waited.append(other.is_alive())
+        close()
+
+    monkeypatch.setattr(link, "close", close_within)
+    driven.close()
+    other.join(5.0)
+    assert waited == [True], "the other thread went on before the arm was closed"
+    assert closed == [link]
+    with pytest.raises(BusError, match="not connected"):
+        driven.snapshot()
 
 
 def test_the_bus_is_recorded_both_ways(bus: FakeArmBus, tmp_path: Path) -> None:

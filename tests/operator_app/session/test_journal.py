@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -13,6 +18,43 @@ from operator_app.session.errors import JournalError
 from operator_app.session.journal import JOURNAL_NAME, Journal, read_journal
 
 EVENTS = (("opened", {"a": 1.25}), ("pose", {"mean_rad": [0.1, -2e-17]}), ("note", {"t": "µ\n"}))
+
+
+class FailingDisk:
+    """`os` on a disk whose n-th call of a kind fails, n counted from 1; `short` writes cut a line."""
+
+    def __init__(self, failing: Mapping[str, tuple[int, ...]], *, short: bool = False) -> None:
+        self._failing, self._short = failing, short
+        self._calls: Counter[str] = Counter()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(os, name)
+
+    def _fails(self, name: str) -> bool:
+        self._calls[name] += 1
+        return self._calls[name] in self._failing.get(name, ())
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        if not self._fails("write"):
+            return os.write(descriptor, data)
+        written = os.write(descriptor, data[: len(data) // 2])
+        if self._short:
+            return written
+        raise OSError(errno.EIO, "the disk failed")
+
+    def fsync(self, descriptor: int) -> None:
+        if self._fails("fsync"):
+            raise OSError(errno.EIO, "the disk failed")
+        os.fsync(descriptor)
+
+    def ftruncate(self, descriptor: int, size: int) -> None:
+        if self._fails("ftruncate"):
+            raise OSError(errno.EIO, "the disk failed")
+        os.ftruncate(descriptor, size)
+
+
+def fail(monkeypatch: pytest.MonkeyPatch, disk: FailingDisk) -> None:
+    monkeypatch.setattr("operator_app.session.journal.os", disk)
 
 
 def write(folder: Path) -> bytes:
@@ -121,3 +163,62 @@ def test_non_finite_numbers_never_reach_the_file(tmp_path: Path) -> None:
 def test_lines_are_plain_json_with_a_checksum(tmp_path: Path) -> None:
     for line in write(tmp_path).splitlines():
         assert set(json.loads(line)) == {"seq", "utc", "event", "data", "sum"}
+
+
+@pytest.mark.parametrize(
+    "disk",
+    [
+        FailingDisk({"fsync": (1,)}),
+        FailingDisk({"write": (1,)}),
+        FailingDisk({"write": (1,)}, short=True),
+    ],
+    ids=["fsync", "write", "short write"],
+)
+def test_a_line_that_failed_is_taken_back_and_the_next_one_fits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, disk: FailingDisk
+) -> None:
+    journal = Journal.create(tmp_path)
+    for name, data in EVENTS:
+        journal.append(name, data)
+    whole = (tmp_path / JOURNAL_NAME).read_bytes()
+    fail(monkeypatch, disk)
+    with pytest.raises(JournalError, match=r"cannot write .*resume this session"):
+        journal.append("refused", {})
+    assert (tmp_path / JOURNAL_NAME).read_bytes() == whole
+    assert journal.append("first after", {}).seq == len(EVENTS) + 1
+    assert journal.append("second after", {}).seq == len(EVENTS) + 2
+    journal.close()
+    names = [*(name for name, _ in EVENTS), "first after", "second after"]
+    assert [event.name for event in read_journal(tmp_path).events] == names
+    resumed = Journal.resume(tmp_path)
+    assert resumed.contents.torn == ""
+    assert [event.name for event in resumed.contents.events] == names
+    resumed.close()
+
+
+@pytest.mark.parametrize(
+    "failing",
+    [{"fsync": (1,), "ftruncate": (1,)}, {"write": (1,), "ftruncate": (1,)}, {"fsync": (1, 2)}],
+    ids=["fsync and truncate", "write and truncate", "both fsyncs"],
+)
+def test_a_journal_that_cannot_take_a_line_back_takes_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: dict[str, tuple[int, ...]]
+) -> None:
+    journal = Journal.create(tmp_path)
+    for name, data in EVENTS:
+        journal.append(name, data)
+    fail(monkeypatch, FailingDisk(failing))
+    with pytest.raises(JournalError, match="cannot write"):
+        journal.append("refused", {})
+    left = (tmp_path / JOURNAL_NAME).read_bytes()
+    for _ in range(2):
+        with pytest.raises(JournalError, match=r"takes no more lines.*the disk failed.*resume"):
+            journal.append("after", {})
+    assert (tmp_path / JOURNAL_NAME).read_bytes() == left
+    journal.close()
+    resumed = Journal.resume(tmp_path)
+    kept = [(event.name, event.data) for event in resumed.contents.events]
+    assert kept[: len(EVENTS)] == list(EVENTS)
+    resumed.append("goes on", {})
+    resumed.close()
+    assert read_journal(tmp_path).events[-1].name == "goes on"

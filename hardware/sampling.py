@@ -67,7 +67,10 @@ class Sampler:
         self._status[at], self._counts[at], self._torques[at] = status
         self._answered_at_s[at] = now_s
         self._answers[at] += 1
-        if self._answers[at] == 1 and self._missed[at] < self._patience:
+        if self._missed[at] >= self._patience:
+            # It was not waited for: this answer may come after its sample was closed, and counts.
+            self._missed[at] = 0
+        elif self._answers[at] == 1:
             self.waiting -= 1
 
     def close(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Protocol
@@ -73,10 +72,9 @@ class ComposedSource:
     def new(self, procedure: str | None = None) -> Desk:
         """Begin a session; a procedure that is named stays chosen."""
         named = procedure or self._procedure
-        opening = begin(named, self._choices, root=self._root)
+        desk = self._open(begin(named, self._choices, root=self._root), "another session was begun")
         self._procedure = named
-        self.close("another session was begun")
-        return self._open(opening)
+        return desk
 
     def procedures(self) -> tuple[Procedure, ...]:
         """The packaged ones."""
@@ -85,8 +83,7 @@ class ComposedSource:
     def resumed(self, reference: str) -> Desk:
         """Go on with a session."""
         opening = resume(reference, self._choices, root=self._root)
-        self.close("another session was resumed")
-        return self._open(opening)
+        return self._open(opening, "another session was resumed")
 
     def sessions(self) -> tuple[SessionEntry, ...]:
         """All sessions, newest first."""
@@ -103,7 +100,8 @@ class ComposedSource:
                 kept = not remove_if_empty(desk)
                 self.last = desk.session.journal.path.parent if kept else None
 
-    def _open(self, opening: Opening) -> Desk:
+    def _open(self, opening: Opening, farewell: str) -> Desk:
+        """Open a session; the one that was open is closed when nothing can go wrong any more."""
         with ExitStack() as stack:
             rig = stack.enter_context(open_arm(opening, pace=Pace.REAL_TIME, speed=self._speed))
             journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
@@ -114,8 +112,9 @@ class ComposedSource:
             else:
                 session.open(opening.sources, opening.settings)
             desk = Desk(session, simulated=rig.simulated, bus=_bus_words(opening, rig.simulated))
-            self._stack = stack.pop_all()
-        self._desk = desk
+            opened = stack.pop_all()
+        self.close(farewell)
+        self._desk, self._stack = desk, opened
         return desk
 
 
@@ -133,11 +132,10 @@ def _bus_words(opening: Opening, simulated: bool) -> str:  # noqa: FBT001 - one 
 def remove_if_empty(desk: Desk) -> bool:
     """Take away the folder of a session in which no arm was ever connected: it holds nothing."""
     folder = desk.session.journal.path.parent
+    if not folder.is_dir():
+        return True
     if desk.session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:
         return False
     (folder / JOURNAL_NAME).unlink()
     folder.rmdir()
     return True
-
-
-OpenSource = Callable[[], Source]

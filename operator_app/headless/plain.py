@@ -153,7 +153,7 @@ class Plain:
             self._work(
                 "Check the fixture again",
                 TaskKind.CHECK,
-                guards.may_use_data,
+                guards.may_check_fixture,
                 lambda o: o.check_fixture(),
             )
         ]

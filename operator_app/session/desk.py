@@ -11,7 +11,8 @@ import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from datetime import UTC
 from typing import Any
@@ -37,6 +38,8 @@ from operator_app.session.workflow import Session
 
 WATCH_PERIOD_S = 0.05
 MESSAGES_KEPT = 100
+UNSEEN_S = 1.5
+"""A motion that nobody has looked at for so long is ended: any key ends a motion, if it is read."""
 FIELDS = frozenset(f.name for f in fields(SessionSnapshot))
 
 MOVING = frozenset({TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.VERIFY})
@@ -82,7 +85,7 @@ class Desk:
         self._closing = threading.Event()
         self._publishing = threading.Lock()
         self._motion = MotionWatch(session.model, session.procedure.capture)
-        self._seen_s = monotonic()
+        self._seen_s = self._looked_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(
             now_s=monotonic(),
@@ -135,7 +138,11 @@ class Desk:
     # -- looking -----------------------------------------------------------------------------------
 
     def snapshot(self) -> SessionSnapshot:
-        """Return the latest picture; never blocks."""
+        """Return the latest picture, to somebody who looks at it; never blocks."""
+        self._looked_s = self._monotonic()
+        return self._picture()
+
+    def _picture(self) -> SessionSnapshot:
         base, now = self._base, self._monotonic()
         if base.identity is None:
             return replace(base, now_s=now)
@@ -196,10 +203,11 @@ class Desk:
         """Software STOP, from the calling thread: waits for no queue, no lock, no work."""
         asked = self._monotonic()
         problem = ""
+        again = self._base.stop is not None and not self._base.stop.problem
         try:
             self.session.arm.stop()
-        except HardwareError as error:
-            problem = str(error)
+        except Exception as error:  # noqa: BLE001 - STOP may fail, it may not raise
+            problem = str(error) or repr(error)
         self.cancel()
         sent = self._monotonic() - asked
         self.publish(
@@ -213,7 +221,8 @@ class Desk:
         )
         if problem:
             self.say(Level.ALARM, f"STOP could not be sent: {problem}. Use the hardware stop")
-        else:
+        elif not again:
+            # Said once: a key that is held down would push out why it was pressed.
             self.say(Level.ALARM, "software STOP sent to all drives; it is latched (R resets)")
 
     def close(self, reason: str) -> None:
@@ -235,6 +244,19 @@ class Desk:
         )
 
     def _work(self) -> None:
+        with self._supervised():
+            self._work_off()
+
+    @contextmanager
+    def _supervised(self) -> Iterator[None]:
+        """A thread that ends by a defect stops the arm and tells the screen."""
+        try:
+            yield
+        except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
+            self.defect = error
+            self._stop_quietly()
+
+    def _work_off(self) -> None:
         while True:
             job = self._jobs.get()
             if job is None:
@@ -273,22 +295,27 @@ class Desk:
             self.say(Level.WARNING, words(error).happened)
 
     def _watch(self) -> None:
-        """Lost data end the work and stop the arm; drives that stopped are counted."""
+        with self._supervised():
+            self._keep_watch()
+
+    def _keep_watch(self) -> None:
+        """Lost data end the work and stop the arm, and so does nobody looking while it moves."""
         lost = False
         while not self._closing.wait(WATCH_PERIOD_S):
-            now = self.snapshot()
+            now = self._picture()
+            self._end_what_nobody_sees(now)
             self._look_at_motion(now)
             if now.arm is not None and now.stop is not None:
                 self._count_stopped(now, now.stop)
             if now.data is DataState.LOST and not lost:
                 lost = True
+                sent = "quick stop sent" if self._stop_quietly() else "quick stop NOT sent"
                 self.say(
                     Level.ALARM,
-                    f"no data from the arm for {now.oldest_s:.1f} s: quick stop sent, the drives "
-                    "hold by themselves. Look at the bus and the controller",
+                    f"no data from the arm for {now.oldest_s:.1f} s: {sent}, the drives hold by "
+                    "themselves. Look at the bus and the controller",
                 )
-                self._stop_quietly()
-            elif lost and now.data is DataState.FRESH:
+            elif lost and _all_is_heard(now):
                 lost = False
                 self.say(Level.INFO, "the data are back: reset STOP (R) when it is safe")
 
@@ -299,22 +326,46 @@ class Desk:
             self._motion.forget()
             self.publish(motion=None)
 
-    def _stop_quietly(self) -> None:
+    def _end_what_nobody_sees(self, now: SessionSnapshot) -> None:
+        """A screen that hangs, on a terminal that is not read any more, takes no key that stops."""
+        unseen = now.now_s - self._looked_s
+        if now.task is not None and now.task.moves and unseen > UNSEEN_S and not self.cancelled():
+            self.cancel()
+            self.say(
+                Level.ALARM,
+                f"the screen did not answer for {unseen:.1f} s while the arm moved: the motion was "
+                "ended. Look at the terminal and its connection",
+            )
+
+    def _stop_quietly(self) -> bool:
+        """Quick stop; whether it could be sent."""
         self.cancel()
         try:
             self.session.arm.stop()
-        except HardwareError as error:
-            self.say(Level.ALARM, f"the quick stop could not be sent: {error}")
+        except HardwareError:
+            return False
+        return True
 
     def _count_stopped(self, now: SessionSnapshot, report: StopReport) -> None:
         if now.arm is None or report.acknowledged_after_s is not None or not now.arm.stopped:
             return
         resting = sum(j.drive is not DriveState.OPERATION_ENABLED for j in now.arm.joints)
         done = resting == len(now.arm.joints)
-        self.publish(
-            stop=replace(
-                report,
-                drives_stopped=resting,
-                acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
-            )
+        counted = replace(
+            report,
+            drives_stopped=resting,
+            acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
         )
+        with self._publishing:
+            # A newer STOP, or a reset, has been said meanwhile: that stands.
+            if self._base.stop is report:
+                self._base = replace(self._base, stop=counted)
+
+
+def _all_is_heard(s: SessionSnapshot) -> bool:
+    """Whether every joint answers and every node's heartbeat is back: a reset needs both."""
+    return (
+        s.data is DataState.FRESH
+        and s.arm is not None
+        and max(s.arm.heartbeat_age_s.values(), default=0.0) < LOST_S
+    )

@@ -13,6 +13,7 @@ from hardware.arm import DriveState, JointMode
 from operator_app.session import mode_rule
 from operator_app.session.snapshot import DataState, SessionSnapshot, Task
 from operator_app.session.steps import Step
+from operator_app.session.wording import drive_words
 from solver.closure import poses_needed
 
 Missing = tuple[str, ...]
@@ -60,9 +61,11 @@ def capture_ready(s: SessionSnapshot) -> Missing:
         return ("STOP is latched: reset it (R), then apply the modes again (step 3)",)
     if not s.modes:
         return ("the joint modes are not set: apply them (step 3)",)
+    if all(m is JointMode.POSITION for m in s.modes):
+        return ("all joints are held: apply the modes again (step 3)",)
     if not s.drives_ready:
         return (f"{_not_ready(s)}: apply the modes again (step 3)",)
-    return ()
+    return modes_problem(s, tuple(k for k, m in enumerate(s.modes, 1) if m is JointMode.POSITION))
 
 
 def calibrate_ready(s: SessionSnapshot) -> Missing:
@@ -135,6 +138,11 @@ def may_use_data(s: SessionSnapshot) -> Missing:
         joints = ", ".join(f"J{j}" for j in s.stale_joints)
         return (f"the data of {joints} are {1e3 * s.oldest_s:.0f} ms old: wait for fresh ones",)
     return ()
+
+
+def may_check_fixture(s: SessionSnapshot) -> Missing:
+    """Judging the placement needs to see where the arm stands."""
+    return idle(s) or may_use_data(s)
 
 
 def may_apply_modes(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missing:
@@ -242,7 +250,7 @@ def _not_ready(s: SessionSnapshot) -> str:
         return "there is no data from the drives"
     for joint, mode in zip(s.arm.joints, s.modes, strict=False):
         if joint.drive is not DriveState.OPERATION_ENABLED:
-            return f"drive {joint.joint} is {joint.drive.value}"
+            return f"drive {joint.joint} is {drive_words(joint.drive)}"
         if joint.mode is not mode:
             found = "no mode" if joint.mode is None else joint.mode.value
             wanted = "position" if mode is JointMode.POSITION else "free"

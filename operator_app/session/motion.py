@@ -17,6 +17,7 @@ from solver.arrays import FloatArray
 
 SPEED_WINDOW_S = 0.5
 RATE_WINDOW_S = 1.0
+FEWEST = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +70,9 @@ class MotionWatch:
             looks.popleft()
         elapsed = now_s - looks[0][0]
         rate = (arm.sync_count - looks[0][1]) / elapsed if elapsed > 0.0 else 0.0
-        recent = np.array([q for _, sync, q in looks if arm.sync_count - sync < self._window])
+        # Four looks at least: where SYNCs come quickly the window may hold one, which spreads nothing.
+        late = [q for _, sync, q in looks if arm.sync_count - sync < self._window]
+        recent = np.array(late if len(late) >= FEWEST else [q for _, _, q in looks][-FEWEST:])
         share = np.ptp(recent, axis=0) / self._allowed
         worst = int(np.argmax(share))
         still = bool(share[worst] <= 1.0)

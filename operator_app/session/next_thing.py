@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fixtures.base import Severity
-from hardware.arm import DriveState, JointMode
+from hardware.arm import DriveState, JointMode, JointState
 from operator_app.session.guards import missing_for, modes_problem
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
@@ -24,6 +24,8 @@ def next_thing(step: Step, s: SessionSnapshot, wanted: tuple[JointMode, ...]) ->
     """Return what Enter does at `step`; `wanted` are the modes marked on the screen."""
     if s.data is DataState.LOST and s.task is None:
         return _lost(step)
+    if s.task is not None and not s.task.moves:
+        return NextThing(action="", label="", hint=f"{s.task.text} ...")
     if s.stopped:
         return NextThing(
             action="reset",
@@ -37,8 +39,7 @@ def next_thing(step: Step, s: SessionSnapshot, wanted: tuple[JointMode, ...]) ->
             hint="a drive tripped: find out why, then Enter (or R) resets it; nothing moves",
         )
     if s.task is not None:
-        hint = f"{s.task.text}: any key stops it" if s.task.moves else f"{s.task.text} ..."
-        return NextThing(action="", label="", hint=hint)
+        return NextThing(action="", label="", hint=f"{s.task.text}: any key stops it")
     match step:
         case Step.CONNECT:
             return _connect(s)
@@ -54,6 +55,10 @@ def next_thing(step: Step, s: SessionSnapshot, wanted: tuple[JointMode, ...]) ->
             return _results(s)
         case Step.EXPORT:
             return _export(s)
+
+
+def _joints(s: SessionSnapshot) -> tuple[JointState, ...]:
+    return () if s.arm is None else s.arm.joints
 
 
 def _lost(step: Step) -> NextThing:
@@ -92,6 +97,13 @@ def _fixture(s: SessionSnapshot) -> NextThing:
             hint="remount the fixture as the red check says, then Enter checks it again",
         )
     left = len(s.procedure.fixture.checklist) - len(s.ticked)
+    if left and s.simulated:
+        return NextThing(
+            action="tick",
+            label="Tick all",
+            hint="on a real arm each item is looked at and ticked by itself; nothing here is real: "
+            f"Enter ticks all {left}",
+        )
     if left:
         return NextThing(
             action="tick",
@@ -118,16 +130,19 @@ def _modes(s: SessionSnapshot, wanted: tuple[JointMode, ...]) -> NextThing:
 
 def _capture(s: SessionSnapshot) -> NextThing:
     missing = missing_for(Step.CAPTURE, s)
-    if missing:
-        return NextThing(action="back", label="Back to Modes", hint=missing[0])
     used = len(s.state.used_poses)
-    if used < s.wanted_poses:
-        return NextThing(
-            action="automatic",
-            label="Automatic",
-            hint=f"Enter captures the {s.wanted_poses - used} poses left automatically; "
-            "g and c do one by hand",
-        )
+    left = s.wanted_poses - used
+    if left > 0 and missing:
+        return NextThing(action="back", label="Back to Modes", hint=missing[0])
+    if left > 0:
+        poses = "the pose" if left == 1 else f"the {left} poses"
+        hint = f"Enter captures {poses} left automatically; g and c do one by hand"
+        if s.procedure.capture.strategy == "planned":
+            planned = s.procedure.capture.poses
+            hint = (
+                f"Enter explores as far as it must, then takes the {planned} poses that tell most"
+            )
+        return NextThing(action="automatic", label="Automatic", hint=hint)
     return _next(Step.CALIBRATE, f"all {used} poses are captured")
 
 
@@ -158,6 +173,13 @@ def _export(s: SessionSnapshot) -> NextThing:
             action="write", label="Write file", hint="Enter writes parameters.yaml and poses.csv"
         )
     if s.receipt is None:
+        if s.connected and any(j.drive is not DriveState.OPERATION_ENABLED for j in _joints(s)):
+            return NextThing(
+                action="step(3)",
+                label="To Modes",
+                hint="the files are written. The drives are off: Enter goes to step 3, apply the modes "
+                "there, then upload; q leaves",
+            )
         return NextThing(
             action="upload",
             label="Upload",
@@ -166,5 +188,6 @@ def _export(s: SessionSnapshot) -> NextThing:
     return NextThing(
         action="quit",
         label="Finish",
-        hint="done: written, uploaded and read back. y verifies with new poses, Enter or q leaves",
+        hint="done: written, uploaded and read back; the arm is held. Enter or q leaves; to verify with "
+        "new poses, apply the modes again (step 3), then y here",
     )

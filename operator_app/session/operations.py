@@ -22,6 +22,7 @@ from operator_app.session.live import LiveQuality, live_quality
 from operator_app.session.parameter_diff import diff_rows
 from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.snapshot import Iteration, Level, Verification, Written
+from operator_app.session.state import SessionState
 from operator_app.session.workflow import Session
 from operator_app.verification import fixed_by, judge_poses
 from solver.arrays import FloatArray
@@ -72,10 +73,12 @@ class Operations:
 
     def connect(self) -> None:
         """Find the arm, or find it again; check it, and judge the fixture where the arm stands."""
-        if self._session.identity is not None:
-            self._session.arm.close()
-        identity = self._session.connect()
-        self._board.publish(identity=identity)
+        self._session.arm.close()
+        try:
+            identity = self._session.connect()
+        finally:
+            self._board.publish(identity=self._session.identity)
+        self._board.publish(stop=None, at_waypoint=None)
         if all("virtual" in node.device_name for node in identity.nodes):
             # On whatever bus: these nodes say themselves that nothing real moves.
             self._board.publish(simulated=True)
@@ -98,9 +101,12 @@ class Operations:
             choice = choose_by_prediction(session)
             joints, ranked = choice.drives, choice.ranked
         self._board.publish(checks=checks, ranked=ranked)
-        if len(joints) == session.mobility:
-            plan = session.plan_from(here, joints)
-            self._foresee(plan, here)
+        start = session.state.start_rad
+        if start is not None and len(session.position_joints) == session.mobility:
+            # The plan that is followed, not one that would begin here.
+            self._foresee(session.plan(), start)
+        elif len(joints) == session.mobility:
+            self._foresee(session.plan_from(here, joints), here)
         self.refresh()
 
     def confirm(self, item: str, text: str) -> None:
@@ -122,13 +128,20 @@ class Operations:
 
     def wiggle(self) -> None:
         """Move each drive joint a little, there and back, and say what followed."""
+        self._board.publish(at_waypoint=None)
         session, said = self._session, []
         for joint in session.position_joints:
             before = session.arm.snapshot().positions_rad
-            session.go_to({joint: float(before[joint - 1]) + WIGGLE_RAD}, self._ends)
-            there = session.arm.snapshot().positions_rad
-            session.go_to({joint: float(before[joint - 1])}, self._ends)
+            away = session.go_to({joint: float(before[joint - 1]) + WIGGLE_RAD}, self._ends)
             self._raise_if_cancelled()
+            there = session.arm.snapshot().positions_rad
+            back = session.go_to({joint: float(before[joint - 1])}, self._ends)
+            self._raise_if_cancelled()
+            if not (away.reached and back.reached):
+                raise GuardError(
+                    f"The trial wiggle of J{joint} was stopped: {away.reason or back.reason}",
+                    "Look at what is in the way before anything else moves",
+                )
             moved = np.rad2deg(there - before)
             followed = ", ".join(
                 f"J{j} {moved[j - 1]:+.1f}" for j in range(1, len(moved) + 1) if j != joint
@@ -141,6 +154,7 @@ class Operations:
 
     def go(self, waypoint: int) -> None:
         """Move to a waypoint; any key ends it."""
+        self._board.publish(at_waypoint=None)
         reached = self._session.visit(waypoint, self._ends)
         self._raise_if_cancelled()
         self._board.publish(at_waypoint=waypoint if reached else None)
@@ -154,7 +168,11 @@ class Operations:
 
     def capture(self, waypoint: int) -> None:
         """Settle, read, keep."""
-        pose = self._session.capture(waypoint)
+        self._session.capture(waypoint)
+        self._captured(self._session.state)
+
+    def _captured(self, state: SessionState) -> None:
+        pose = state.poses[-1]
         self.refresh()
         noise = float(np.rad2deg(pose.sd_rad.max()))
         self._board.say(Level.INFO, f"pose {pose.number} captured (noise up to {noise:.4f} deg)")
@@ -173,6 +191,7 @@ class Operations:
                     f"Only {len(session.state.used_poses)} of {wanted} poses could be reached",
                     "Drive another pair of joints, or calibrate from what there is",
                 )
+            self._board.publish(at_waypoint=None)
             if session.visit(waypoint, self._ends):
                 self._board.publish(at_waypoint=waypoint)
                 self._raise_if_cancelled()
@@ -194,7 +213,7 @@ class Operations:
             session.set_modes(drives)
         self._board.publish(at_waypoint=None)
         try:
-            end = capture.run(on_pose=lambda _state: self.refresh(), ended=self._ends)
+            end = capture.run(on_pose=self._captured, ended=self._ends)
         finally:
             self._board.publish(heading=None)
         self.refresh()
@@ -229,9 +248,7 @@ class Operations:
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         """Calibrate; each iteration is published, and cancelling ends it at the next one."""
-        self._board.publish(
-            iterations=(), solution=None, checks_of_it=None, written=None, diff=(), receipt=None
-        )
+        self._board.publish(iterations=())
         steps: list[Iteration] = []
 
         def progress(number: int, cost: float) -> None:
@@ -243,7 +260,11 @@ class Operations:
             progress, estimator=estimator, unsensed_joints=unsensed_joints
         )
         self._solution = solution
-        self._board.publish(solution=solution)
+        # All at once, and only now: what was said of an earlier calibration does not hold for this one.
+        self._board.publish(
+            solution=solution, checks_of_it=None, written=None, diff=(), receipt=None,
+            verification=None, report=None,
+        )  # fmt: skip
         self.refresh()
         verdict = "accepted" if solution.accepted else "not accepted"
         self._board.say(
@@ -294,6 +315,7 @@ class Operations:
             self._board.say(Level.INFO, f"written: {exported.parameters}")
         else:
             self._board.publish(receipt=exported.receipt)
+            self._compare()
             self._board.say(
                 Level.INFO,
                 f"uploaded to slot {exported.receipt.slot} and read back: the same "
@@ -302,6 +324,7 @@ class Operations:
 
     def verify(self, poses: int) -> None:
         """Take new poses beyond the plan's and judge them by the parameters as they are."""
+        self._board.publish(at_waypoint=None)
         session, solution = self._session, self._judged()
         plan, readings = session.plan(), []
         for waypoint in [k for k in range(len(plan)) if k not in session.state.visited][:poses]:
@@ -347,6 +370,7 @@ class Operations:
 
     def hold(self) -> None:
         """All joints to position mode where they are."""
+        self._board.publish(at_waypoint=None)
         self._session.hold()
         self.refresh()
 

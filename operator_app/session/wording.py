@@ -6,6 +6,7 @@ The one table of words for faults: both faces show these sentences.
 from __future__ import annotations
 
 from fixtures.errors import FixtureError
+from hardware.arm import DriveState
 from hardware.errors import (
     BusError,
     CommandRefused,
@@ -67,6 +68,19 @@ def _remedy(error: BaseException) -> str:
             return "Free space or choose another folder; the journal is whole"
         case _:
             return "Nothing was changed"
+
+
+def drive_words(state: DriveState) -> str:
+    """Return a drive's state as it matters to somebody beside the arm; the standard's words are many."""
+    match state:
+        case DriveState.OPERATION_ENABLED:
+            return "enabled"
+        case DriveState.QUICK_STOP_ACTIVE:
+            return "stopped"
+        case DriveState.FAULT | DriveState.FAULT_REACTION_ACTIVE:
+            return "in fault"
+        case _:
+            return "off"
 
 
 def summary(procedure: Procedure) -> str:

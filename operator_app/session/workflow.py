@@ -78,6 +78,9 @@ class Session:
         identity = self.arm.connect()
         known = self.state.serial_number
         if known and known != identity.serial_number:
+            # Not left connected: nothing of this session may move another arm.
+            self.identity = None
+            self.arm.close()
             raise GuardError(
                 f"this session belongs to arm {known}, and the arm on the bus is "
                 f"{identity.serial_number}",
@@ -174,7 +177,12 @@ class Session:
         return waypoints(self.model, start_rad, for_joints(self.procedure.capture, joints))
 
     def go_to(self, targets_rad: Mapping[int, float], also: Watch | None = None) -> MoveResult:
-        """Move the position-mode joints, watching every joint; `also` may end the move as well."""
+        """Move the position-mode joints, watching every joint; `also` may end the move as well.
+
+        Refused when not exactly as many joints are in position mode as the chain has freedoms: held
+        joints would work against each other through the fixture.
+        """
+        self.check_modes(self.position_joints)
         in_range = range_watch(self.model)
 
         def watch(snapshot: ArmSnapshot) -> str | None:
@@ -206,6 +214,7 @@ class Session:
         self, waypoint: int = -1, note: str = "", *, planned: bool | None = None
     ) -> CapturedPose:
         """Let the arm settle, read a pose, and keep it; `planned` says a campaign's plan chose it."""
+        self.check_modes(self.position_joints)
         reading = self.read()
         campaign = {} if planned is None else {"planned": planned}
         self.record(

@@ -45,7 +45,10 @@ class Actions(Navigation):
     def do_check_fixture(self) -> None:
         """Judge the fixture's placement again where the arm stands now."""
         self._hand(
-            guards.may_use_data, TaskKind.CHECK, "checking the fixture", lambda o: o.check_fixture()
+            guards.may_check_fixture,
+            TaskKind.CHECK,
+            "checking the fixture",
+            lambda o: o.check_fixture(),
         )
 
     def do_tick(self) -> None:
@@ -263,9 +266,20 @@ class Actions(Navigation):
 
     def do_verify(self) -> None:
         """Move to new poses and judge them by the parameters found."""
-        self._hand(
-            guards.may_verify,
-            TaskKind.VERIFY,
-            "moving to new poses",
-            lambda o: o.verify(VERIFY_POSES),
+        s = self._look()
+        if s is None or self._refused(guards.may_verify(s)):
+            return
+
+        def answer(said: str | None) -> None:
+            if said:
+                self._hand(
+                    guards.may_verify,
+                    TaskKind.VERIFY,
+                    f"moving to {VERIFY_POSES} new poses",
+                    lambda o: o.verify(VERIFY_POSES),
+                )
+
+        text = (
+            f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear; any key stops it."
         )
+        self.app.push_screen(Confirm("Verify with new poses?", text, "Move"), answer)

@@ -11,6 +11,7 @@ import contextlib
 import gc
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, ClassVar
 
@@ -21,8 +22,10 @@ from textual.driver import Driver
 from textual.screen import Screen
 from textual.widgets import Input
 
+from operator_app.exit_codes import ExitCode
+from operator_app.headless.signals import ending_signals_wait
 from operator_app.session.steps import Step
-from operator_app.tui.driver import watched
+from operator_app.tui.driver import Pressed, watched
 from operator_app.tui.keys import STOP_KEYS, Action, by_name, for_key
 from operator_app.tui.lines import Clicked
 from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, Look, look, themes
@@ -38,6 +41,10 @@ if TYPE_CHECKING:
 
 POLL_S = 1.0 / 20.0
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
+SCREEN_PATIENCE_S = 5.0
+"""How long a screen may take to come to its end after a signal."""
+STOP_WIDTH = 16
+"""Columns of the word STOP and its keys on the strip."""
 
 
 class SarcalApp(App[str]):
@@ -69,6 +76,8 @@ class SarcalApp(App[str]):
         self.step = Step.CONNECT
         self.picture: SessionSnapshot | None = None
         self.loaded = False
+        self.problem: BaseException | None = None
+        self.over = threading.Event()
         self._stopped_at_the_door: list[events.Key] = []
         self._make_source = make_source
         self.source: Source
@@ -84,10 +93,10 @@ class SarcalApp(App[str]):
     async def on_mount(self) -> None:
         """Listen for signals; load the rest."""
         loop = asyncio.get_running_loop()
-        for number in ENDINGS:
+        if threading.current_thread() is threading.main_thread():
             # Textual does not unmount on a signal: leave in order instead.
-            with contextlib.suppress(ValueError, NotImplementedError, RuntimeError):
-                loop.add_signal_handler(number, self.leave, number.name)
+            for number in ENDINGS:
+                signal.signal(number, lambda n, _: self._asked_to_end(signal.Signals(n).name, loop))
         self.call_after_refresh(self.run_worker, self._load())
 
     async def _load(self) -> None:
@@ -104,6 +113,23 @@ class SarcalApp(App[str]):
         self.main.set_class(self.look.ascii_only, "-ascii")
         self.actions.begin()
         self.main.set_interval(POLL_S, self.poll)
+
+    def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
+        """Leave when the loop has a turn; if it has none, without the screen."""
+        loop.call_soon_threadsafe(self.leave, reason)
+        threading.Thread(target=self._leave_without_screen, args=(reason,), daemon=True).start()
+
+    def _leave_without_screen(self, reason: str) -> None:
+        """The loop waits for ever where a terminal takes no more output."""
+        if not self.over.wait(SCREEN_PATIENCE_S):
+            if self.loaded:
+                self.source.close(reason)
+            os._exit(ExitCode.INTERRUPTED)
+
+    def give_up(self, problem: BaseException) -> None:
+        """Leave, as there is no session to show; `run` raises the problem."""
+        self.problem = problem
+        self.exit("problem")
 
     def leave(self, reason: str) -> None:
         """Leave; whoever runs the app closes the source, which holds the arm."""
@@ -126,10 +152,16 @@ class SarcalApp(App[str]):
         """The platform's, with STOP at the door."""
         return watched(super().get_driver_class(), self.at_the_door)
 
-    def at_the_door(self, event: events.Key) -> None:
-        """STOP from the thread that reads the keys; the loop hears of it when it has time."""
+    def at_the_door(self, event: Pressed) -> None:
+        """STOP from the thread that reads keys and mouse; the loop hears of it when it has time."""
         desk = self.desk
-        if desk is not None and desk.connected and self._is_stop(event):
+        if desk is None or not desk.connected:
+            return
+        if isinstance(event, events.MouseDown):
+            # On the strip, which a dialog leaves uncovered but keeps from hearing of the mouse.
+            if event.button and event.y == 0 and event.x < STOP_WIDTH:
+                desk.stop()
+        elif self._is_stop(event):
             self._stopped_at_the_door.append(event)
             desk.stop()
 
@@ -141,9 +173,10 @@ class SarcalApp(App[str]):
         return len(self._stopped_at_the_door) < before
 
     def _is_stop(self, event: events.Key) -> bool:
-        """F8 always; space unless somebody is writing."""
-        typing = event.key == "space" and isinstance(self.focused, Input)
-        return event.key in STOP_KEYS and not typing
+        """F8 always; space unless somebody is writing. Whatever is held down with them."""
+        key = event.key.rpartition("+")[2]
+        typing = key == "space" and isinstance(self.focused, Input)
+        return key in STOP_KEYS and not typing
 
     async def on_event(self, event: events.Event) -> None:
         """Look at keys before anything else: STOP first, then whatever ends a motion."""
@@ -183,6 +216,9 @@ class SarcalApp(App[str]):
         if action is not None:
             self.perform(action)
             return True
+        if event.is_printable:
+            self.main.refuse(f"{event.character} does nothing in this step: ? lists the keys")
+            self.poll()
         return False
 
     def perform(self, action: Action) -> None:
@@ -255,6 +291,14 @@ def run(
         if app.return_code:
             reason = "failed"
     finally:
-        if app.loaded:
-            app.source.close(reason)
+        # Nothing may interrupt while the arm is held and the journal closed.
+        with ending_signals_wait():
+            app.over.set()
+            if app.loaded:
+                app.source.close(reason)
+        # The process ends now: a signal that comes again has nothing left to end.
+        for number in ENDINGS:
+            signal.signal(number, signal.SIG_IGN)
+    if app.problem is not None:
+        raise app.problem
     return reason

@@ -32,7 +32,9 @@ class Dialog(ModalScreen[str | None]):
 
     def on_resize(self, event: events.Resize) -> None:
         """Leave strip and rail uncovered, whichever layout they have."""
+        app: Any = self.app
         self.set_class(is_compact(*event.size), "-compact")
+        self.set_class(app.look.ascii_only, "-ascii")
 
     def compose(self) -> ComposeResult:
         """Title in the frame, text, then whatever the dialog is for."""

@@ -15,9 +15,11 @@ from textual import events
 from textual.driver import Driver
 from textual.message import Message
 
+Pressed = events.Key | events.MouseDown
 
-def watched(driver: type[Driver], at_the_door: Callable[[events.Key], None]) -> type[Driver]:
-    """Return the driver class with a look at every key as it is read, and writing that never fails."""
+
+def watched(driver: type[Driver], at_the_door: Callable[[Pressed], None]) -> type[Driver]:
+    """Return the driver class with a look at what is pressed, and writing that never fails."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
         """See `watched`."""
@@ -30,7 +32,7 @@ def watched(driver: type[Driver], at_the_door: Callable[[events.Key], None]) -> 
 
         def process_message(self, message: Message) -> None:
             """Look, then pass it on."""
-            if isinstance(message, events.Key):
+            if isinstance(message, events.Key | events.MouseDown):
                 at_the_door(message)
             super().process_message(message)
 

@@ -55,6 +55,20 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
     return [((row, role),) for row in rows] or [()]
 
 
+def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
+    """Return the rows from `first` on that fit, how many of them are shown, and where they begin.
+
+    What does not fit is said in the last row.
+    """
+    if len(rows) <= height:
+        return list(rows), len(rows), 0
+    room = max(1, height - 1)
+    first = max(0, min(first, len(rows) - room))
+    below = len(rows) - first - room
+    said = f" {below} more below (Down)" if below else f" {first} more above (Up)"
+    return [*rows[first : first + room], ((said, "dim"),)], room, first
+
+
 def beside(left: Line, right: Line, width: int) -> Line:
     """Put one line at the left and one at the right end."""
     gap = max(1, width - length(left) - length(right))

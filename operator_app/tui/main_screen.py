@@ -12,6 +12,7 @@ from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
 from hardware.arm import JointMode
+from operator_app.session.guards import ends_with_any_key
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import Level, SessionSnapshot
 from operator_app.session.steps import Step
@@ -44,6 +45,8 @@ class Hint(Lines, can_focus=False):
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """One sentence, on two lines if it must."""
+        if self.app.screen is not self.screen:
+            return []
         if self.refusal:
             rows = wrapped(f" ▲ {self.refusal}", width - 1, "warn", "   ")
         else:
@@ -83,6 +86,13 @@ class Footer(Lines, can_focus=False):
         self._spots: list[tuple[int, int, str]] = []
         row: list[Span] = [(" ", "text")]
         at = 1
+        if self.app.screen is not self.screen:
+            # The keys of this step mean nothing there.
+            return [line((" F8", "key"), " STOP  ", ("Esc", "key"), " leaves everything as it is")]
+        if ends_with_any_key(s.task):
+            return [
+                line((" SPACE/F8", "key"), " STOP  ", ("any other key", "key"), " ends the motion")
+            ]
         for name in FOOTER[self.step]:
             action = by_name(name)
             shown, label = action.shown, action.label
@@ -208,7 +218,7 @@ class MainScreen(Screen[None]):
             s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, told,
             s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
             id(s.receipt), id(s.plan), self.hint.refusal, self.hint.wanted, self.hint.step, self.size,
-            self.rails[0].place,
+            self.rails[0].place, self.app.screen is self,
         )  # fmt: skip
 
     def forget(self) -> None:

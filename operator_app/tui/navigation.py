@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -38,9 +39,13 @@ class Navigation:
             self.open(lambda: self.app.source.resumed(reference))
             return
         self.open(self.app.source.new)
+        self.app.run_worker(self._offer_unfinished(), group="offer")
+
+    async def _offer_unfinished(self) -> None:
+        """Offer the newest session that was left in the middle; reading journals takes time."""
         unfinished = [
             e
-            for e in self.app.source.sessions()
+            for e in await asyncio.to_thread(self.app.source.sessions)
             if e.state and e.state.poses and not e.state.exported
         ]
         if unfinished:
@@ -61,16 +66,26 @@ class Navigation:
         self.app.push_screen(Confirm("Resume?", text, "Resume"), answer)
 
     def open(self, make: Callable[[], Desk]) -> None:
-        """Take another desk; what cannot be opened is said."""
+        """Take another desk, in a thread: the one before may have to end work and hold the arm."""
+        if self.app.desk is not None:
+            self.app.main.refuse("closing this session: its work is ended and the arm held")
+        self.app.run_worker(self._open(make), group="open", exclusive=True)
+
+    async def _open(self, make: Callable[[], Desk]) -> None:
         try:
-            self.app.desk = make()
+            self.app.desk = await asyncio.to_thread(make)
         except EXPECTED as error:
+            if self.app.desk is None:
+                self.app.give_up(error)
+                return
             said = words(error)
             self.app.main.refuse(f"{said.happened}. {said.remedy}")
             return
+        self.app.main.refuse("")
         self.app.step = Step.CONNECT
         self.app.main.go_to(Step.CONNECT)
         self._mark(self.app.desk.snapshot())
+        self.app.poll()
 
     def _mark(self, s: SessionSnapshot) -> None:
         """Mark the modes the session has, the procedure names, or the ranking recommends."""
@@ -161,7 +176,9 @@ class Navigation:
         self._hand(guards.may_reset, TaskKind.RESET, "resetting STOP", lambda o: o.reset())
 
     def do_hold(self) -> None:
-        """All joints to position mode where they are."""
+        """All joints to position mode where they are; whatever is under way ends first."""
+        if self.app.desk is not None:
+            self.app.desk.cancel()
         self._hand(guards.may_use_data, TaskKind.HOLD, "holding all joints", lambda o: o.hold())
 
     def do_cancel(self) -> None:

@@ -128,6 +128,10 @@ class LiveArm(PlantArm):
             model=self.model.name, serial_number=self._serial, nodes=(*joints, supervisor)
         )
 
+    @property
+    def connected(self) -> bool:
+        return self._ticker is not None
+
     def snapshot(self) -> ArmSnapshot:
         with self.lock if not self._moving else _nothing():
             found = super().snapshot()
@@ -207,11 +211,11 @@ class LiveArm(PlantArm):
         return replace(receipt, sha256="0" * 64)
 
     def close(self) -> None:
+        self.closed += self.connected
         self._end.set()
         if self._ticker is not None:
             self._ticker.join()
             self._ticker = None
-        self.closed += 1
 
 
 class _nothing:  # noqa: N801 - a context that does nothing

@@ -22,20 +22,22 @@ class PtyProgram:
     def __init__(self, command: Sequence[str], *, size: tuple[int, int], folder: Path) -> None:
         self._master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-        environment = {**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
+        plain = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
+        environment = {**plain, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
         self.began_s = time.monotonic()
         self.process = subprocess.Popen(
             command, stdin=slave, stdout=slave, stderr=slave, cwd=folder, env=environment,
             start_new_session=True,
         )  # fmt: skip
         os.close(slave)
+        self._reading = True
         self._news = threading.Condition()
         self._chunks: list[tuple[float, bytes]] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
-        while True:
+        while self._reading:
             try:
                 data = os.read(self._master, 65536)
             except OSError:
@@ -94,6 +96,10 @@ class PtyProgram:
             if row.startswith("VmRSS:"):
                 return int(row.split()[1]) / 1024.0
         raise RuntimeError("no VmRSS")
+
+    def stop_reading(self) -> None:
+        """Let what it writes pile up, as a terminal does whose connection hangs."""
+        self._reading = False
 
     def hang_up(self) -> None:
         """Take the terminal away, as when its window is closed; the signals are the caller's affair."""

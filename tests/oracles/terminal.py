@@ -44,7 +44,8 @@ class Terminal:
         quoted = " ".join(f"'{word}'" for word in command)
         settings = " ".join(f"{k}='{v}'" for k, v in (environment or {}).items())
         script = f"cd '{folder}' && env {settings} {quoted}; echo $? > '{self._done}'; exec cat"
-        plain = {k: v for k, v in os.environ.items() if k not in ("TMUX", "NO_COLOR")}
+        unwanted = ("TMUX", "NO_COLOR", "COLUMNS", "LINES")
+        plain = {k: v for k, v in os.environ.items() if k not in unwanted}
         subprocess.run(
             ["tmux", "-S", self._socket, "-f", os.devnull, "new-session", "-d",
              "-x", str(size[0]), "-y", str(size[1]), script],

@@ -162,6 +162,53 @@ def test_a_program_without_a_terminal_ends(tmp_path):
     assert read_journal(the_session(tmp_path)).events[-1].name == "closed"
 
 
+def test_a_signal_that_comes_again_does_not_keep_the_arm_from_being_held(tmp_path):
+    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=tmp_path)
+    try:
+        program.seen("Enter connects", 0)
+        for key, text in WALK:
+            program.press(key, text)
+        wait_for_poses(tmp_path, 1)
+        for _ in range(200):
+            program.process.send_signal(signal.SIGTERM)
+            if program.process.poll() is not None:
+                break
+            select(POLL_S)
+        assert program.process.wait(PATIENCE_S) == 130
+    finally:
+        program.process.kill()
+        program.close()
+    assert read_journal(the_session(tmp_path)).events[-1].name == "closed"
+
+
+def test_a_terminal_that_is_not_read_ends_the_motion_and_a_signal_the_program(tmp_path):
+    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=tmp_path)
+    try:
+        program.seen("Enter connects", 0)
+        for key, text in WALK:
+            program.press(key, text)
+        program.stop_reading()
+        wait_for_poses(tmp_path, 1)
+        taken = -1
+        while len(read_session(the_session(tmp_path)).state.poses) != taken:
+            taken = len(read_session(the_session(tmp_path)).state.poses)
+            select(5.0)
+        assert taken < 40
+        program.process.send_signal(signal.SIGTERM)
+        assert program.process.wait(PATIENCE_S) == 130
+    finally:
+        program.process.kill()
+        program.close()
+    assert read_journal(the_session(tmp_path)).events[-1].name == "closed"
+
+
+def test_what_cannot_be_opened_is_said_and_nothing_is_left_on_the_screen(tmp_path):
+    program = PtyProgram([SARCAL[0], "--procedure", "nope"], size=(120, 36), folder=tmp_path)
+    program.seen("neither a built-in procedure nor a file", 0)
+    assert program.process.wait(PATIENCE_S) == 2
+    program.close()
+
+
 WALK = [
     (b"\r", "goes on to Fixture"),
     (b"\r", "Check list"),
@@ -201,7 +248,7 @@ def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path
         t.until(lambda screen: re.search(r"Poses +[2-9]/10", screen) is not None)
         node.send_signal(signal.SIGSTOP)
         t.until("no data from the arm")
-        t.until("quick stop sent")
+        t.until("SOFTWARE STOP latched")
         accepted = read_session(the_session(tmp_path)).state.poses
         node.send_signal(signal.SIGCONT)
         t.until("the data are back")
@@ -213,6 +260,9 @@ def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path
     t.keys("Enter")
     t.until("Enter Connect again")
     with controller(*bus):
+        t.keys("Enter")
+        # The quick stop that the silence was answered with is latched still.
+        t.until("Enter Reset STOP")
         t.keys("Enter")
         t.until("Enter Fixture")
         apply_modes_again(t)

@@ -40,6 +40,8 @@ class StillPanel(Lines):
 def _target(s: SessionSnapshot) -> Line:
     if s.heading is not None:
         return line((" Target    ", "dim"), f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
+    if s.procedure.capture.strategy == "planned" and len(s.state.used_poses) >= s.wanted_poses > 0:
+        return line((" Target    ", "dim"), "none: the plan is carried out")
     if s.next_waypoint is None or not s.plan:
         return line((" Target    ", "dim"), "none left" if s.plan else "no plan yet")
     target = s.plan[s.next_waypoint]
@@ -108,7 +110,7 @@ class PosesPanel(Lines):
             noise = math.degrees(float(pose.sd_rad.max()))
             off = s.live.predicted_m.get(pose.number) if s.live is not None else None
             predicted = "        —" if off is None else f"{1e3 * off:9.3f}"
-            note = f"excluded {pose.excluded} " if pose.excluded else ""
+            note = "✗ excluded " if pose.excluded else ""
             back = "cursor " if here else ""
             figures = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:11.4f}  {predicted}  "
             rows.append(
@@ -177,9 +179,9 @@ class QualityPanel(Lines):
         names = 3 if width > 40 else 2
         weakest = " ".join(live.weakest[:names]) if live is not None and live.weakest else "—"
         rows.append(clip(line((" weak  ", "dim"), weakest), width))
-        best = "—" if s.best_waypoint is None else f"waypoint {s.best_waypoint + 1} (key b)"
+        best = "—" if s.best_waypoint is None else f"waypoint {s.best_waypoint + 1} (b)"
         if s.procedure.capture.strategy == "planned":
-            best = "as the plan says (key a)"
+            best = "the plan's (a)"
         rows.append(line((" best next ", "dim"), best))
         rows.append(line((" coverage of joint ranges", "dim")))
         for k, joint in enumerate(s.procedure.arm.joints):

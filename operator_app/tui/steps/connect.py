@@ -9,6 +9,7 @@ from textual.app import ComposeResult
 from hardware.arm import NodeIdentity
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
+from operator_app.session.wording import drive_words
 from operator_app.tui.lines import Line, Lines, line, wrapped
 from operator_app.tui.steps.view import StepView
 
@@ -65,7 +66,7 @@ def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
     age = "     —" if joint is None else f"{1e3 * joint.age_s:4.0f} ms"
     device = f"{node.device_name[:26]:<26} " if wide else ""
     late = beat is not None and beat > 0.35
-    state = "● answers" if joint is None else joint.drive.value
+    state = "● answers" if joint is None else f"● answers, drive {drive_words(joint.drive)}"
     return line(
         f"  {node.node:>4}  {node.role[:11]:<11} {device}{node.serial_number:>7}  ",
         (f"{heartbeat:>9}  ", "warn" if late else "text"),

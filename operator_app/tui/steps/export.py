@@ -8,7 +8,7 @@ from textual.app import ComposeResult
 
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Line, Lines, clip, line
+from operator_app.tui.lines import Line, Lines, clip, line, window
 from operator_app.tui.steps.view import StepView
 
 
@@ -63,11 +63,11 @@ class DiffPanel(Lines):
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id, classes="panel")
-        self.cursor = 0
+        self.first, self._rows_shown = 0, 1
 
     def move(self, by: int, count: int) -> None:
         """Scroll."""
-        self.cursor = max(0, min(count - 1, self.cursor + by))
+        self.first = max(0, min(count - self._rows_shown, self.first + by))
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """A line a parameter."""
@@ -78,10 +78,9 @@ class DiffPanel(Lines):
             rows.append(
                 line(f"  {row.name:<12} {active:>12} {row.new:12.4f} {change:>12}  {row.unit}")
             )
-        room = max(1, height - 1)
-        first = max(0, min(self.cursor - room // 2, len(rows) - room))
         head = line(("  PARAMETER          ACTIVE          NEW       CHANGE  UNIT", "header"))
-        return [head, *rows[first : first + room]]
+        rows, self._rows_shown, self.first = window(rows, self.first, max(1, height - 1))
+        return [head, *rows]
 
 
 class RecordPanel(Lines):

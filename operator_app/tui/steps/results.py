@@ -12,7 +12,7 @@ from operator_app.calibration import Solution
 from operator_app.report.text import dh_table
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Line, Lines, clip, line, wrapped
+from operator_app.tui.lines import Line, Lines, clip, line, window, wrapped
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.residuals import (
     by_joint,
@@ -128,21 +128,20 @@ class ParametersPanel(Lines):
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id, classes="panel")
-        self.cursor = 0
+        self.first, self._rows_shown = 0, 1
 
     def move(self, by: int, count: int) -> None:
         """Scroll."""
-        self.cursor = max(0, min(count - 1, self.cursor + by))
+        self.first = max(0, min(count - self._rows_shown, self.first + by))
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """A line a parameter."""
         if s.solution is None:
             return []
         rows = _rows(s.solution)
-        room = max(1, height - 1)
-        first = max(0, min(self.cursor - room // 2, len(rows) - room))
         head = line((" PARAMETER    NOMINAL IDENTIFIED    CHANGE    SIGMA UNIT    PAPER", "header"))
-        return [head, *rows[first : first + room]]
+        rows, self._rows_shown, self.first = window(rows, self.first, max(1, height - 1))
+        return [head, *rows]
 
 
 def _rows(solution: Solution) -> list[Line]:

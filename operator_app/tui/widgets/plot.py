@@ -63,10 +63,19 @@ def plot(
             canvas.blob(*place(x, _scaled(y, axes)), one.role)
     rows: list[Line] = [((f" {axes.y_label}"[:width], "dim"),)]
     picture = canvas.lines()
-    marks = {0, (len(picture) - 1) // 2, len(picture) - 1}
+    last = len(picture) - 1
+    labels = {
+        k: 10**value if axes.logarithmic else value
+        for k in (0, last // 2, last)
+        for value in [high - (k + 0.5) / len(picture) * (high - low)]
+    }
+    # A line that is drawn says its own value, and no other number stands next to it.
+    for level, value in zip(levels, axes.levels, strict=True):
+        row_of = min(last, max(0, int(place(x_low, level)[1] // 4)))
+        labels = {k: v for k, v in labels.items() if abs(k - row_of) > 1 or v in axes.levels}
+        labels[row_of] = value
     for k, row in enumerate(picture):
-        value = high - (k + 0.5) / len(picture) * (high - low)
-        label = _number(10**value if axes.logarithmic else value) if k in marks else ""
+        label = _number(labels[k]) if k in labels else ""
         rows.append(((f"{label:>{LABEL - 1}} │", "dim"), *row))
     rows.append(((" " * LABEL + "└" + "─" * (width - LABEL - 1), "dim"),))
     left, right = _number(x_low), _number(x_high)

@@ -51,9 +51,9 @@ def by_joint(s: SessionSnapshot, width: int) -> Sequence[Line]:
     sigma = s.procedure.arm.sigma_rad()
     rms = np.sqrt(np.mean(corrections**2, axis=0))
     rows: list[Line] = [
-        line((" how far the loops correct each", "dim")),
-        line((" joint, rms, against its sensor", "dim")),
-        line((" JOINT    mdeg   sensor  ratio", "header")),
+        line((" rms correction by the loops,", "dim")),
+        line((" beside the sensor's noise", "dim")),
+        line((" J   [mdeg]  sensor  ratio", "header")),
     ]
     cells = max(0, min(30, width - 36))
     for k, (found, allowed) in enumerate(zip(rms, sigma, strict=True), 1):
@@ -62,7 +62,7 @@ def by_joint(s: SessionSnapshot, width: int) -> Sequence[Line]:
         bar = "█" * min(cells, int(ratio / 10.0 * cells))
         shown = f"{ratio:6.1f}" if math.isfinite(ratio) else "     —"
         mdeg = [1e3 * math.degrees(v) for v in (found, allowed)]
-        rows.append(line((f" J{k}   {mdeg[0]:8.3f} {mdeg[1]:8.3f} {shown} {mark} {bar}", role)))
+        rows.append(line((f" {k} {mdeg[0]:8.3f} {mdeg[1]:7.2f} {shown} {mark} {bar}", role)))
     return rows
 
 

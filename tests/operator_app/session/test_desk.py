@@ -10,7 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from operator_app.session.desk import Desk
+from operator_app.session.desk import UNSEEN_S, Desk
+from operator_app.session.errors import SessionError
 from operator_app.session.snapshot import TaskKind
 from oracles.live_source import FakeSource
 
@@ -100,3 +101,80 @@ def test_what_waits_behind_cancelled_work_never_begins(desk: Desk) -> None:
     finish(desk)
     assert not ran
     assert any("the second: ended by the operator" in m.text for m in desk.snapshot().messages)
+
+
+def test_a_motion_that_nobody_looks_at_is_ended(desk: Desk) -> None:
+    """A screen on a terminal that is not read any more takes no key that stops."""
+    ended = threading.Event()
+
+    def work() -> None:
+        while not desk.cancelled():
+            threading.Event().wait(0.01)
+        ended.set()
+
+    desk.submit(TaskKind.MOVE, "moving", work)
+    # Looked at, it goes on.
+    for _ in range(int(2 * UNSEEN_S / 0.05)):
+        desk.snapshot()
+        assert not ended.wait(0.05)
+    assert ended.wait(PATIENCE_S)
+    assert any("the screen did not answer" in m.text for m in desk.snapshot().messages)
+
+
+def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path, monkeypatch) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Desk, "_look_at_motion", broken)
+    source = FakeSource(tmp_path / "sessions")
+    desk = source.new()
+    for _ in range(1000):
+        if desk.defect is not None:
+            break
+        threading.Event().wait(0.01)
+    assert isinstance(desk.defect, ZeroDivisionError)
+    assert source.arm is not None
+    assert source.arm.stops
+    source.close("end of the test")
+
+
+def test_a_plan_once_begun_is_the_plan_that_is_shown(desk: Desk) -> None:
+    work = desk.operations
+    work.connect()
+    work.set_modes((1, 5))
+    before = desk.snapshot().plan
+    work.go(3)
+    work.check_fixture()
+    assert desk.snapshot().plan == before == desk.session.plan()
+    assert desk.snapshot().at_waypoint == 3
+
+
+def test_a_new_calibration_was_not_verified(desk: Desk) -> None:
+    work = desk.operations
+    work.connect()
+    work.set_modes((1, 5))
+    work.automatic()
+    work.calibrate("implicit", ())
+    work.verify(2)
+    assert desk.snapshot().verification is not None
+    work.calibrate("implicit", ())
+    shown = desk.snapshot()
+    assert shown.verification is None
+    assert shown.written is None
+    assert shown.solution is not None
+
+
+def test_held_joints_are_not_driven_against_each_other(desk: Desk) -> None:
+    work = desk.operations
+    work.connect()
+    work.set_modes((1, 5))
+    work.hold()
+    before = desk.session.arm.snapshot().positions_rad
+    with pytest.raises(SessionError, match="7"):
+        work.go(0)
+    with pytest.raises(SessionError, match="7"):
+        work.wiggle()
+    with pytest.raises(SessionError, match="7"):
+        work.capture(0)
+    assert abs(desk.session.arm.snapshot().positions_rad - before).max() < 0.02
+    assert not desk.session.state.poses

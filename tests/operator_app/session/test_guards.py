@@ -25,7 +25,7 @@ FIRST_CLOSED = {
     "captured": Step.RESULTS,
     "solved": None,
     "written": None,
-    "uploaded": None,
+    "uploaded": Step.CAPTURE,  # all joints are held
 }
 
 
@@ -57,7 +57,9 @@ def not_accepted(s):
         (guards.modes_ready, "ticked", lambda s: replace(s, checks=()), "has not been checked"),
         (guards.capture_ready, "ticked", None, "the joint modes are not set"),
         (guards.capture_ready, "modes", stopped, "STOP is latched"),
-        (guards.capture_ready, "modes", tripped, "drive 4 is fault"),
+        (guards.may_move, "uploaded", lambda s: s, "all joints are held"),
+        (guards.may_capture, "uploaded", lambda s: s, "all joints are held"),
+        (guards.capture_ready, "modes", tripped, "drive 4 is in fault"),
         (guards.calibrate_ready, "modes", None, "0 of at least 3 poses"),
         (guards.results_ready, "captured", None, "no calibration of these poses"),
         (guards.export_ready, "captured", None, "no calibration of these poses"),

@@ -82,7 +82,7 @@ async def test_an_arm_that_is_gone_can_be_connected_again(drive, source):
         source.arm.speak_again()
         await d.idle()
         await d.until(lambda: d.s.data is DataState.FRESH, "fresh")
-        assert source.arm.closed == 2
+        assert source.arm.connected
         assert not d.s.drives_ready
 
 
@@ -92,7 +92,7 @@ async def test_a_tripped_drive_is_named_and_reset(drive, source):
         source.arm.trip(4)
         await d.until(lambda: "FAULT" in d.text("#strip"), "fault shown")
         await d.press("c")
-        await d.until(lambda: "drive 1 is fault" in d.hint or "fault" in d.hint)
+        await d.until(lambda: "drive 1 is in fault" in d.hint or "fault" in d.hint)
         await d.press("R")
         await d.idle()
         assert "FAULT" not in d.text("#strip")

@@ -34,7 +34,6 @@ ASKS = [
     (Step.CALIBRATE, "captured", "enter", TaskKind.CALIBRATE),
     (Step.EXPORT, "solved", "w", TaskKind.EXPORT),
     (Step.EXPORT, "solved", "enter", TaskKind.EXPORT),
-    (Step.EXPORT, "solved", "y", TaskKind.VERIFY),
     (Step.EXPORT, "solved", "r", TaskKind.EXPORT),
     (Step.CAPTURE, "modes", "H", TaskKind.HOLD),
 ]
@@ -127,6 +126,7 @@ DIALOGS = [
     (Step.CAPTURE, "capturing", "n", Ask),
     (Step.EXPORT, "written", "u", Ask),
     (Step.EXPORT, "written", "N", Confirm),
+    (Step.EXPORT, "solved", "y", Confirm),
     (Step.CAPTURE, "capturing", "q", Confirm),
     (Step.CAPTURE, "capturing", "ctrl+c", Confirm),
     (Step.CAPTURE, "capturing", "ctrl+q", Confirm),
@@ -178,6 +178,36 @@ async def test_yes_applies_the_modes_and_enter_on_cancel_does_not(still):
         await d.press("a", "y")
         await d.settle()
         assert len(d.desk.asked) == 2
+
+
+async def test_verifying_moves_only_after_a_question(still):
+    async with still(story()["solved"], step=Step.EXPORT) as d:
+        await d.press("y", "y")
+        assert [k for k, _ in d.desk.asked] == [TaskKind.VERIFY]
+
+
+async def test_stop_is_heard_with_shift_and_by_mouse_under_a_dialog(still):
+    async with still(story()["solved"], step=Step.EXPORT) as d:
+        await d.press("y")
+        d.app._driver.process_message(events.Key("shift+space", " "))
+        d.app._driver.process_message(events.Key("ctrl+f8", None))
+        assert d.desk.stops == 2
+        for x, y in [(3, 0), (40, 0), (3, 1)]:
+            d.app._driver.process_message(mouse_down(x, y))
+        assert d.desk.stops == 3
+        await d.settle()
+
+
+def mouse_down(x: int, y: int) -> events.MouseDown:
+    return events.MouseDown(
+        None, x, y, 0, 0, button=1, shift=False, meta=False, ctrl=False, screen_x=x, screen_y=y
+    )
+
+
+async def test_a_key_that_means_nothing_here_says_so(still):
+    async with still(story()["connected"], step=Step.FIXTURE) as d:
+        await d.press("g")
+        assert "g does nothing in this step" in d.hint
 
 
 async def test_upload_wants_the_serial_number_typed(still):
@@ -345,14 +375,14 @@ async def test_marks_move_with_the_arrows(still):
 async def test_sessions_can_be_chosen_and_cancel_is_marked_first(still):
     earlier = entry(story()["capturing"])
     async with still(story()["uploaded"], step=Step.EXPORT, entries=(earlier,)) as d:
-        await d.press("escape")  # the offer to resume
+        await d.until(lambda: d.app.screen is not d.app.main, "the offer to resume")
+        await d.press("escape")
         await d.press("o")
         assert isinstance(d.app.screen, Choose)
         await d.press("enter")
         assert d.app.source.resumed_names == []
         await d.press("o", "down", "enter")
-        await d.settle()
-        assert d.app.source.resumed_names == [earlier.folder.name]
+        await d.until(lambda: d.app.source.resumed_names == [earlier.folder.name], "resumed")
 
 
 async def test_another_procedure_can_be_chosen_and_begins_a_session(still):
@@ -363,7 +393,8 @@ async def test_another_procedure_can_be_chosen_and_begins_a_session(still):
         await d.press("enter")
         assert (d.app.source.begun, d.app.step) == (before, Step.FIXTURE)
         await d.press("p", "down", "down", "enter")
-        assert (d.app.source.begun, d.app.step) == (before + 1, Step.CONNECT)
+        await d.until(lambda: d.app.step is Step.CONNECT, "begun")
+        assert d.app.source.begun == before + 1
         assert d.app.source.procedure_named == "hinge_planned"
 
 

@@ -48,7 +48,7 @@ async def test_a_session_left_in_the_middle_is_offered_and_goes_on(drive, source
     source.close("left")
     source.pace_s = 0.0
     async with drive() as d:
-        assert isinstance(d.app.screen, Confirm)
+        await d.until(lambda: isinstance(d.app.screen, Confirm), "offered")
         await d.press("y")
         await d.until(lambda: len(d.s.state.poses) == taken, "poses back")
         assert d.app.step is Step.CONNECT
@@ -73,8 +73,11 @@ async def test_a_resumed_session_insists_on_its_arm(drive, source):
     source.close("left")
     source.serial = "SDA-0002"
     async with drive() as d:
+        await d.until(lambda: d.app.screen is not d.app.main, "offered")
         await d.press("y")
+        await d.until(lambda: bool(d.s.state.poses), "resumed")
         await d.press("enter")
         await d.idle()
         assert not d.s.connected
+        assert not source.arm.connected
         assert "belongs to arm SDA-0001" in d.s.messages[-1].text

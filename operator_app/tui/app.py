@@ -78,6 +78,7 @@ class SarcalApp(App[str]):
         self.loaded = False
         self.problem: BaseException | None = None
         self.over = threading.Event()
+        self.owns_process = False
         self._stopped_at_the_door: list[events.Key] = []
         self._make_source = make_source
         self.source: Source
@@ -117,7 +118,9 @@ class SarcalApp(App[str]):
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
         """Leave when the loop has a turn; if it has none, without the screen."""
         loop.call_soon_threadsafe(self.leave, reason)
-        threading.Thread(target=self._leave_without_screen, args=(reason,), daemon=True).start()
+        if self.owns_process:
+            leave = self._leave_without_screen
+            threading.Thread(target=leave, args=(reason,), daemon=True).start()
 
     def _leave_without_screen(self, reason: str) -> None:
         """The loop waits for ever where a terminal takes no more output."""
@@ -285,6 +288,7 @@ def run(
     # Loading makes no garbage, and to look for it takes a third of a second.
     gc.disable()
     app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume)
+    app.owns_process = True
     reason = "failed"
     try:
         reason = app.run() or "left"

@@ -56,8 +56,9 @@ class PlanPanel(Lines):
         for k, ranked in enumerate(s.ranked, 1):
             pair = " ".join(f"J{j}" for j in ranked.drives)
             glyph = "▌" if ranked.drives == marked else " "
-            text = f" {glyph}{k:>2} {pair:<8} {ranked.score:4.2f}  {'; '.join(ranked.reasons)}"
-            rows += wrapped(text, width, "text" if ranked.usable else "dim", " " * 19)
+            why = "; ".join(ranked.reasons).replace("joint ", "J")
+            text = f" {glyph}{k:>2} {pair:<6} {ranked.score:4.2f} {why}"
+            rows += wrapped(text, width, "text" if ranked.usable else "dim", " " * 17)
         return rows
 
 

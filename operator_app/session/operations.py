@@ -5,7 +5,6 @@ Every function runs on the worker's thread and may block. Knows no thread and no
 
 from __future__ import annotations
 
-import gc
 import hashlib
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -257,15 +256,9 @@ class Operations:
             steps.append(Iteration(number=number, cost=cost))
             self._board.publish(iterations=tuple(steps))
 
-        # What the solver leaves behind is swept at once; to look through everything else for garbage
-        # would hold up STOP and SYNC.
-        gc.freeze()
-        try:
-            solution = self._session.calibrate(
-                progress, estimator=estimator, unsensed_joints=unsensed_joints
-            )
-        finally:
-            gc.collect()
+        solution = self._session.calibrate(
+            progress, estimator=estimator, unsensed_joints=unsensed_joints
+        )
         self._solution = solution
         # All at once, and only now: what was said of an earlier calibration does not hold for this one.
         self._board.publish(

@@ -26,7 +26,7 @@ from operator_app.exit_codes import ExitCode
 from operator_app.headless.signals import ending_signals_wait
 from operator_app.session.steps import Step
 from operator_app.tui.driver import Pressed, watched
-from operator_app.tui.keys import STOP_KEYS, Action, by_name, for_key
+from operator_app.tui.keys import STOP_KEYS, STOP_WIDTH, Action, by_name, for_key
 from operator_app.tui.lines import Clicked
 from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, Look, look, themes
 from operator_app.tui.palette import ActionProvider
@@ -43,8 +43,6 @@ POLL_S = 1.0 / 20.0
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 SCREEN_PATIENCE_S = 5.0
 """How long a screen may take to come to its end after a signal."""
-STOP_WIDTH = 16
-"""Columns of the word STOP and its keys on the strip."""
 
 
 class SarcalApp(App[str]):
@@ -77,8 +75,9 @@ class SarcalApp(App[str]):
         self.picture: SessionSnapshot | None = None
         self.loaded = False
         self.problem: BaseException | None = None
-        self.over = threading.Event()
         self.owns_process = False
+        self._screen_over = threading.Event()
+        self._source_lock = threading.Lock()
         self._stopped_at_the_door: list[events.Key] = []
         self._make_source = make_source
         self.source: Source
@@ -117,17 +116,26 @@ class SarcalApp(App[str]):
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
         """Leave when the loop has a turn; if it has none, without the screen."""
-        loop.call_soon_threadsafe(self.leave, reason)
+        with contextlib.suppress(RuntimeError):  # the loop is closed: leaving already
+            loop.call_soon_threadsafe(self.leave, reason)
         if self.owns_process:
             leave = self._leave_without_screen
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
 
     def _leave_without_screen(self, reason: str) -> None:
         """The loop waits for ever where a terminal takes no more output."""
-        if not self.over.wait(SCREEN_PATIENCE_S):
+        if not self._screen_over.wait(SCREEN_PATIENCE_S):
+            try:
+                self.close_source(reason)
+            finally:
+                os._exit(ExitCode.INTERRUPTED)
+
+    def close_source(self, reason: str) -> None:
+        """Hold the arm and close the journal; whoever comes second waits until that is done."""
+        self._screen_over.set()
+        with self._source_lock:
             if self.loaded:
                 self.source.close(reason)
-            os._exit(ExitCode.INTERRUPTED)
 
     def give_up(self, problem: BaseException) -> None:
         """Leave, as there is no session to show; `run` raises the problem."""
@@ -297,9 +305,7 @@ def run(
     finally:
         # Nothing may interrupt while the arm is held and the journal closed.
         with ending_signals_wait():
-            app.over.set()
-            if app.loaded:
-                app.source.close(reason)
+            app.close_source(reason)
         # The process ends now: a signal that comes again has nothing left to end.
         for number in ENDINGS:
             signal.signal(number, signal.SIG_IGN)

@@ -11,6 +11,8 @@ from operator_app.session.steps import Step
 
 EVERYWHERE = frozenset(Step)
 STOP_KEYS = ("space", "f8")
+STOP_WIDTH = 16
+"""Columns that STOP and its keys have at the left end of the strip, for the mouse."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -155,7 +155,7 @@ class MainScreen(Screen[None]):
         self.frame: tuple[Lines, ...] = (
             self.strip, self.banner, *self.rails, self.hint, self.log_lines, self.footer,
         )  # fmt: skip
-        self._frames = 0
+        self._shows = 0
         self._told: object = None
 
     def on_mount(self) -> None:
@@ -200,10 +200,10 @@ class MainScreen(Screen[None]):
 
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot."""
-        self._frames += 1
+        self._shows += 1
         self.rails[0].place = self.view.place
         news = self._news(s)
-        if news != self._told or self._frames % SELDOM == 0:
+        if news != self._told or self._shows % SELDOM == 0:
             self._told = news
             for widget in self.frame:
                 if widget.display:

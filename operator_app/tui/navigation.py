@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
 from hardware.arm import JointMode
@@ -29,6 +29,7 @@ class Navigation:
         self.app = app
         self.wanted: tuple[JointMode, ...] = ()
         self._seen_solution: object = None
+        self._opening = False
 
     # -- session -----------------------------------------------------------------------------------
 
@@ -38,8 +39,7 @@ class Navigation:
             reference = self.app.resume_first
             self.open(lambda: self.app.source.resumed(reference))
             return
-        self.open(self.app.source.new)
-        self.app.run_worker(self._offer_unfinished(), group="offer")
+        self.open(self.app.source.new, self._offer_unfinished)
 
     async def _offer_unfinished(self) -> None:
         """Offer the newest session that was left in the middle; reading journals takes time."""
@@ -65,13 +65,21 @@ class Navigation:
         )
         self.app.push_screen(Confirm("Resume?", text, "Resume"), answer)
 
-    def open(self, make: Callable[[], Desk]) -> None:
+    def open(
+        self, make: Callable[[], Desk], then: Callable[[], Awaitable[None]] | None = None
+    ) -> None:
         """Take another desk, in a thread: the one before may have to end work and hold the arm."""
+        if self._opening:
+            self.app.main.refuse("wait: another session is being opened")
+            return
+        self._opening = True
         if self.app.desk is not None:
             self.app.main.refuse("closing this session: its work is ended and the arm held")
-        self.app.run_worker(self._open(make), group="open", exclusive=True)
+        self.app.run_worker(self._open(make, then))
 
-    async def _open(self, make: Callable[[], Desk]) -> None:
+    async def _open(
+        self, make: Callable[[], Desk], then: Callable[[], Awaitable[None]] | None
+    ) -> None:
         try:
             self.app.desk = await asyncio.to_thread(make)
         except EXPECTED as error:
@@ -81,11 +89,15 @@ class Navigation:
             said = words(error)
             self.app.main.refuse(f"{said.happened}. {said.remedy}")
             return
+        finally:
+            self._opening = False
         self.app.main.refuse("")
         self.app.step = Step.CONNECT
         self.app.main.go_to(Step.CONNECT)
         self._mark(self.app.desk.snapshot())
         self.app.poll()
+        if then is not None:
+            await then()
 
     def _mark(self, s: SessionSnapshot) -> None:
         """Mark the modes the session has, the procedure names, or the ranking recommends."""

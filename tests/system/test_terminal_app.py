@@ -143,50 +143,42 @@ def test_a_closed_terminal_leaves_the_journal_whole_and_closed(terminal, tmp_pat
     assert contents.events[-1].name == "closed"
 
 
-def test_a_program_without_a_terminal_ends(tmp_path):
-    """The kernel's SIGCONT makes Textual begin anew, on a terminal that is not there any more."""
-    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=tmp_path)
+@contextmanager
+def capturing(folder: Path) -> Iterator[PtyProgram]:
+    """The program in a pseudo-terminal, in automatic capture; it must end held, its journal closed."""
+    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=folder)
     try:
         program.seen("Enter connects", 0)
         for key, text in WALK:
             program.press(key, text)
+        yield program
+        assert program.process.wait(PATIENCE_S) == 130
+    finally:
+        program.process.kill()
+        program.close()
+    contents = read_journal(the_session(folder))
+    assert not contents.torn
+    assert contents.events[-1].name == "closed"
+
+
+def test_a_program_without_a_terminal_ends(tmp_path):
+    """The kernel's SIGCONT makes Textual begin anew, on a terminal that is not there any more."""
+    with capturing(tmp_path) as program:
         program.hang_up()
         program.process.send_signal(signal.SIGCONT)
         # Time enough for a screen that is still painted to fill what nobody empties.
         wait_for_poses(tmp_path, 4)
         program.process.send_signal(signal.SIGHUP)
-        assert program.process.wait(PATIENCE_S) == 130
-    finally:
-        program.process.kill()
-        program.close()
-    assert read_journal(the_session(tmp_path)).events[-1].name == "closed"
 
 
 def test_a_signal_that_comes_again_does_not_keep_the_arm_from_being_held(tmp_path):
-    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=tmp_path)
-    try:
-        program.seen("Enter connects", 0)
-        for key, text in WALK:
-            program.press(key, text)
+    with capturing(tmp_path) as program:
         wait_for_poses(tmp_path, 1)
-        for _ in range(200):
-            program.process.send_signal(signal.SIGTERM)
-            if program.process.poll() is not None:
-                break
-            select(POLL_S)
-        assert program.process.wait(PATIENCE_S) == 130
-    finally:
-        program.process.kill()
-        program.close()
-    assert read_journal(the_session(tmp_path)).events[-1].name == "closed"
+        send_again_and_again(program, signal.SIGTERM)
 
 
 def test_a_terminal_that_is_not_read_ends_the_motion_and_a_signal_the_program(tmp_path):
-    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=tmp_path)
-    try:
-        program.seen("Enter connects", 0)
-        for key, text in WALK:
-            program.press(key, text)
+    with capturing(tmp_path) as program:
         program.stop_reading()
         wait_for_poses(tmp_path, 1)
         taken = -1
@@ -194,12 +186,16 @@ def test_a_terminal_that_is_not_read_ends_the_motion_and_a_signal_the_program(tm
             taken = len(read_session(the_session(tmp_path)).state.poses)
             select(5.0)
         assert taken < 40
-        program.process.send_signal(signal.SIGTERM)
-        assert program.process.wait(PATIENCE_S) == 130
-    finally:
-        program.process.kill()
-        program.close()
-    assert read_journal(the_session(tmp_path)).events[-1].name == "closed"
+        # The first of those who close must finish, whoever else wants to close meanwhile.
+        send_again_and_again(program, signal.SIGTERM)
+
+
+def send_again_and_again(program: PtyProgram, number: signal.Signals) -> None:
+    for _ in range(int(PATIENCE_S / POLL_S)):
+        program.process.send_signal(number)
+        if program.process.poll() is not None:
+            return
+        select(POLL_S)
 
 
 def test_what_cannot_be_opened_is_said_and_nothing_is_left_on_the_screen(tmp_path):

@@ -48,7 +48,7 @@ class PlacementPanel(Lines):
                 line(
                     (" Lengths    ", "dim"),
                     f"{values} mm",
-                    (f"  to {1e3 * spec.tolerance_m:.0f} mm", "dim"),
+                    (f"  ±{1e3 * spec.tolerance_m:.0f} mm", "dim"),
                 )
             )
         if angles:
@@ -57,7 +57,7 @@ class PlacementPanel(Lines):
                 line(
                     (" Twists     ", "dim"),
                     f"{values} deg",
-                    (f"  to {math.degrees(spec.tolerance_rad):.0f} deg", "dim"),
+                    (f"  ±{math.degrees(spec.tolerance_rad):.0f} deg", "dim"),
                 )
             )
         if isinstance(loop, DhLoop):

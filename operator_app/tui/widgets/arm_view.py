@@ -32,7 +32,7 @@ def _view() -> FloatArray:
 
 
 class ArmView(Lines):
-    """The chain as it stands; scale and place never change while a session runs."""
+    """The chain as it stands; scale and place change with the forecast only."""
 
     TITLE = "Arm (dotted: next pose)"
     HELP = (
@@ -45,6 +45,7 @@ class ArmView(Lines):
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id, classes="panel")
         self._box: FloatArray | None = None
+        self._box_of: object = None
         self._figures: tuple[object, ...] = ()
         self._things: tuple[object, ...] = ()
         self._at = np.zeros(0)
@@ -86,8 +87,8 @@ class ArmView(Lines):
         x = nominal_vector(model.parameters) if x is None else x
         canvas = Canvas(width, height, ascii_only=self.app.look.ascii_only)  # type: ignore[attr-defined]
         chain, axis = _chain(model, x, q)
-        if self._box is None:
-            self._box = _box(model, x, q, s)
+        if self._box is None or self._box_of is not s.forecast:
+            self._box, self._box_of = _box(model, x, q, s), s.forecast
         place = _Placing(self._box, canvas)
         if anew:
             self._next = _next(model, x, s)

@@ -16,7 +16,7 @@ NEAR_END = 0.04
 
 _DRIVES = {
     DriveState.OPERATION_ENABLED: "ok",
-    DriveState.QUICK_STOP_ACTIVE: "STOPPED",
+    DriveState.QUICK_STOP_ACTIVE: "STOP",
     DriveState.FAULT: "FAULT",
     DriveState.FAULT_REACTION_ACTIVE: "FAULT",
 }

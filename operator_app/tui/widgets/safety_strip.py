@@ -12,6 +12,7 @@ from textual import events
 from hardware.arm import DriveState, JointMode
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.snapshot import DataState, SessionSnapshot
+from operator_app.tui.keys import STOP_WIDTH
 from operator_app.tui.lines import Clicked, Line, Lines, Span, clip
 
 HEARTBEAT_LATE_S = 0.35
@@ -36,7 +37,7 @@ class SafetyStrip(Lines, can_focus=False):
 
     def on_click(self, event: events.Click) -> None:
         """A click on STOP is STOP."""
-        if event.x < 16:
+        if event.x < STOP_WIDTH:
             self.post_message(Clicked("stop"))
 
 

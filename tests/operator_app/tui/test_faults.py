@@ -82,6 +82,7 @@ async def test_an_arm_that_is_gone_can_be_connected_again(drive, source):
         source.arm.speak_again()
         await d.idle()
         await d.until(lambda: d.s.data is DataState.FRESH, "fresh")
+        assert source.arm.closed == 1
         assert source.arm.connected
         assert not d.s.drives_ready
 

@@ -29,16 +29,16 @@ from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
 from hardware.virtual.parameters import ValidatedParameters
+from hardware.virtual.scenario_names import DEFAULT_SCENARIO
 from hardware.virtual.scenarios import Scenario, scenario
 from hardware.virtual.supervisor_node import ArmLabel
-from operator_app.commands.options import DEFAULT_SCENARIO
 from operator_app.config.errors import ConfigError
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
-from operator_app.session.errors import SessionError
+from operator_app.errors import SessionError
 from operator_app.session.opening import Choices, Opening
-from solver.arm_model import ArmModel
-from solver.sensors import Encoder, NoSensor, Rvdt
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
 SWITCH_INTERVAL_S = 0.0005
 """How long one thread may keep the interpreter: a SYNC must not wait for a solver or a repaint."""

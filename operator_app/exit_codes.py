@@ -7,7 +7,7 @@ from enum import IntEnum
 from fixtures.errors import FixtureError
 from hardware.errors import HardwareError
 from operator_app.config.errors import ConfigError, WriteError
-from operator_app.session.errors import SessionError
+from operator_app.errors import SessionError
 from solver.errors import SolverError, UnidentifiableError
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.closure import ClosureModel
+from solver.loops.closure import ClosureModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

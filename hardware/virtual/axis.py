@@ -9,8 +9,8 @@ from fractions import Fraction
 from hardware.limits import JointLimits, joint_limits
 from hardware.objects import CONTROL_PERIOD_S, SensorKind
 from hardware.scale import JointScale
-from solver.arm_model import ArmModel, Joint
-from solver.sensors import Encoder, NoSensor, Rvdt
+from solver.chain.arm_model import ArmModel, Joint
+from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
 FOLLOWING_WINDOW_RAD = math.radians(3.0)
 """Wider than any servo deflection below the torque trip: only a lost sensor gets here."""

@@ -1,6 +1,6 @@
 """One pose's closure and Jacobian, tuned for the plant's inner loop. Knows D-H links, no forces.
 
-`solver.closure.DhLoop.loop` does the same for many poses at once; on a single pose its broadcasting
+`solver.loops.closure.DhLoop.loop` does the same for many poses at once; on a single pose its broadcasting
 costs ten times as much. A test holds the two together to 1e-12.
 """
 
@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.chain import DhTable
+from solver.chain.kinematics import DhTable
 
 
 class LoopPoint:
@@ -74,7 +74,7 @@ class LoopPoint:
         J[3] = z1 * d2 - z2 * d1
         J[4] = z2 * d0 - z0 * d2
         J[5] = z0 * d1 - z1 * d0
-        # dr = E w with E = 1 - [r]/2 + f [r]^2 (solver.rotations.rotation_vector_differential).
+        # dr = E w with E = 1 - [r]/2 + f [r]^2 (solver.chain.rotations.rotation_vector_differential).
         square = r0 * r0 + r1 * r1 + r2 * r2
         f = _second_order_factor(math.sqrt(square))
         diagonal = 1.0 - f * square

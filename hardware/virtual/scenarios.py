@@ -13,6 +13,7 @@ from enum import IntEnum
 import numpy as np
 
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
+from hardware.virtual.scenario_names import SCENARIOS
 from hardware.virtual.sensors import RvdtCurve, SensorBank, joint_sensor
 from hardware.virtual.truth import (
     PAPER_HOME_RAD,
@@ -21,9 +22,9 @@ from hardware.virtual.truth import (
     with_length_errors,
 )
 from hardware.virtual.wild import WildSpread, wild_loop
-from solver.arm_model import ArmModel
 from solver.arrays import FloatArray, frozen
-from solver.sensors import Encoder, Rvdt
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import Encoder, Rvdt
 
 ENCODER_COUNTS_PER_REV = 400_000
 """The arm's encoders (paper, section 3); scenario `exact` has them on the wrist as well."""
@@ -195,9 +196,6 @@ class Scenario:
     def _rng(self, stream: _Stream) -> np.random.Generator:
         seed = self.seed if stream is _Stream.NOISE or self.specimen is None else self.specimen
         return np.random.default_rng([seed, int(stream)])
-
-
-SCENARIOS = ("exact", "datasheet", "as_reported", "wild")
 
 
 def scenario(name: str, seed: int = 0) -> Scenario:

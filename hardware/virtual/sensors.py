@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 
-from solver.arm_model import Joint
 from solver.arrays import FloatArray, frozen
-from solver.sensors import Encoder, NoSensor, Rvdt
+from solver.chain.arm_model import Joint
+from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
 CURVE_DEGREES = (2, 3, 4, 5)
 """Legendre polynomials of an RVDT's curve: all of them orthogonal to every straight line."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.arrays import FloatArray, frozen
-from solver.chain import DhTable
+from solver.chain.kinematics import DhTable
 from solver.closing import close_loops
-from solver.closure import DhLoop
+from solver.loops.closure import DhLoop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -100,7 +100,7 @@ class _Ended(BaseException):
 def _plain(args: argparse.Namespace, source: ComposedSource) -> str:
     from operator_app.headless.plain import Plain
     from operator_app.headless.plain_terminal import StandardTerminal
-    from operator_app.headless.signals import ending_signals_wait
+    from operator_app.signals import ending_signals_wait
 
     def end(number: int, _: object) -> NoReturn:
         raise _Ended(signal.Signals(number).name)

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Compare and report on stdout."""
-    from operator_app.comparison import IncomparableError, compare
+    from operator_app.calibration.compare import IncomparableError, compare
     from operator_app.report.comparison_result import comparison_json, comparison_text
 
     if not 0.0 < args.level < 1.0:

@@ -29,7 +29,7 @@ def execute(args: argparse.Namespace) -> int:
     from hardware.buses import bus_settings
     from operator_app.composition import run_controller, scenario_of
     from operator_app.config.arm_file import load_arm
-    from operator_app.headless.signals import ending_signals_interrupt
+    from operator_app.signals import ending_signals_interrupt
 
     choices = choices_from(args)
     settings = bus_settings(args.interface, args.channel, args.bitrate)

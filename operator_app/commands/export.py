@@ -37,15 +37,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Solve the session's poses, write the document, and upload it if asked."""
-    from operator_app.calibration import calibrate
+    from operator_app.calibration.solve import calibrate
     from operator_app.composition import carried_procedure, open_arm
     from operator_app.config.atomic import write_atomically
     from operator_app.config.parameters_file import format_parameters
-    from operator_app.headless.signals import ending_signals_interrupt
     from operator_app.session.export import PARAMETERS_NAME, parameters_document, upload
     from operator_app.session.folder import read_session
     from operator_app.session.journal import utc_now
     from operator_app.session.opening import resume
+    from operator_app.signals import ending_signals_interrupt
 
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = read_session(opening.folder).state

@@ -7,13 +7,11 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hardware.virtual.scenario_names import DEFAULT_SCENARIO, SCENARIOS
 from operator_app.exit_codes import UsageError
 
 if TYPE_CHECKING:
     from operator_app.session.opening import Choices
-
-SCENARIOS = ("exact", "datasheet", "as_reported", "wild")
-DEFAULT_SCENARIO = "datasheet"
 
 
 def json_option(parser: argparse.ArgumentParser) -> None:

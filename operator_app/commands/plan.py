@@ -19,7 +19,7 @@ from operator_app.exit_codes import ExitCode, UsageError
 if TYPE_CHECKING:
     from fixtures.advice import RankedPlacement
     from operator_app.config.procedure import Procedure
-    from operator_app.plan_preview import Known, Preview
+    from operator_app.planning.preview import Known, Preview
 
 POSES = 12
 """Poses of a plan when the procedure speaks of explored ones."""
@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Plan and report on stdout."""
-    from operator_app.plan_preview import preview
+    from operator_app.planning.preview import preview
     from operator_app.report.plan_json import advice_json, plan_json
     from operator_app.report.plan_text import advice_text, plan_text
 
@@ -137,7 +137,7 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]:
 def _of_session(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]:
     """Return the session's procedure and what its poses tell."""
     from operator_app.composition import carried_procedure
-    from operator_app.plan_preview import Known
+    from operator_app.planning.preview import Known
     from operator_app.session.folder import read_session
     from operator_app.session.opening import Choices, resume
 
@@ -164,7 +164,7 @@ def _advice(
     args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
 ) -> tuple[RankedPlacement, ...]:
     """Search for placements around the present one, nominal or as estimated."""
-    from operator_app.placement_advice import advise
+    from operator_app.planning.advice import advise
 
     values = None
     if shown.estimate is not None:

@@ -54,10 +54,10 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.composition import open_arm
     from operator_app.headless.console import ConsoleListener
     from operator_app.headless.runner import run
-    from operator_app.headless.signals import ending_signals_interrupt, ending_signals_wait
     from operator_app.session.journal import Journal
     from operator_app.session.opening import begin, resume
     from operator_app.session.workflow import Session
+    from operator_app.signals import ending_signals_interrupt, ending_signals_wait
     from solver.errors import UnidentifiableError
 
     choices = choices_from(args)

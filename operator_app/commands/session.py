@@ -20,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Report on stdout."""
+    from operator_app.errors import JournalError
     from operator_app.report.text import aligned
-    from operator_app.session.errors import JournalError
     from operator_app.session.folder import (
         SessionEntry,
         find_session,

@@ -47,13 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Solve and report on stdout."""
-    from operator_app.calibration import calibrate
-    from operator_app.checks import check
+    from operator_app.calibration.checks import check
+    from operator_app.calibration.judgement import Notice
+    from operator_app.calibration.loop import loop_of_poses, pick_placements
+    from operator_app.calibration.solve import calibrate
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
-    from operator_app.judgement import Notice
-    from operator_app.loop_of_poses import loop_of_poses, pick_placements
     from operator_app.report.json_result import checks_json, solution_json, unidentifiable_json
     from operator_app.report.text import checks_text, solution_text, unidentifiable_text
     from solver.errors import UnidentifiableError

@@ -20,9 +20,9 @@ from operator_app.commands.options import (
 from operator_app.exit_codes import ExitCode, UsageError
 
 if TYPE_CHECKING:
+    from operator_app.calibration.verify import Verdict
     from operator_app.session.opening import Opening
-    from operator_app.verification import Verdict
-    from solver.poses import PoseSet
+    from solver.chain.poses import PoseSet
 
 NEW_POSES = 12
 """Poses to take when no file is given."""
@@ -48,12 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Judge and report."""
-    from operator_app.calibration import calibrate
+    from operator_app.calibration.solve import calibrate
+    from operator_app.calibration.verify import fixed_by, judge_poses
     from operator_app.composition import carried_procedure
     from operator_app.config.poses_file import load_poses
     from operator_app.session.folder import read_session
     from operator_app.session.opening import resume
-    from operator_app.verification import fixed_by, judge_poses
 
     wanted, args.poses = args.poses, None
     opening = resume(args.session, choices_from(args), root=args.sessions)
@@ -93,11 +93,11 @@ def _new_poses(opening: Opening, count: int) -> PoseSet:
     from dataclasses import replace
 
     from operator_app.composition import open_arm
-    from operator_app.headless.signals import ending_signals_interrupt, ending_signals_wait
     from operator_app.session.drives import drives_of
     from operator_app.session.folder import new_folder
     from operator_app.session.journal import Journal, utc_now
     from operator_app.session.workflow import Session
+    from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 
     if count < 1:
         raise UsageError("--poses: take at least 1")

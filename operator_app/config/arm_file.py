@@ -23,11 +23,11 @@ from operator_app.config.quantities import (
 )
 from operator_app.config.resources import resolve
 from operator_app.config.schema import StrictModel, read_model, report
-from solver.arm_model import ArmModel, Joint
 from solver.arrays import frozen
-from solver.chain import DhTable
-from solver.parameters import DhEntry, DhKind
-from solver.sensors import Encoder, NoSensor, Rvdt, Sensor
+from solver.chain.arm_model import ArmModel, Joint
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry, DhKind
+from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 class RowModel(StrictModel):

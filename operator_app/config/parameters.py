@@ -13,10 +13,10 @@ from datetime import UTC, datetime
 import numpy as np
 
 from operator_app.config.degrees import degrees_for_file
-from solver.arm_model import ArmModel
 from solver.arrays import FloatArray, frozen
-from solver.chain import DhTable
-from solver.sensors import NoSensor
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable
+from solver.chain.sensors import NoSensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +101,7 @@ class ParametersDocument:
     quality, warnings, estimator
         How it went.
     pose_set_sha256
-        `solver.poses.PoseSet.sha256` of the poses.
+        `solver.chain.poses.PoseSet.sha256` of the poses.
     software_version, utc
         What made the document, and when (aware, UTC).
     """

@@ -22,7 +22,7 @@ from operator_app.config.parameters_schema import ParametersFile
 from operator_app.config.resources import YAML_LIMIT_BYTES, read_limited
 from operator_app.config.schema import read_model
 from operator_app.config.yaml_writer import dump_strict
-from solver.parameters import DhEntry
+from solver.chain.parameters import DhEntry
 
 COMMENT = "Written by sarcal. A controller checks it against this schema; edit it only on purpose."
 RESULT = "the result"

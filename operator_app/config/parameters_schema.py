@@ -19,7 +19,7 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.schema import StrictModel, report
-from solver.parameters import DhEntry
+from solver.chain.parameters import DhEntry
 
 Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
 Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]

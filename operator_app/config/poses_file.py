@@ -20,7 +20,7 @@ from operator_app.config.poses_header import EXAMPLE, Header, header_names, read
 from operator_app.config.poses_rows import Row, read_rows
 from operator_app.config.resources import read_limited
 from operator_app.config.text import decode_text, only
-from solver.poses import PoseSet
+from solver.chain.poses import PoseSet
 
 LIMIT_BYTES = 16 * 1024 * 1024
 """Some 100,000 poses of seven joints."""

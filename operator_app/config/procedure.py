@@ -9,9 +9,22 @@ from typing import Literal
 
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.resources import Resource
-from operator_app.judgement import AcceptanceLimits
-from solver.arm_model import ArmModel
-from solver.sensors import NoSensor
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import NoSensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcceptanceLimits:
+    """What a calibration must reach to be accepted; None is no limit.
+
+    The sigmas are the ``rms`` reading of eqs. 14 and 15. Without a limit of its own, chi2/dof must
+    lie below the upper end of its 99.9 % band.
+    """
+
+    scaled_condition_number: float = 100.0
+    chi2_per_dof: float | None = None
+    sigma_pos_m: float | None = None
+    sigma_ori_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,8 +10,8 @@ from operator_app.config.errors import Problem
 from operator_app.config.procedure_models import ModesModel, ProcedureFile
 from operator_app.config.yaml_document import Path as KeyPath
 from operator_app.config.yaml_document import YamlDocument
-from solver.arm_model import ArmModel
-from solver.parameters import Parameter
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import Parameter
 
 
 def check_joints(

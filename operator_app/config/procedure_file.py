@@ -11,6 +11,7 @@ from operator_app.config.arm_file import parse_arm
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import parse_fixture
 from operator_app.config.procedure import (
+    AcceptanceLimits,
     BusSettings,
     CapturePlan,
     Exploration,
@@ -23,8 +24,7 @@ from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.config.schema import check_model
 from operator_app.config.strict_yaml import load_strict
 from operator_app.config.yaml_document import YamlDocument
-from operator_app.judgement import AcceptanceLimits
-from solver.parameters import Parameter
+from solver.chain.parameters import Parameter
 
 T = TypeVar("T")
 

@@ -9,8 +9,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from fixtures.base import SetupCheck, Severity
 from hardware.arm import ArmIdentity
-from operator_app.calibration import Solution
-from operator_app.drive_choice import DriveChoice, names
+from operator_app.calibration.solve import Solution
+from operator_app.planning.drives import DriveChoice, names
 from operator_app.session.state import SessionState
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}

@@ -10,11 +10,11 @@ from typing import Protocol
 
 from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity
-from operator_app.calibration import Solution
-from operator_app.drive_choice import DriveChoice
-from operator_app.placement_advice import QUICK_TRIES, advise, hint
+from operator_app.calibration.solve import Solution
+from operator_app.errors import GuardError, SessionError
+from operator_app.planning.advice import QUICK_TRIES, advise, hint
+from operator_app.planning.drives import DriveChoice
 from operator_app.session.drives import choose, drives_of
-from operator_app.session.errors import GuardError, SessionError
 from operator_app.session.export import Exported
 from operator_app.session.planned_capture import CampaignEnd, PlannedCapture
 from operator_app.session.state import SessionState

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from operator_app.comparison import Comparison, Drift, Side
+from operator_app.calibration.compare import Comparison, Drift, Side
 from operator_app.config.parameters import ParametersDocument
 from operator_app.report.json_result import notices_json
 from operator_app.report.text import aligned, paragraph, warnings_text

@@ -7,9 +7,9 @@ from operator_app.report.markup import Html, element, join
 from operator_app.report.numbers import fixed, names, plural
 from operator_app.report.section import Section, bullets, figure, plots, prose, remark
 from operator_app.report.subject import Subject
-from solver.estimate import Estimate
-from solver.rvdt import RvdtVerdict, Verdict
-from solver.rvdt_figures import RvdtFigures
+from solver.estimators.estimate import Estimate
+from solver.judging.rvdt import RvdtVerdict, Verdict
+from solver.judging.rvdt_figures import RvdtFigures
 
 CURVE_WORDS = (
     "With the readings of {joints} used, these corrections close the loops. A bow or an S is the "

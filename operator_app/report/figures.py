@@ -12,9 +12,9 @@ from operator_app.report.strips import Range, Strip, ranges, strips
 from operator_app.report.subject import Subject
 from operator_app.report.svg import Axis, Band, Line, Marks, Shape, axis, plot
 from solver.arrays import FloatArray
-from solver.estimate import Estimate
-from solver.rvdt_figures import RvdtFigures
-from solver.sensors import NoSensor, Rvdt
+from solver.chain.sensors import NoSensor, Rvdt
+from solver.estimators.estimate import Estimate
+from solver.judging.rvdt_figures import RvdtFigures
 
 SHAPES: tuple[tuple[Shape, str], ...] = (("dot", "a"), ("square", "b"), ("triangle", "d"))
 ROTATIONS = {2: ("dx", "dy"), 3: ("rx", "ry", "rz")}

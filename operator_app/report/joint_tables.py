@@ -14,9 +14,9 @@ from operator_app.report.figures import (
 from operator_app.report.markup import Column, Html, element, join, spoken, table
 from operator_app.report.numbers import NOT_KNOWN, fixed, significant
 from operator_app.report.subject import Subject
-from solver.estimate import Estimate
-from solver.rvdt_figures import RvdtFigures
-from solver.sensors import Encoder, NoSensor, Rvdt
+from solver.chain.sensors import Encoder, NoSensor, Rvdt
+from solver.estimators.estimate import Estimate
+from solver.judging.rvdt_figures import RvdtFigures
 
 
 def joint_table(subject: Subject, estimate: Estimate | None) -> Html:

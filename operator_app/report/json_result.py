@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.calibration import Solution
-from operator_app.checks import Checks
-from operator_app.judgement import Notice
+from operator_app.calibration.checks import Checks
+from operator_app.calibration.judgement import Notice
+from operator_app.calibration.solve import Solution
+from solver.chain.parameters import Parameter
 from solver.errors import UnidentifiableDirection
-from solver.estimate import Estimate
-from solver.goodness import TwoReadings
-from solver.holdout import HoldOut
-from solver.parameters import Parameter
-from solver.rvdt import RvdtVerdict
-from solver.statistics import chi2_test, correlations, intervals
-from solver.variance_components import VarianceComponents
+from solver.estimators.estimate import Estimate
+from solver.estimators.goodness import TwoReadings
+from solver.estimators.variance_components import VarianceComponents
+from solver.judging.holdout import HoldOut
+from solver.judging.rvdt import RvdtVerdict
+from solver.judging.statistics import chi2_test, correlations, intervals
 
 ACCEPTED = "accepted"
 NOT_ACCEPTED = "not accepted"

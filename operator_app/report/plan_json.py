@@ -13,10 +13,10 @@ import numpy as np
 
 from fixtures.advice import RankedPlacement
 from fixtures.base import SetupCheck
-from operator_app.plan_preview import PlannedPose, Preview
+from operator_app.planning.preview import PlannedPose, Preview
 from operator_app.report.json_result import in_file_units
+from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
-from solver.parameters import Parameter
 
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from operator_app.plan_preview import PlannedPose, Preview
-from operator_app.tui.braille import Canvas
+from operator_app.planning.preview import PlannedPose, Preview
+from operator_app.report.braille import Canvas
 from solver.arrays import FloatArray
 
 COLUMNS, ROWS = 66, 16

@@ -9,8 +9,8 @@ import numpy as np
 
 from fixtures.advice import PlacementReport, RankedPlacement
 from fixtures.base import Severity
-from operator_app.drive_choice import names
-from operator_app.plan_preview import Preview
+from operator_app.planning.drives import names
+from operator_app.planning.preview import Preview
 from operator_app.report.plan_picture import coverage_lines, region_lines
 from operator_app.report.text import (
     CONDITION_ACCEPTABLE,
@@ -19,8 +19,8 @@ from operator_app.report.text import (
     aligned,
     paragraph,
 )
+from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
-from solver.parameters import Parameter
 
 SHOWN = 6
 """Drive sets in the table."""

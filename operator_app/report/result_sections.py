@@ -11,7 +11,7 @@ from operator_app.report.provenance import SAME
 from operator_app.report.section import Section, definitions, prose, remark, sentence
 from operator_app.report.subject import Subject
 from operator_app.report.text import CONDITION_ACCEPTABLE, CONDITION_PAPER
-from solver.estimate import Estimate
+from solver.estimators.estimate import Estimate
 
 CHI2_LEVEL = 0.01
 """Noise models that give so large a chi2 less often than this are said to be wrong."""

@@ -10,16 +10,16 @@ from importlib.metadata import version
 import numpy as np
 
 from fixtures.errors import FixtureError
-from operator_app.calibration import Solution, calibrate
-from operator_app.checks import Checks, check
+from operator_app.calibration.checks import Checks, check
+from operator_app.calibration.solve import Solution, calibrate
 from operator_app.config.procedure import Procedure
-from operator_app.session.errors import SessionError
+from operator_app.errors import SessionError
 from operator_app.session.journal import Event
 from operator_app.session.state import CapturedPose, SessionState, replay
 from solver.arrays import FloatArray
 from solver.errors import SolverError, UnidentifiableDirection, UnidentifiableError
-from solver.estimate import Estimate
-from solver.rvdt import RvdtVerdict
+from solver.estimators.estimate import Estimate
+from solver.judging.rvdt import RvdtVerdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,12 +11,12 @@ from operator_app.report.markup import Column, Html, element, table
 from operator_app.report.numbers import MINUS, NOT_KNOWN, fixed, places_to_show, significant
 from operator_app.report.style import HEAT_STEPS
 from operator_app.report.subject import Subject
-from solver.closure import DhLoop
-from solver.component_report import Component
-from solver.estimate import Estimate
-from solver.goodness import ClosureSigmas
-from solver.parameters import DhEntry, DhKind, Parameter
-from solver.statistics import correlations, intervals
+from solver.chain.parameters import DhEntry, DhKind, Parameter
+from solver.estimators.component_report import Component
+from solver.estimators.estimate import Estimate
+from solver.estimators.goodness import ClosureSigmas
+from solver.judging.statistics import correlations, intervals
+from solver.loops.closure import DhLoop
 
 
 def parameter_table(subject: Subject, estimate: Estimate) -> Html:

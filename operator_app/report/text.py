@@ -8,15 +8,15 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from operator_app.calibration import Solution
-from operator_app.checks import FOLDS, Checks
-from operator_app.judgement import Notice
-from solver.closure import DhLoop
+from operator_app.calibration.checks import FOLDS, Checks
+from operator_app.calibration.judgement import Notice
+from operator_app.calibration.solve import Solution
+from solver.chain.parameters import DhEntry, DhKind
 from solver.errors import UnidentifiableDirection
-from solver.estimate import Estimate
-from solver.goodness import TwoReadings
-from solver.parameters import DhEntry, DhKind
-from solver.variance_components import VarianceComponents
+from solver.estimators.estimate import Estimate
+from solver.estimators.goodness import TwoReadings
+from solver.estimators.variance_components import VarianceComponents
+from solver.loops.closure import DhLoop
 
 WIDTH = 80
 CONDITION_ACCEPTABLE = 100

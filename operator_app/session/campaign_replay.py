@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.planning import planning_task
+from operator_app.planning.task import planning_task
 from operator_app.session.state import SessionState
-from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
 from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign import Campaign
 from solver.design.campaign_settings import CampaignSettings

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from hardware.arm import Watch
-from operator_app.drive_choice import (
+from operator_app.errors import SessionError
+from operator_app.planning.drives import (
     DriveChoice,
     Prediction,
     choose_drives,
     predict_drives,
     worth_trying,
 )
-from operator_app.session.errors import SessionError
 from operator_app.session.workflow import Session
+from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import RankedDrives, TrialWiggles
-from solver.parameters import nominal_vector
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
 KEPT = 6

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from hardware.arm import Arm, UploadReceipt
-from operator_app.calibration import Solution
+from operator_app.calibration.solve import Solution
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters import (
     CalibratedEntry,
@@ -23,12 +23,12 @@ from operator_app.config.parameters import (
     joints_from_table,
     rows_from_table,
 )
-from operator_app.session.errors import SessionError
-from solver.arm_model import ArmModel
-from solver.chain import DhTable
-from solver.closure import DhLoop
-from solver.goodness import TwoReadings
-from solver.poses import PoseSet
+from operator_app.errors import SessionError
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable
+from solver.chain.poses import PoseSet
+from solver.estimators.goodness import TwoReadings
+from solver.loops.closure import DhLoop
 
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"

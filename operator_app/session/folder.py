@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from operator_app.session.errors import JournalError, SessionError
+from operator_app.errors import JournalError, SessionError
 from operator_app.session.journal import JOURNAL_NAME, read_journal
 from operator_app.session.state import SessionState, replay
 

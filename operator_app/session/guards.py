@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping
 
 from fixtures.base import Severity
 from hardware.arm import DriveState, JointMode
-from operator_app.session import mode_rule
+from operator_app.planning import mode_rule
 from operator_app.session.snapshot import DataState, SessionSnapshot, Task
 from operator_app.session.steps import Step
 from operator_app.session.wording import drive_words
-from solver.closure import poses_needed
+from solver.loops.closure import poses_needed
 
 Missing = tuple[str, ...]
 

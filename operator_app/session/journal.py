@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from operator_app.session.errors import JournalError
+from operator_app.errors import JournalError
 
 JOURNAL_NAME = "journal.jsonl"
 SCHEMA = "sarcal/journal/1"

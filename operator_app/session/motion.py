@@ -12,8 +12,8 @@ import numpy as np
 
 from hardware.arm import ArmSnapshot
 from operator_app.config.procedure import CapturePlan
-from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
 
 SPEED_WINDOW_S = 0.5
 RATE_WINDOW_S = 1.0

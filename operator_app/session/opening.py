@@ -14,12 +14,12 @@ from typing import Any
 from operator_app.config.procedure import CapturePlan, Procedure
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.resources import Kind, Resource, resolve
-from operator_app.planning import require_closed_chain
-from operator_app.session.errors import SessionError
+from operator_app.errors import SessionError
+from operator_app.planning.task import require_closed_chain
 from operator_app.session.folder import find_session, new_folder
 from operator_app.session.journal import Clock, read_journal, utc_now
 from operator_app.session.state import replay
-from solver.estimate import require_enough_poses
+from solver.estimators.estimate import require_enough_poses
 
 KINDS: tuple[Kind, Kind, Kind] = ("procedure", "arm", "fixture")
 """Order of `Procedure.sources`."""

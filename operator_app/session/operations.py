@@ -12,24 +12,24 @@ from typing import Any, Protocol
 import numpy as np
 
 from hardware.arm import ArmSnapshot
-from operator_app.calibration import Solution
-from operator_app.checks import check
+from operator_app.calibration.checks import check
+from operator_app.calibration.solve import Solution
+from operator_app.calibration.verify import fixed_by, judge_poses
 from operator_app.config.parameters_file import parse_parameters
+from operator_app.errors import GuardError, SessionError
+from operator_app.planning.forecast import Forecast, most_telling, predict
+from operator_app.planning.live import LiveQuality, live_quality
 from operator_app.session.drives import choose_by_prediction
-from operator_app.session.errors import GuardError, SessionError
-from operator_app.session.forecast import Forecast, most_telling, predict
-from operator_app.session.live import LiveQuality, live_quality
 from operator_app.session.parameter_diff import diff_rows
 from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.snapshot import Iteration, Level, Verification, Written
 from operator_app.session.state import SessionState
 from operator_app.session.workflow import Session
-from operator_app.verification import fixed_by, judge_poses
 from solver.arrays import FloatArray
-from solver.closure import ClosureModel
+from solver.chain.parameters import nominal_vector
+from solver.chain.poses import PoseSet
 from solver.design.drive_joints import rank_at_pose
-from solver.parameters import nominal_vector
-from solver.poses import PoseSet
+from solver.loops.closure import ClosureModel
 
 ENDED = "ended by the operator"
 WIGGLE_RAD = float(np.deg2rad(2.0))

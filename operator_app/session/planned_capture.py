@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from hardware.arm import ArmSnapshot, Watch
-from operator_app.drive_choice import names
-from operator_app.planning import CANDIDATES, STOP_MARGIN_RAD, require_closed_chain
+from operator_app.errors import GuardError
+from operator_app.planning.drives import names
+from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, require_closed_chain
 from operator_app.session.campaign_replay import (
     DivergedError,
     built,
@@ -24,7 +25,6 @@ from operator_app.session.campaign_replay import (
     replayed,
     still_fits,
 )
-from operator_app.session.errors import GuardError
 from operator_app.session.state import SessionState
 from operator_app.session.workflow import Session
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch

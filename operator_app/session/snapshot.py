@@ -12,11 +12,11 @@ from pathlib import Path
 
 from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, UploadReceipt
-from operator_app.calibration import Solution
-from operator_app.checks import Checks
+from operator_app.calibration.checks import Checks
+from operator_app.calibration.solve import Solution
 from operator_app.config.procedure import Procedure
-from operator_app.session.forecast import Forecast
-from operator_app.session.live import LiveQuality
+from operator_app.planning.forecast import Forecast
+from operator_app.planning.live import LiveQuality
 from operator_app.session.motion import Motion
 from operator_app.session.state import SessionState
 from solver.design.actions import GoTo

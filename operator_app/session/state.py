@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver.arrays import FloatArray, frozen
-from solver.poses import PoseSet
+from solver.chain.poses import PoseSet
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

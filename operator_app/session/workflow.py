@@ -16,15 +16,16 @@ import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Reading, Watch
-from operator_app.calibration import FixtureRefusedError, Solution, calibrate
+from operator_app.calibration.solve import FixtureRefusedError, Solution, calibrate
 from operator_app.config.atomic import write_atomically
 from operator_app.config.degrees import degrees_for_file
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
-from operator_app.session.errors import GuardError
-from operator_app.session.exploration import for_joints, range_watch, waypoints
+from operator_app.errors import GuardError
+from operator_app.planning.exploration import for_joints, range_watch, waypoints
+from operator_app.planning.mode_rule import modes_problem
 from operator_app.session.export import (
     PARAMETERS_NAME,
     POSES_NAME,
@@ -33,11 +34,10 @@ from operator_app.session.export import (
     upload,
 )
 from operator_app.session.journal import Clock, Journal, utc_now
-from operator_app.session.mode_rule import modes_problem
 from operator_app.session.state import CapturedPose, SessionState, apply, replay
-from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
-from solver.least_squares import Progress
+from solver.chain.arm_model import ArmModel
+from solver.estimators.least_squares import Progress
 
 
 class Session:

@@ -13,7 +13,7 @@ from operator_app.tui.navigation import Navigation
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.fixture import FixtureView
 from operator_app.tui.steps.modes import ModesView
-from solver.sensors import Rvdt
+from solver.chain.sensors import Rvdt
 
 VERIFY_POSES = 5
 

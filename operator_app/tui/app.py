@@ -23,8 +23,8 @@ from textual.screen import Screen
 from textual.widgets import Input
 
 from operator_app.exit_codes import ExitCode
-from operator_app.headless.signals import ending_signals_wait
 from operator_app.session.steps import Step
+from operator_app.signals import ending_signals_wait
 from operator_app.tui.driver import Pressed, watched
 from operator_app.tui.keys import STOP_KEYS, STOP_WIDTH, Action, by_name, for_key
 from operator_app.tui.lines import Clicked

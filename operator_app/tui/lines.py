@@ -5,7 +5,6 @@ No markup anywhere: brackets in `[deg]` are brackets. A span is text and the nam
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
@@ -17,62 +16,11 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
+from operator_app.report.spans import Line, clip, length
+
 if TYPE_CHECKING:
     from operator_app.session.snapshot import SessionSnapshot
     from operator_app.tui.look import Look
-
-Span = tuple[str, str]
-Line = tuple[Span, ...]
-
-
-def line(*parts: str | Span) -> Line:
-    """Make a line; bare strings are in the ``text`` role."""
-    return tuple((p, "text") if isinstance(p, str) else p for p in parts)
-
-
-def length(of: Line) -> int:
-    """Cells a line takes; every character used here is one cell wide."""
-    return sum(len(text) for text, _ in of)
-
-
-def clip(of: Line, width: int) -> Line:
-    """Cut a line to a width, with an ellipsis where something is lost."""
-    if length(of) <= width:
-        return of
-    out: list[Span] = []
-    left = width - 1
-    for text, role in of:
-        if left <= 0:
-            break
-        out.append((text[:left], role))
-        left -= len(text[:left])
-    return (*out, ("…", "dim")) if width > 0 else ()
-
-
-def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list[Line]:
-    """Wrap a sentence; continuation lines are indented."""
-    rows = textwrap.wrap(text, max(width, 8), subsequent_indent=indent, break_long_words=True)
-    return [((row, role),) for row in rows] or [()]
-
-
-def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return the rows from `first` on that fit, how many of them are shown, and where they begin.
-
-    What does not fit is said in the last row.
-    """
-    if len(rows) <= height:
-        return list(rows), len(rows), 0
-    room = max(1, height - 1)
-    first = max(0, min(first, len(rows) - room))
-    below = len(rows) - first - room
-    said = f" {below} more below (Down)" if below else f" {first} more above (Up)"
-    return [*rows[first : first + room], ((said, "dim"),)], room, first
-
-
-def beside(left: Line, right: Line, width: int) -> Line:
-    """Put one line at the left and one at the right end."""
-    gap = max(1, width - length(left) - length(right))
-    return (*left, (" " * gap, "text"), *right)
 
 
 class Clicked(Message):

@@ -12,12 +12,13 @@ from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
 from hardware.arm import JointMode
+from operator_app.report.spans import Line, Span, clip, line, wrapped
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import Level, SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.keys import FOOTER, by_name
-from operator_app.tui.lines import Clicked, Line, Lines, Span, clip, line, wrapped
+from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.look import SMALLEST, is_compact
 from operator_app.tui.steps.calibrate import CalibrateView
 from operator_app.tui.steps.capture import CaptureView

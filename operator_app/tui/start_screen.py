@@ -5,7 +5,8 @@ from __future__ import annotations
 from textual.app import ComposeResult
 from textual.screen import Screen
 
-from operator_app.tui.lines import Line, Lines, line
+from operator_app.report.spans import Line, line
+from operator_app.tui.lines import Lines
 
 
 class _Fixed(Lines, can_focus=False):

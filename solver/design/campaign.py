@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.closure import poses_needed
 from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign_settings import CampaignSettings, Phase
 from solver.design.exploration import Explorer
@@ -21,6 +20,7 @@ from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
 from solver.design.plan import Plan, PlanningTask, information_of, make_plan
 from solver.design.stop_rule import Progress, StopDecision, judge_progress
 from solver.errors import SolverError
+from solver.loops.closure import poses_needed
 
 SPARE_POSES = 4
 """Poses beyond the fewest possible before an interim calibration is tried."""

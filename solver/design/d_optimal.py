@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.least_squares import column_scale
+from solver.estimators.least_squares import column_scale
 
 PRIOR_SHARE = 1e-8
 """Weight of the prior that makes the first choices comparable, against one average candidate."""

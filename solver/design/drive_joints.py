@@ -15,10 +15,10 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.closing import close_loops
-from solver.closure import ClosureModel
 from solver.design.manifold import Manifold
 from solver.design.motion import ChainMotion, chain_motion
 from solver.design.paths import MotionLimits, PathGraph
+from solver.loops.closure import ClosureModel
 
 SAMPLE = 200
 FOLDED = 0.02

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.closure import ClosureModel
 from solver.design.manifold import Ranges
 from solver.design.motion import chain_motion
 from solver.design.projection import project
+from solver.loops.closure import ClosureModel
 
 LOST_RAD = 0.25
 """A correction larger than this beside the predicted step means the chain jumped to another branch."""

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.closure import ClosureModel
-from solver.estimate import Estimate
-from solver.implicit_estimator import NoiseModel, estimate_implicit
-from solver.parameters import nominal_vector
+from solver.chain.parameters import nominal_vector
+from solver.estimators.estimate import Estimate
+from solver.estimators.implicit import NoiseModel, estimate_implicit
+from solver.loops.closure import ClosureModel
 
 UNEXPLAINED = 3.0
 """chi2 per degree of freedom above which the sensors' noise alone is not believed."""

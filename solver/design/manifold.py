@@ -15,9 +15,9 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.closing import close_loops
-from solver.closure import ClosureModel
 from solver.design.motion import ChainMotion, chain_motion
 from solver.design.projection import project
+from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

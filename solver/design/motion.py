@@ -12,7 +12,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.closing import left_null_space
-from solver.closure import ClosureModel
+from solver.loops.closure import ClosureModel
 
 RANK_TOLERANCE = 1e-6
 

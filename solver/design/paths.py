@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.closure import ClosureModel
 from solver.design.drive_line import drive_straight
 from solver.design.manifold import Manifold, Ranges
+from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -13,7 +13,6 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
 from solver.closing import close_loops
-from solver.closure import ClosureModel
 from solver.design.d_optimal import (
     Design,
     TooFewCandidatesError,
@@ -27,8 +26,9 @@ from solver.design.paths import MotionLimits, PathGraph
 from solver.design.pose_information import PoseInformation, pose_information
 from solver.design.stop_rule import standard_deviations
 from solver.design.tour import visiting_order
-from solver.identifiability import Identifiability, judge_jacobian
-from solver.implicit_estimator import NoiseModel
+from solver.estimators.implicit import NoiseModel
+from solver.judging.identifiability import Identifiability, judge_jacobian
+from solver.loops.closure import ClosureModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,8 +13,8 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.closing import left_null_space
-from solver.closure import ClosureModel
-from solver.implicit_estimator import NoiseModel
+from solver.estimators.implicit import NoiseModel
+from solver.loops.closure import ClosureModel
 
 CURVE_SHARE = 0.5
 """Share of a sensor's linearity that is allowed for as if it were noise."""

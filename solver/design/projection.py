@@ -13,7 +13,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.closing import ClosedPoses
-from solver.closure import ClosureModel
+from solver.loops.closure import ClosureModel
 
 RIDGE = 1e-12
 """Relative ridge that keeps a singular pose from raising; such a pose does not converge."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
 from solver.design.pose_information import PoseInformation
-from solver.least_squares import column_scale
+from solver.estimators.least_squares import column_scale
 
 BLIND = 1e-13
 """Directions whose scaled information is below this share of the largest are not determined."""

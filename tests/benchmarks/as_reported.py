@@ -26,14 +26,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 
-from solver.chain import DhTable
-from solver.closure import DhLoop, entries
-from solver.component_model import ComponentPlan
-from solver.implicit_estimator import NoiseModel
-from solver.paper_estimator import estimate_paper
-from solver.sensor_curve import SensorCurve
-from solver.statistics import chi2_test
-from solver.variance_components import estimate_implicit_with_components
+from solver.chain.kinematics import DhTable
+from solver.chain.sensor_curve import SensorCurve
+from solver.estimators.component_model import ComponentPlan
+from solver.estimators.implicit import NoiseModel
+from solver.estimators.paper import estimate_paper
+from solver.estimators.variance_components import estimate_implicit_with_components
+from solver.judging.statistics import chi2_test
+from solver.loops.closure import DhLoop, entries
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import (
     FULL_SCALE_RAD,

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hardware.virtual.scenarios import STIFF, Scenario, scenario
-from operator_app.calibration import calibrate
+from operator_app.calibration.solve import calibrate
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.journal import Journal
 from operator_app.session.workflow import Session

@@ -11,16 +11,16 @@ from __future__ import annotations
 import sys
 
 import numpy as np
+from tests.solver.estimators.test_panda import EVERYTHING, NOISE, OFFSETS, scatters, training
 
-from solver.dropping import drop_unidentifiable
-from solver.global_start import global_start
-from solver.identifiability import identifiability
-from solver.implicit_estimator import estimate_implicit
-from solver.known_distance import check_distance
-from solver.paper_estimator import estimate_paper
-from solver.placements import Placements
+from solver.estimators.implicit import estimate_implicit
+from solver.estimators.paper import estimate_paper
+from solver.judging.dropping import drop_unidentifiable
+from solver.judging.identifiability import identifiability
+from solver.loops.known_distance import check_distance
+from solver.loops.placements import Placements
+from solver.search.global_start import global_start
 from tests.oracles.panda import FOLDER, TRAINING
-from tests.solver.test_panda import EVERYTHING, NOISE, OFFSETS, scatters, training
 
 ROWS = (
     ("ball only, nominal arm", (), (6.74, 8.79)),

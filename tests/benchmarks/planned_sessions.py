@@ -16,14 +16,14 @@ import numpy as np
 from hardware.virtual.scenarios import scenario
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from solver.arm_model import ArmModel
-from solver.closure import DhLoop, nearest_equivalent
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector, wrap_angles
+from solver.chain.sensors import Rvdt
 from solver.design.campaign import Campaign, CampaignSettings
 from solver.design.manifold import Ranges
 from solver.design.plan import PlanningTask
 from solver.design.pose_information import planning_noise
-from solver.parameters import nominal_vector, wrap_angles
-from solver.sensors import Rvdt
+from solver.loops.closure import DhLoop, nearest_equivalent
 from tests.oracles.planned_session import PlantSession, Record, run_campaign
 
 CLOSED = 1e-6

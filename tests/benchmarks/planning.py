@@ -22,17 +22,17 @@ from hardware.virtual.scenarios import scenario
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
-from solver.arm_model import ArmModel
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.chain.sensors import Rvdt
 from solver.closing import close_loops
-from solver.closure import DhLoop
 from solver.design.d_optimal import next_best
 from solver.design.drive_line import drive_straight
 from solver.design.manifold import Ranges
 from solver.design.plan import PlanningTask, information_of, make_plan
 from solver.design.pose_information import planning_noise
 from solver.design.stop_rule import standard_deviations
-from solver.parameters import nominal_vector
-from solver.sensors import Rvdt
+from solver.loops.closure import DhLoop
 from tests.oracles.loop_oracle import Truth, closed_poses
 
 WRIST = ("theta_off_6", "theta_off_7")

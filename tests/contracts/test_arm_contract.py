@@ -32,8 +32,8 @@ from hardware.virtual.parameters import ValidatedParameters
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.config.arm_file import load_arm
-from solver.arm_model import ArmModel
-from solver.sensors import Encoder, Rvdt
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import Encoder, Rvdt
 from tests.contracts.transports import TRANSPORTS
 
 FREE, POSITION = JointMode.FREE, JointMode.POSITION

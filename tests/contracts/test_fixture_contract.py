@@ -11,18 +11,18 @@ import pytest
 from fixtures.base import Severity
 from fixtures.mobility import mobility
 from fixtures.registry import FIXTURES
-from solver.arm_model import ArmModel, Joint
-from solver.chain import DhTable
+from solver.chain.arm_model import ArmModel, Joint
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry, DhKind, nominal_vector, wrap_angles
+from solver.chain.sensors import Encoder
 from solver.closing import close_loops
-from solver.closure import ClosureModel
-from solver.dropping import drop_unidentifiable
-from solver.identifiability import identifiability
-from solver.implicit_estimator import NoiseModel, estimate_implicit
-from solver.measured_closure import MeasuredClosure
-from solver.paper_estimator import estimate_paper
-from solver.parameters import DhEntry, DhKind, nominal_vector, wrap_angles
-from solver.placements import place
-from solver.sensors import Encoder
+from solver.estimators.implicit import NoiseModel, estimate_implicit
+from solver.estimators.paper import estimate_paper
+from solver.judging.dropping import drop_unidentifiable
+from solver.judging.identifiability import identifiability
+from solver.loops.closure import ClosureModel
+from solver.loops.open_arm import MeasuredClosure
+from solver.loops.placements import place
 
 SIGMA_RAD = Encoder(counts_per_rev=400_000).sigma_rad
 

@@ -14,7 +14,7 @@ from hardware.arm import JointMode
 from hardware.virtual.plant import Plant
 from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.scenarios import Scenario
-from solver.arm_model import ArmModel
+from solver.chain.arm_model import ArmModel
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
 

@@ -24,7 +24,7 @@ from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.scenarios import Scenario, scenario
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
-from solver.sensors import NoSensor
+from solver.chain.sensors import NoSensor
 
 PERIOD_S = 0.01
 SERIAL = "SDA-0001"

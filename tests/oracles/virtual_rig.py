@@ -17,8 +17,8 @@ from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameters import ValidatedParameters
 from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.supervisor_node import ArmLabel
-from solver.arm_model import Joint
-from solver.sensors import Encoder, Rvdt
+from solver.chain.arm_model import Joint
+from solver.chain.sensors import Encoder, Rvdt
 from tests.oracles.raw_can import RawPeer
 
 ARM = ArmLabel(model="test_arm", serial_number="SDA-0007")

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.arm_model import ArmModel, Joint
-from solver.chain import DhTable
-from solver.closure import DhLoop, entries
-from solver.sensors import Encoder, Rvdt
+from solver.chain.arm_model import ArmModel, Joint
+from solver.chain.kinematics import DhTable
+from solver.chain.sensors import Encoder, Rvdt
+from solver.loops.closure import DhLoop, entries
 from tests.oracles.loop_oracle import Truth, paper_truth
 
 NAMES = (

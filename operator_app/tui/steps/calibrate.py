@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 from textual.app import ComposeResult
 
+from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.guards import may_calibrate
 from operator_app.session.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Line, Lines, line, wrapped
+from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.plot import Axes, Series, plot
 from operator_app.tui.widgets.residuals import by_pose

@@ -9,14 +9,15 @@ import numpy as np
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
+from operator_app.report.spans import Line, Span, clip, line
 from operator_app.session.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Line, Lines, Span, clip, line
+from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView
 from operator_app.tui.widgets.joint_table import JointTable
 from operator_app.tui.widgets.plot import sparkline
-from solver.arm_model import Joint
+from solver.chain.arm_model import Joint
 
 ACCEPTABLE, PAPER = 100, 28
 """Scaled condition numbers: the paper's limit and what it reached."""

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 from textual.app import ComposeResult
 
+from operator_app.report.spans import Line, clip, line, window
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Line, Lines, clip, line, window
+from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 
 

@@ -9,12 +9,13 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
 from fixtures.base import Severity
+from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Line, Lines, line, wrapped
+from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView
-from solver.closure import DhLoop
+from solver.loops.closure import DhLoop
 
 GLYPHS = {
     Severity.OK: ("✓", "text"),

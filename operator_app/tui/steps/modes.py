@@ -8,10 +8,11 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
 from hardware.arm import JointMode
+from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.guards import modes_problem
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Line, Lines, line, wrapped
+from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView
 from operator_app.tui.widgets.joint_table import JointTable

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
-from operator_app.calibration import Solution
+from operator_app.calibration.solve import Solution
+from operator_app.report.spans import Line, clip, line, window, wrapped
 from operator_app.report.text import dh_table
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Line, Lines, clip, line, window, wrapped
+from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.residuals import (
     by_joint,
@@ -21,8 +22,8 @@ from operator_app.tui.widgets.residuals import (
     rvdt_curve,
     rvdt_joints,
 )
-from solver.closure import DhLoop
-from solver.goodness import TwoReadings
+from solver.estimators.goodness import TwoReadings
+from solver.loops.closure import DhLoop
 
 MM, MRAD = 1e3, 1e3
 

@@ -9,12 +9,13 @@ from operator import is_not
 import numpy as np
 
 from hardware.arm import JointMode
+from operator_app.report.braille import Canvas
+from operator_app.report.spans import Line, line
 from operator_app.session.snapshot import DataState, SessionSnapshot
-from operator_app.tui.braille import Canvas
-from operator_app.tui.lines import Line, Lines, line
+from operator_app.tui.lines import Lines
 from solver.arrays import FloatArray
-from solver.closure import DhLoop
-from solver.parameters import nominal_vector
+from solver.chain.parameters import nominal_vector
+from solver.loops.closure import DhLoop
 
 _TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
 _AXIS_M = 0.16

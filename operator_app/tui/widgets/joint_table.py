@@ -6,10 +6,11 @@ import math
 from collections.abc import Sequence
 
 from hardware.arm import DriveState, JointMode, JointState
+from operator_app.report.spans import Line, Span, line
 from operator_app.session.snapshot import STALE_S, DataState, SessionSnapshot
-from operator_app.tui.lines import Line, Lines, Span, line
-from solver.arm_model import Joint
-from solver.sensors import Encoder, NoSensor, Rvdt, Sensor
+from operator_app.tui.lines import Lines
+from solver.chain.arm_model import Joint
+from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 NEAR_END = 0.04
 """Share of the range at either end where a joint is said to be near its limit."""

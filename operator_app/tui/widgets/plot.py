@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from operator_app.tui.braille import Canvas
-from operator_app.tui.lines import Line, Span
+from operator_app.report.braille import Canvas
+from operator_app.report.spans import Line, Span
 
 LABEL = 9
 """Cells of the vertical axis and its numbers."""

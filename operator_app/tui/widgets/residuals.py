@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from operator_app.calibration import Solution
+from operator_app.calibration.solve import Solution
+from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.snapshot import SessionSnapshot
-from operator_app.tui.lines import Line, line, wrapped
 from operator_app.tui.widgets.plot import Axes, Series, plot
-from solver.sensors import Rvdt
+from solver.chain.sensors import Rvdt
 
 
 def kept_numbers(s: SessionSnapshot, solution: Solution) -> list[int]:

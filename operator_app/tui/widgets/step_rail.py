@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from textual import events
 
 from hardware.arm import JointMode
+from operator_app.report.spans import Line, Span, line
 from operator_app.session.guards import missing_for
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.tui.lines import Clicked, Line, Lines, Span, line
+from operator_app.tui.lines import Clicked, Lines
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:

@@ -10,9 +10,9 @@ import pytest
 from hardware.arm import JointMode
 from hardware.virtual.port import JointCommand
 from hardware.virtual.truth import PAPER_HOME_RAD
-from solver.arm_model import ArmModel, Joint
-from solver.chain import DhTable
-from solver.sensors import Encoder, Rvdt
+from solver.chain.arm_model import ArmModel, Joint
+from solver.chain.kinematics import DhTable
+from solver.chain.sensors import Encoder, Rvdt
 
 Commands = Callable[[Mapping[int, float]], list[JointCommand]]
 

@@ -9,7 +9,7 @@ import pytest
 
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.scenarios import scenario
-from solver.arm_model import ArmModel
+from solver.chain.arm_model import ArmModel
 from tests.oracles.virtual_rig import Rig, rig
 
 STATE = 0x006F

@@ -8,7 +8,7 @@ import pytest
 from hardware.virtual.loop_point import LoopPoint
 from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray
-from solver.chain import DhTable
+from solver.chain.kinematics import DhTable
 
 
 def general_loop() -> LoopTruth:

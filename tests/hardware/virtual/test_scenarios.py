@@ -11,13 +11,14 @@ import pytest
 from hardware.arm import JointMode
 from hardware.virtual.plant import Plant
 from hardware.virtual.port import JointCommand
-from hardware.virtual.scenarios import SCENARIOS, STIFF, LengthErrors, Scenario, scenario
+from hardware.virtual.scenario_names import SCENARIOS
+from hardware.virtual.scenarios import STIFF, LengthErrors, Scenario, scenario
 from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
-from solver.arm_model import ArmModel
 from solver.arrays import FloatArray
-from solver.closure import DhLoop, entries
-from solver.parameters import wrap_angle
-from solver.sensors import Encoder, Rvdt
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import wrap_angle
+from solver.chain.sensors import Encoder, Rvdt
+from solver.loops.closure import DhLoop, entries
 
 Commands = Callable[[Mapping[int, float]], list[JointCommand]]
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.polynomial import legendre
 
 from hardware.virtual.sensors import JointSensor, RvdtCurve, SensorBank, joint_sensor
-from solver.arm_model import ArmModel, Joint
-from solver.sensors import NoSensor
+from solver.chain.arm_model import ArmModel, Joint
+from solver.chain.sensors import NoSensor
 
 FULL_SCALE_RAD = math.radians(120.0)
 

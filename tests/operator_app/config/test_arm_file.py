@@ -10,8 +10,8 @@ import pytest
 
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.errors import ConfigError
-from solver.chain import forward
-from solver.sensors import Encoder, NoSensor, Rvdt
+from solver.chain.kinematics import forward
+from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
 GOOD = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 

@@ -36,7 +36,7 @@ from operator_app.config.parameters_file import (
     parse_parameters,
     save_parameters,
 )
-from solver.chain import DhTable
+from solver.chain.kinematics import DhTable
 
 
 def document() -> ParametersDocument:

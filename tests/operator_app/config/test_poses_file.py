@@ -19,7 +19,7 @@ from operator_app.config.poses_file import (
     save_poses,
 )
 from operator_app.config.poses_rows import MOST_PROBLEMS
-from solver.poses import PoseSet
+from solver.chain.poses import PoseSet
 
 HEADER = "placement,pose,theta1_deg,theta2_deg,theta3_deg"
 ROWS = ("1,1,10.5,-20,30", "1,2,11,-21,31.25", "2,1,12,-22,1e1")

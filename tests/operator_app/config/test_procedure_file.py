@@ -13,7 +13,7 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.procedure_file import load_procedure, parse_procedure
 from operator_app.config.resources import Resource, builtin_names
-from solver.sensors import NoSensor
+from solver.chain.sensors import NoSensor
 
 GOOD = """schema: sarcal/procedure/1
 name: hinge

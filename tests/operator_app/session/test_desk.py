@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from operator_app.errors import SessionError
 from operator_app.session.desk import UNSEEN_S, Desk
-from operator_app.session.errors import SessionError
 from operator_app.session.snapshot import TaskKind
 from oracles.live_source import FakeSource
 

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from operator_app.session.errors import JournalError
+from operator_app.errors import JournalError
 from operator_app.session.journal import JOURNAL_NAME, Journal, read_journal
 
 EVENTS = (("opened", {"a": 1.25}), ("pose", {"mean_rad": [0.1, -2e-17]}), ("note", {"t": "µ\n"}))

@@ -11,7 +11,7 @@ import pytest
 from hardware.arm import ArmSnapshot, DriveState, JointMode, JointState
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.motion import Motion, MotionWatch
-from solver.sensors import NoSensor
+from solver.chain.sensors import NoSensor
 
 PROCEDURE = load_procedure("hinge")
 ALLOWED = np.array(PROCEDURE.capture.settle.spread_rad(PROCEDURE.arm))

@@ -15,9 +15,9 @@ from hardware.virtual.scenarios import scenario
 from hardware.virtual.truth import paper_loop
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
+from operator_app.errors import GuardError
 from operator_app.session.campaign_replay import same
 from operator_app.session.drives import choose
-from operator_app.session.errors import GuardError
 from operator_app.session.journal import Event, Journal, read_journal
 from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.workflow import Session
@@ -90,7 +90,7 @@ def test_the_whole_way_takes_the_planned_poses_and_recovers_the_arm(whole: Simpl
 
 
 def test_the_planned_arm_is_known_to_its_own_uncertainty(whole: SimpleNamespace) -> None:
-    from operator_app.calibration import calibrate
+    from operator_app.calibration.solve import calibrate
 
     session = whole.session
     solution = calibrate(session.model, session.fixture, session.state.pose_set())

@@ -10,18 +10,18 @@ import pytest
 
 from fixtures.rigid import Rigid
 from hardware.virtual.truth import paper_loop
-from operator_app.calibration import FixtureRefusedError
+from operator_app.calibration.solve import FixtureRefusedError
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
+from operator_app.errors import GuardError
 from operator_app.headless.runner import run
-from operator_app.session.errors import GuardError
 from operator_app.session.journal import read_journal
 from operator_app.session.workflow import Session
-from solver.closure import DhLoop
 from solver.errors import TooFewPosesError
+from solver.loops.closure import DhLoop
 
 MakeSession = Callable[..., Session]
 

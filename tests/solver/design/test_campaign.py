@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from operator_app.config.arm_file import load_arm
+from solver.chain.parameters import nominal_vector
 from solver.design.actions import Capture, GoTo, path_watch
 from solver.design.campaign import Campaign, CampaignSettings
 from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.plan import PlanningTask
 from solver.design.pose_information import planning_noise
-from solver.parameters import nominal_vector
 from tests.benchmarks.planned_sessions import run_session
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.design.conftest import HOME, SIGMA, paper_ranges

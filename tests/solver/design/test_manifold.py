@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from solver.chain.parameters import nominal_vector
 from solver.design.manifold import candidate_poses, grow_manifold
-from solver.parameters import nominal_vector
 from tests.oracles.loop_oracle import closed_poses, closure, paper_truth, product
 
 TRUTH = paper_truth()

@@ -1,0 +1,107 @@
+"""Second opinions on a calibration from its own poses: jackknife, outliers, hold-out. Knows no screen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.noise import component_plan, noise_model, without_known_errors
+from operator_app.calibration.solve import Solution
+from solver.arrays import FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.errors import SolverError
+from solver.estimators.estimate import Estimate, require_enough_poses
+from solver.estimators.implicit import NoiseModel
+from solver.estimators.variance_components import estimate_implicit_with_components
+from solver.judging.holdout import HoldOut, far_block, fold_poses, hold_out
+from solver.judging.outliers import Outlier, outlier_poses
+from solver.judging.statistics import jackknife
+from solver.loops.closure import ClosureModel
+
+FOLDS = 5
+FAR_SHARE = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checks:
+    """Second opinions on an implicit solution, each None or empty where it cannot be had.
+
+    Attributes
+    ----------
+    jackknife_sd
+        Standard deviation of every parameter (P,) by leaving out each pose in turn.
+    outliers
+        Poses that do not fit the others; indices into the poses used.
+    held_out
+        Parts of the poses judged by what the others give.
+    far_block
+        The same for one block of poses far from the rest: extrapolation.
+    """
+
+    jackknife_sd: FloatArray | None = None
+    outliers: tuple[Outlier, ...] = ()
+    held_out: HoldOut | None = None
+    far_block: HoldOut | None = None
+
+
+def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Checks:
+    """Check an implicit solution by the poses it was made from."""
+    if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
+        return Checks()
+    kept = np.ones(len(poses), dtype=np.bool_)
+    kept[list(solution.dropped_flipped)] = False
+    q, model = poses.q_rad[kept], solution.model
+    stated = noise_model(arm, fixture, poses, kept)
+    found = stated
+    x, straight, loop = solution.estimate.x, q, model
+    if solution.components is not None:
+        found = solution.components.noise
+        loop, x, straight = without_known_errors(
+            model, x, q, tolerated=solution.tolerated, components=solution.components
+        )
+    return Checks(
+        jackknife_sd=None if solution.tolerated else _jackknife_sd(loop, straight, found, x),
+        outliers=outlier_poses(loop, straight, found, x),
+        held_out=_held_out(solution, arm, fixture, q, stated, fold_poses(q, FOLDS)),
+        far_block=_held_out(solution, arm, fixture, q, stated, (far_block(q, FAR_SHARE),)),
+    )
+
+
+def _jackknife_sd(
+    model: ClosureModel, q: FloatArray, noise: NoiseModel, x: FloatArray
+) -> FloatArray | None:
+    try:
+        return jackknife(model, q, noise, x).standard_deviation
+    except SolverError:
+        return None
+
+
+def _held_out(
+    solution: Solution,
+    arm: ArmModel,
+    fixture: Fixture,
+    q: FloatArray,
+    noise: NoiseModel,
+    parts: tuple[IntArray, ...],
+) -> HoldOut | None:
+    if solution.tolerated:
+        # Without their tolerances the lengths cannot be estimated from a part of the poses.
+        return None
+
+    def estimator(model: ClosureModel, rest: FloatArray, of_rest: NoiseModel) -> Estimate:
+        plan = component_plan(
+            arm,
+            model.unsensed_joints,
+            fixture,
+            dof=require_enough_poses(model, len(rest)),
+        )
+        return estimate_implicit_with_components(model, rest, of_rest, plan)[0]
+
+    try:
+        return hold_out(estimator, solution.model, q, noise, parts)
+    except SolverError:
+        # The rest is too small to be estimated from.
+        return None

@@ -1,0 +1,72 @@
+"""What a reader should know before believing a comparison of two calibrations. Knows no statistics."""
+
+from __future__ import annotations
+
+import math
+
+from operator_app.calibration.judgement import Notice
+from operator_app.config.parameters import ParametersDocument
+from solver.chain.parameters import DhEntry, DhKind, wrap_angle
+
+SAME_NOMINAL = 1e-9
+"""Entries that neither calibration identified differ when they differ by more (rad, m)."""
+
+SCALE_TOLD = 1.1
+"""Standard deviations that were multiplied by more than this are said to have been."""
+
+
+def notices(
+    a: ParametersDocument, b: ParametersDocument, scales: tuple[float, float]
+) -> tuple[Notice, ...]:
+    """Return how the documents differ beside their parameters.
+
+    `scales` are the factors on their standard deviations.
+    """
+    found: list[tuple[str, str]] = []
+    if a.utc > b.utc:
+        found.append(("ORDER", "B is older than A: changes go backwards in time"))
+    if a.pose_set_sha256 == b.pose_set_sha256:
+        text = "both are of the same poses: any difference is the estimator's or the program's"
+        found.append(("SAME_POSES", text))
+    if a.fixture_kind != b.fixture_kind:
+        found.append(("FIXTURE_KIND", f"A used a {a.fixture_kind} fixture, B a {b.fixture_kind}"))
+    elif a.fixture != b.fixture:
+        found.append(("FIXTURE", f"A used fixture {a.fixture}, B {b.fixture}"))
+    if a.estimator != b.estimator:
+        text = (
+            f"A was estimated by {a.estimator}, B by {b.estimator}: systematic errors of the sensors "
+            "enter the two differently"
+        )
+        found.append(("ESTIMATOR", text))
+    if {e.entry for e in a.calibrated} != {e.entry for e in b.calibrated}:
+        text = "A and B did not identify the same entries: what one took as known moves the others"
+        found.append(("ENTRIES", text))
+    found += [("TABLE", text) for text in _changed_constants(a, b)]
+    for name, scale in zip("AB", scales, strict=True):
+        if scale > SCALE_TOLD:
+            text = (
+                f"chi2/dof of {name} is {scale**2:.3g}: its standard deviations were multiplied by "
+                f"{scale:.3g}"
+            )
+            found.append(("CHI2", text))
+    return tuple(Notice(code=code, text=text) for code, text in found)
+
+
+def _changed_constants(a: ParametersDocument, b: ParametersDocument) -> list[str]:
+    """Entries that were taken as known in both, and as different."""
+    identified = {e.entry for e in (*a.calibrated, *b.calibrated)}
+    one, other = a.table.stacked(), b.table.stacked()
+    texts = []
+    for kind in DhKind:
+        for row in range(len(a.dh)):
+            entry = DhEntry(kind, row)
+            first, second = float(one[kind, row]), float(other[kind, row])
+            change = float(wrap_angle(second - first)) if kind.is_angle else second - first
+            if entry.name in identified or abs(change) <= SAME_NOMINAL:
+                continue
+            unit, scale = ("deg", 180.0 / math.pi) if kind.is_angle else ("mm", 1e3)
+            texts.append(
+                f"{entry.name} was taken as {scale * first:.4f} {unit} in A and "
+                f"{scale * second:.4f} {unit} in B: the other parameters make up for it"
+            )
+    return texts

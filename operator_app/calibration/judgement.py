@@ -1,0 +1,152 @@
+"""What an operator should know of a calibration: notices in plain words, and reasons against it.
+
+Every sentence says what to do where there is something to do. Knows results; computes no estimate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fixtures.base import SetupCheck, Severity
+from operator_app.config.procedure import AcceptanceLimits
+from solver.estimators.estimate import Estimate
+from solver.estimators.variance_components import VarianceComponents
+from solver.judging.identifiability import Identifiability
+from solver.judging.rvdt import RvdtVerdict
+from solver.judging.statistics import chi2_test
+from solver.search.global_start import GlobalStart
+
+CHI2_BAND = 0.999
+"""A sound calibration fails this test once in two thousand times."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notice:
+    """Something the operator should know: a stable code and a sentence."""
+
+    code: str
+    text: str
+
+
+def setup_notices(checks: tuple[SetupCheck, ...]) -> tuple[Notice, ...]:
+    """Say what the fixture's set-up checks warn of at the identified parameters."""
+    return tuple(
+        Notice(code=c.code, text=f"{c.text}: {c.remedy}")
+        for c in checks
+        if c.severity is not Severity.OK and not c.code.startswith("HIDDEN")
+    )
+
+
+def held_notices(held: tuple[str, ...]) -> tuple[Notice, ...]:
+    """Say what was dropped on request."""
+    if not held:
+        return ()
+    return (
+        Notice(
+            code="HELD",
+            text=f"{', '.join(held)} cannot be seen in these poses and "
+            f"{'was' if len(held) == 1 else 'were'} held at nominal values",
+        ),
+    )
+
+
+def rival_notices(found: GlobalStart | None) -> tuple[Notice, ...]:
+    """Say that the poses cannot decide between solutions."""
+    if found is None or not found.rivals:
+        return ()
+    return (
+        Notice(
+            code="SECOND_SOLUTION",
+            text=f"{len(found.rivals)} distinct solution{'s fit' if len(found.rivals) > 1 else ' fits'}"
+            " these poses as well: take more poses that differ, or give nominal values nearer the truth",
+        ),
+    )
+
+
+def flipped_notices(flipped: tuple[int, ...], labels: tuple[str, ...]) -> tuple[Notice, ...]:
+    """Name the poses left out because the hand is upside down on the hinge."""
+    if not flipped:
+        return ()
+    names = ", ".join(labels[k] for k in flipped)
+    return (
+        Notice(
+            code="FLIPPED_BRANCH",
+            text=f"pose{'s' if len(flipped) > 1 else ''} {names} close only with the hand upside "
+            "down on the hinge and were left out: take them again or remove them",
+        ),
+    )
+
+
+def flexure_notices(
+    components: VarianceComponents | None, tolerated: tuple[str, ...]
+) -> tuple[Notice, ...]:
+    """Say that what passes for a fixture that gives may be link lengths that are off."""
+    if components is None or tolerated:
+        return ()
+    if components.flexure is None or not components.flexure.gives:
+        return ()
+    return (
+        Notice(
+            code="LENGTHS_EXACT",
+            text="the loops close only with a fixture that gives, and link lengths were taken as "
+            "exact; if the maker's lengths are not, the sigmas are too small: calibrate again with "
+            "--length-tolerance 1.5 (mm) and compare",
+        ),
+    )
+
+
+def outlier_notices(labels: tuple[str, ...]) -> tuple[Notice, ...]:
+    """Name poses that do not fit the others; nothing is left out silently."""
+    if not labels:
+        return ()
+    several = len(labels) > 1
+    return (
+        Notice(
+            code="OUTLIER",
+            text=f"pose{'s' if several else ''} {', '.join(labels)} "
+            f"{'do' if several else 'does'} not fit the others and still "
+            f"{'count' if several else 'counts'}: look for what disturbed "
+            f"{'them' if several else 'it'}, then exclude {'them' if several else 'it'} or not",
+        ),
+    )
+
+
+def rvdt_notices(verdicts: tuple[RvdtVerdict, ...]) -> tuple[Notice, ...]:
+    """Say what the loops say of each RVDT."""
+    return tuple(Notice(code=f"RVDT_{v.joint}", text=v.text) for v in verdicts)
+
+
+def reasons_against(
+    estimate: Estimate, seen: Identifiability, limits: AcceptanceLimits
+) -> tuple[str, ...]:
+    """Why a calibration is not accepted; empty when it is."""
+    reasons = []
+    if not estimate.converged:
+        reasons.append(f"the iteration did not converge in {estimate.iterations} steps")
+    if seen.scaled_condition_number > limits.scaled_condition_number:
+        reasons.append(
+            f"scaled condition number {seen.scaled_condition_number:.0f} is above "
+            f"{limits.scaled_condition_number:.0f}: take poses that differ more; "
+            f"the weakest direction is {', '.join(seen.weakest.parameters[:4])}"
+        )
+    for symbol, found, limit, unit in (
+        ("sigma_pos", estimate.sigmas.position_m.rms, limits.sigma_pos_m, "mm"),
+        (
+            "sigma_ori",
+            estimate.sigmas.orientation_rad.rms,
+            limits.sigma_ori_rad,
+            "mrad",
+        ),
+    ):
+        if limit is not None and found > limit:
+            reasons.append(f"{symbol} {1e3 * found:.2f} {unit} is above {1e3 * limit:.2f} {unit}")
+    ratio = estimate.chi2_per_dof
+    if estimate.chi2 is not None and ratio is not None:
+        limit = limits.chi2_per_dof or chi2_test(estimate.chi2, estimate.dof, band=CHI2_BAND).high
+        if ratio > limit:
+            reasons.append(
+                f"chi2/dof {ratio:.2f} is above {limit:.2f}: these readings do not fit the sensors' "
+                "and the fixture's specifications; take more poses, look for a pose that was "
+                "disturbed, or leave out the joint that the warnings name"
+            )
+    return tuple(reasons)

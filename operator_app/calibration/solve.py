@@ -1,0 +1,335 @@
+"""From a pose set to a judged calibration: both estimators, what they can see, warnings, verdict.
+
+The one place that decides what a calibration is worth; `sarcal solve`, the session and the terminal
+app all call it. Knows no file, no bus and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fixtures.base import Fixture, SetupCheck, Severity
+from fixtures.errors import FixtureError
+from operator_app.calibration.branches import on_main_branch, set_aside
+from operator_app.calibration.judgement import (
+    Notice,
+    flexure_notices,
+    flipped_notices,
+    held_notices,
+    outlier_notices,
+    reasons_against,
+    rival_notices,
+    rvdt_notices,
+    setup_notices,
+)
+from operator_app.calibration.loop import loop_of_poses
+from operator_app.calibration.noise import component_plan, noise_model, soften, without_known_errors
+from operator_app.config.procedure import AcceptanceLimits
+from solver.arrays import BoolArray, FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.chain.poses import PoseSet
+from solver.chain.sensors import Rvdt
+from solver.errors import UnidentifiableError
+from solver.estimators.component_model import ComponentPlan
+from solver.estimators.estimate import Estimate, require_enough_poses
+from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
+from solver.estimators.least_squares import Progress
+from solver.estimators.paper import estimate_paper
+from solver.estimators.variance_components import (
+    VarianceComponents,
+    estimate_implicit_with_components,
+)
+from solver.judging.dropping import drop_unidentifiable
+from solver.judging.identifiability import Identifiability, identifiability
+from solver.judging.outliers import outlier_poses
+from solver.judging.rvdt import RvdtVerdict, rvdt_verdicts
+from solver.loops.closure import ClosureModel
+from solver.loops.placements import Placements
+from solver.search.global_start import GlobalStart, global_start
+
+ESTIMATORS = ("implicit", "paper")
+
+
+class FixtureRefusedError(FixtureError):
+    """A set-up check refuses this placement; `checks` say why and what to remount."""
+
+    def __init__(self, checks: tuple[SetupCheck, ...]) -> None:
+        self.checks = checks
+        super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Solution:
+    """A judged calibration.
+
+    Attributes
+    ----------
+    model
+        The loop that was solved.
+    estimate
+        By the chosen estimator.
+    paper
+        By the paper's estimator on the same poses; None when joints are unsensed.
+    seen
+        Rank, condition number, weakest direction.
+    before
+        Closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
+    dropped_flipped
+        Indices (into the poses given) left out because they lie on the flipped branch.
+    held
+        Unknowns that were dropped on request: held at their nominal values.
+    tolerated
+        Link lengths corrected within their tolerance; they are parameters of `estimate` as well.
+    components
+        Noise of the RVDTs and flexure of the fixture as found with the parameters.
+    search
+        The global start, where one was asked for.
+    outliers
+        Labels of poses whose readings do not fit the others, the worst first. They still count: the
+        operator excludes them or not.
+    rvdt
+        What the loops say of each RVDT, its joint taken as unsensed for that.
+    reasons
+        Why it is not accepted; empty when it is.
+    """
+
+    model: ClosureModel
+    estimate: Estimate
+    paper: Estimate | None
+    seen: Identifiability
+    before: ClosureSigmas
+    poses: int
+    dropped_flipped: tuple[int, ...]
+    held: tuple[str, ...]
+    tolerated: tuple[str, ...]
+    components: VarianceComponents | None
+    search: GlobalStart | None
+    outliers: tuple[str, ...]
+    rvdt: tuple[RvdtVerdict, ...]
+    warnings: tuple[Notice, ...]
+    reasons: tuple[str, ...]
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the calibration meets its limits."""
+        return not self.reasons
+
+    def with_notices(self, notices: Iterable[Notice]) -> Solution:
+        """Return the same solution with more warnings."""
+        return replace(self, warnings=(*self.warnings, *notices))
+
+
+def calibrate(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    *,
+    estimator: str = "implicit",
+    unsensed_joints: tuple[int, ...] = (),
+    search: bool = False,
+    drop: bool = False,
+    length_tolerance_m: float | None = None,
+    limits: AcceptanceLimits | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """Calibrate `arm` in `fixture` from measured poses.
+
+    Parameters
+    ----------
+    search
+        Start from everywhere (global start) instead of from the nominal values.
+    length_tolerance_m
+        How well the maker's link lengths are known (standard deviation); None takes them as exact.
+        The implicit estimator then corrects them within that.
+    drop
+        Hold at their nominal values what the poses cannot see, instead of refusing.
+
+    Raises
+    ------
+    TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError
+        The data cannot give what is asked for; each says what is missing.
+    """
+    if estimator not in ESTIMATORS:
+        raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
+    limits = AcceptanceLimits() if limits is None else limits
+    unsensed_joints = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
+    if estimator == "paper" and unsensed_joints:
+        raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
+    model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
+    require_enough_poses(model, len(poses))
+    _refuse(fixture, arm, model, unsensed_joints)
+
+    found = global_start(model, poses.q_rad, progress=progress) if search else None
+    kept, flipped = (
+        on_main_branch(model, poses.q_rad)
+        if found is None
+        else set_aside(found.set_aside, len(poses))
+    )
+    model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
+    dof = require_enough_poses(model, len(q))
+    sigma = arm.sigma_rad()
+    x0 = None if found is None else found.x
+    held: tuple[str, ...] = ()
+    if drop:
+        model, held = drop_unidentifiable(model, x0, q, sigma_rad=sigma)
+        dof = require_enough_poses(model, len(q))
+        if held and search:
+            # What is held now has other values than in the search: it is done again without it.
+            found = global_start(model, q, progress=progress)
+        x0 = None if found is None else found.x
+    paper = None if unsensed_joints else estimate_paper(model, q, x0=x0)
+    if paper is not None:
+        # Before anything is weighted: an estimate along a blind direction is worth nothing.
+        _require_identifiable(model, paper.x, q, sigma)
+        x0 = paper.x
+    components = None
+    tolerance: dict[str, float]
+    if estimator == "paper" and paper is not None:
+        estimate, tolerance = paper, {}
+        seen = _require_identifiable(model, estimate.x, q, sigma)
+    else:
+        hard = model
+        tolerance = {}
+        if length_tolerance_m is not None:
+            model, tolerance = soften(hard, length_tolerance_m)
+            if x0 is not None:
+                x0 = np.concatenate((x0, nominal_vector(model.parameters)[len(x0) :]))
+        estimate, components = estimate_implicit_with_components(
+            model,
+            q,
+            noise_model(arm, fixture, poses, kept),
+            component_plan(arm, unsensed_joints, fixture, dof=dof, tolerance=tolerance),
+            x0=x0,
+            progress=progress,
+        )
+        seen = _require_identifiable(hard, estimate.x[: len(hard.parameters)], q, sigma)
+    nominal = nominal_vector(model.parameters)
+    at_nominal = closure_at_readings(model, nominal, q)
+    solution = Solution(
+        model=model,
+        estimate=estimate,
+        paper=paper,
+        seen=seen,
+        before=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
+        poses=len(q),
+        dropped_flipped=flipped,
+        held=held,
+        tolerated=tuple(tolerance),
+        components=components,
+        search=found,
+        outliers=_outliers(estimate, components, model, q, poses, kept, tuple(tolerance)),
+        rvdt=_rvdt(arm, fixture, poses, kept, held, estimate, length_tolerance_m),
+        warnings=(),
+        reasons=(),
+    )
+    return replace(
+        solution,
+        warnings=(
+            *setup_notices(_checks(fixture, arm, model, estimate.x, unsensed_joints)),
+            *flipped_notices(flipped, poses.label),
+            *held_notices(held),
+            *rival_notices(found),
+            *flexure_notices(components, tuple(tolerance)),
+            *outlier_notices(solution.outliers),
+            *rvdt_notices(solution.rvdt),
+        ),
+        reasons=reasons_against(estimate, seen, limits),
+    )
+
+
+def _outliers(
+    estimate: Estimate,
+    components: VarianceComponents | None,
+    model: ClosureModel,
+    q: FloatArray,
+    poses: PoseSet,
+    kept: BoolArray,
+    tolerated: tuple[str, ...],
+) -> tuple[str, ...]:
+    """Name poses that do not fit, by the noise found with the parameters; `paper` has no noise model."""
+    if components is None:
+        return ()
+    there = np.flatnonzero(kept)
+    model, x, straight = without_known_errors(
+        model, estimate.x, q, tolerated=tolerated, components=components
+    )
+    found = outlier_poses(model, straight, components.noise, x)
+    return tuple(poses.label[there[outlier.pose]] for outlier in found)
+
+
+def _rvdt(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    kept: BoolArray,
+    held: tuple[str, ...],
+    estimate: Estimate,
+    length_tolerance_m: float | None,
+) -> tuple[RvdtVerdict, ...]:
+    """Judge every RVDT by the loops of one placement; none where that cannot be asked."""
+    joints = tuple(j for j, joint in enumerate(arm.joints, 1) if isinstance(joint.sensor, Rvdt))
+    if not joints or len(poses.placements) > 1:
+        return ()
+    blind = tuple(sorted({*joints, *arm.unsensed_joints}))
+    whole = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
+    model = whole.at_poses(np.flatnonzero(kept)).without(held)
+    q = poses.q_rad[kept]
+    if len(q) * model.equations_per_pose <= len(model.parameters):
+        return ()
+    plan = ComponentPlan()
+    if length_tolerance_m is not None:
+        model, tolerance = soften(model, length_tolerance_m)
+        plan = ComponentPlan(tolerance=tolerance)
+    known = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
+    x0 = np.array([known.get(p.name, p.nominal) for p in model.parameters])
+    noise = noise_model(arm, fixture, poses, kept)
+    return rvdt_verdicts(model, arm, q, noise, plan=plan, x0=x0)
+
+
+def _require_identifiable(
+    model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray
+) -> Identifiability:
+    seen = identifiability(model, x, q, sigma_rad=sigma_rad)
+    if seen.directions:
+        raise UnidentifiableError(seen.directions)
+    return seen
+
+
+def _refuse(
+    fixture: Fixture, arm: ArmModel, model: ClosureModel, unsensed_joints: tuple[int, ...]
+) -> None:
+    """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
+    checks = fixture.placement_checks(
+        arm, nominal_vector(fixture.model(arm, unsensed_joints=unsensed_joints).parameters),
+        unsensed_joints=unsensed_joints,
+    )  # fmt: skip
+    refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
+    if refused and model.parameters:
+        raise FixtureRefusedError(refused)
+
+
+def _checks(
+    fixture: Fixture,
+    arm: ArmModel,
+    model: ClosureModel,
+    x: FloatArray,
+    unsensed_joints: tuple[int, ...],
+) -> tuple[SetupCheck, ...]:
+    """Judge the geometry of every placement at the identified parameters `x` of `model`."""
+    parts = (
+        [(part, x[columns]) for part, columns, _ in model.parts()]
+        if isinstance(model, Placements)
+        else [(model, x)]
+    )
+    found: dict[tuple[str, str], SetupCheck] = {}
+    for part, values in parts:
+        known = {p.name: float(v) for p, v in zip(part.parameters, values, strict=True)}
+        whole = fixture.model(arm, unsensed_joints=unsensed_joints).parameters
+        here = np.array([known.get(p.name, p.nominal) for p in whole])
+        for check in fixture.placement_checks(arm, here, unsensed_joints=unsensed_joints):
+            found.setdefault((check.code, check.text), check)
+    return tuple(found.values())

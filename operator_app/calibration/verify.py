@@ -1,0 +1,159 @@
+"""Is a calibration right on poses it has never seen? Judged by parameters that were fixed before.
+
+Knows calibrations and pose sets; no file, no bus and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.loop import loop_of_poses
+from operator_app.calibration.noise import noise_model, soften
+from operator_app.calibration.solve import Solution
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.chain.poses import PoseSet
+from solver.estimators.component_report import Component
+from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
+from solver.estimators.implicit import NoiseModel
+from solver.judging.holdout import Verification, verify
+from solver.loops.closure import ClosureModel, DhLoop
+
+IMPROBABLE = 0.01
+"""Chance of naming any pose of a set in which all are sound."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fixed:
+    """Parameters fixed before the poses were taken, and what they were fixed with.
+
+    Attributes
+    ----------
+    values
+        Parameter values by name, rad and m.
+    covariance
+        Of these, in the same order (P, P).
+    rvdt_sd_rad
+        Noise of RVDT joints as found with the parameters, by joint.
+    fixture_variance
+        Give of the fixture as found (6,), or None.
+    unsensed_joints
+        Joints whose readings the calibration did not use.
+    """
+
+    values: dict[str, float]
+    covariance: FloatArray
+    rvdt_sd_rad: dict[int, float]
+    fixture_variance: FloatArray | None
+    unsensed_joints: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What new poses say of a calibration.
+
+    Attributes
+    ----------
+    verification
+        The test and its figures.
+    nominal
+        Closure sigmas of the same poses at the nominal parameters, for comparison.
+    odd_poses
+        Indices of poses too improbable to be chance, the worst first.
+    poses
+        How many were judged.
+    """
+
+    verification: Verification
+    nominal: ClosureSigmas
+    odd_poses: tuple[int, ...]
+    poses: int
+
+    @property
+    def holds(self) -> bool:
+        """Whether the calibration predicts these poses as well as it claims to."""
+        found = self.verification
+        # A smaller chi2 than expected is no failure: these poses fit better than promised.
+        return bool(found.closed.all()) and found.chi2.per_dof <= found.chi2.high
+
+
+def fixed_by(solution: Solution) -> Fixed:
+    """Take the parameters of a calibration with everything that was found beside them."""
+    estimate, components = solution.estimate, solution.components
+    found = () if components is None else components.components
+    return Fixed(
+        values={p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)},
+        covariance=estimate.covariance,
+        rvdt_sd_rad=_rvdt_sd(found),
+        fixture_variance=None if components is None else components.noise.fixture_variance,
+        unsensed_joints=solution.model.unsensed_joints,
+    )
+
+
+def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
+    """Noise and curve of each RVDT together: at a new reading the curve is one more unknown error."""
+    sd: dict[int, float] = {}
+    for c in found:
+        kind, _, number = c.name.partition("_")
+        if kind in ("rvdt", "curve"):
+            sd[int(number)] = float(np.hypot(sd.get(int(number), 0.0), c.sd))
+    return sd
+
+
+def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -> Verdict:
+    """Judge new poses of the same arm in the same fixture, at the same placement.
+
+    Raises
+    ------
+    ValueError
+        The parameters are not those of this loop: another fixture, or another number of placements.
+    """
+    model = loop_of_poses(arm, fixture, poses, unsensed_joints=fixed.unsensed_joints)
+    if any(name not in {p.name for p in model.parameters} for name in fixed.values):
+        # A calibration that corrected link lengths within their tolerance has those as well.
+        model = _with_lengths(model)
+    x, covariance = _in_order(model, fixed)
+    everything = np.ones(len(poses), dtype=np.bool_)
+    stated = noise_model(arm, fixture, poses, everything)
+    variance = np.array(stated.joint_variance)
+    for joint, sd in fixed.rvdt_sd_rad.items():
+        variance[:, joint - 1] = np.maximum(variance[:, joint - 1], sd**2)
+    give = stated.fixture_variance if fixed.fixture_variance is None else fixed.fixture_variance
+    found = verify(
+        model,
+        x,
+        covariance,
+        poses.q_rad,
+        NoiseModel(joint_variance=variance, fixture_variance=give),
+    )
+    at_nominal = closure_at_readings(model, nominal_vector(model.parameters), poses.q_rad)
+    odd = np.flatnonzero((found.pose_probability < IMPROBABLE / len(poses)) | ~found.closed)
+    return Verdict(
+        verification=found,
+        nominal=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
+        odd_poses=tuple(int(k) for k in odd[np.argsort(found.pose_probability[odd])]),
+        poses=len(poses),
+    )
+
+
+def _with_lengths(model: ClosureModel) -> ClosureModel:
+    return soften(model, 1.0)[0] if isinstance(model, DhLoop) else model
+
+
+def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:
+    """Values and covariance in the order of the model; what was held keeps its nominal value."""
+    known = list(fixed.values)
+    names = [p.name for p in model.parameters]
+    strange = sorted(set(known) - set(names))
+    if strange:
+        raise ValueError(f"{strange[0]} is no parameter of this arm in this fixture")
+    x = np.array([fixed.values.get(p.name, p.nominal) for p in model.parameters])
+    covariance = np.zeros((len(names), len(names)))
+    here = [names.index(name) for name in known]
+    covariance[np.ix_(here, here)] = fixed.covariance
+    return x, covariance

@@ -1,0 +1,88 @@
+"""Which other hinge placement would help, starting from what is known: nominal or identified geometry.
+
+Knows arms, fixtures and identified values; no session and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+from fixtures.advice import RankedPlacement, search_placements
+from fixtures.base import Fixture
+from fixtures.hinge import Hinge
+from operator_app.errors import SessionError
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry
+
+QUICK_TRIES = 8
+"""Placements looked at for a hint in passing."""
+WORTHWHILE = 0.9
+"""A hinge is remounted for a tenth less uncertainty, not for a hundredth."""
+
+
+def at_values(arm: ArmModel, hinge: Hinge, values: Mapping[str, float]) -> tuple[ArmModel, Hinge]:
+    """Return arm and hinge with identified values (rad, m, by name) in place of nominal ones."""
+    own = {f.name.removesuffix("_rad").removesuffix("_m"): f.name for f in fields(Hinge)}
+    last = arm.joint_count
+    placed: dict[str, Any] = {}
+    stacked = arm.table.stacked()
+    for name, value in values.items():
+        key = name.removesuffix(f"_{last}") + "_n" if name.endswith(f"_{last}") else name
+        if key in own:
+            placed[own[key]] = value
+        else:
+            entry = DhEntry.parse(name)
+            stacked[entry.kind, entry.row - 1] = value
+    theta_off, s, a, alpha = stacked
+    table = DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
+    return replace(arm, table=table), replace(hinge, **placed)
+
+
+def advise(
+    arm: ArmModel,
+    fixture: Fixture,
+    *,
+    values: Mapping[str, float] | None = None,
+    parameters: tuple[str, ...] = (),
+    unsensed_joints: tuple[int, ...] = (),
+    poses: int = 12,
+    tries: int = 24,
+    best: int = 3,
+) -> tuple[RankedPlacement, ...]:
+    """Rank hinge placements around the present one, by all parameters or by those named.
+
+    Raises
+    ------
+    SessionError
+        The fixture is no hinge, or the loop does not close near the arm's home.
+    """
+    if not isinstance(fixture, Hinge):
+        raise SessionError(
+            f"placements are compared for the hinge, and this is a {fixture.kind} fixture",
+            "use a hinge fixture",
+        )
+    arm, hinge = at_values(arm, fixture, values or {})
+    try:
+        return search_placements(
+            arm,
+            hinge,
+            tries=tries,
+            best=best,
+            poses=poses,
+            parameters=parameters,
+            unsensed_joints=unsensed_joints,
+        )
+    except ValueError as error:
+        raise SessionError(
+            f"placements cannot be compared: {error}", "check the fixture's measures"
+        ) from error
+
+
+def hint(ranked: tuple[RankedPlacement, ...]) -> str:
+    """Say in a sentence which placement would help; the first of a ranking, or that none does."""
+    if not ranked or ranked[0].gain > WORTHWHILE:
+        return "no hinge placement near this one would help much"
+    return f"another placement would help: {ranked[0].text}"

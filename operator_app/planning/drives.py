@@ -1,0 +1,248 @@
+"""Which joints should drive: what is predicted here and over the region, what a trial showed, why.
+
+Puts the rankings of `solver.design` together into one choice that can be said in words. Knows no arm
+on a bus: trials come in as they were measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from operator_app.errors import SessionError
+from operator_app.planning.task import margin_rad, ranges_of
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.design.drive_joints import (
+    RankedDrives,
+    TrialWiggles,
+    rank_at_pose,
+    rank_by_trial,
+    rank_over_region,
+)
+from solver.design.manifold import Manifold, candidate_poses
+from solver.design.paths import MotionLimits, PathGraph
+from solver.loops.closure import ClosureModel
+
+REGION_POSES = 700
+"""Enough to tell pairs apart."""
+TRIED = 4
+"""Pairs worth wiggling."""
+MOST_SETS = 3
+"""Drive sets a plan may change between."""
+INEXACT_RAD = float(np.deg2rad(0.5))
+FEWEST = 10
+"""A region of fewer poses is none."""
+WORTH_A_CHANGE = 0.03
+"""Share of the region that another set has to add to be worth changing to."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """Drive sets ranked by the model.
+
+    Attributes
+    ----------
+    here, region
+        At the pose where the arm stands, and over what can be reached from it; best first.
+    manifold
+        The region.
+    inexact
+        Joints whose sensor may be off by more than `INEXACT_RAD`: driven, they would take the chain
+        elsewhere than planned, so others are preferred.
+    """
+
+    here: tuple[RankedDrives, ...]
+    region: tuple[RankedDrives, ...]
+    manifold: Manifold
+    inexact: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveChoice:
+    """The joints to drive.
+
+    Attributes
+    ----------
+    drives
+        Joints (1-based) for position mode.
+    sets
+        All sets a plan may use: `drives` first, then those that reach what it cannot.
+    reasons
+        Why, in words.
+    prediction, trial
+        What it rests on; no trial: ().
+    """
+
+    drives: tuple[int, ...]
+    sets: tuple[tuple[int, ...], ...]
+    reasons: tuple[str, ...]
+    prediction: Prediction
+    trial: tuple[RankedDrives, ...] = ()
+
+    @property
+    def ranked(self) -> tuple[RankedDrives, ...]:
+        """The ranking over the region with the chosen set first."""
+        region = self.prediction.region
+        return tuple(sorted(region, key=lambda r: r.drives != self.drives))
+
+
+def predict_drives(
+    arm: ArmModel, model: ClosureModel, x: FloatArray, q_rad: FloatArray, *, seed: int = 0
+) -> Prediction:
+    """Rank all drive sets at `q_rad` (n,) and over the region around it, for parameters `x` (P,).
+
+    Raises
+    ------
+    SessionError
+        The loop does not close near `q_rad`.
+    """
+    try:
+        manifold = candidate_poses(
+            model,
+            x,
+            q_rad,
+            ranges_of(arm).within(margin_rad(arm)),
+            count=REGION_POSES,
+            seed=seed,
+        )
+        prediction = Prediction(
+            here=rank_at_pose(model, x, q_rad),
+            region=rank_over_region(model, manifold),
+            manifold=manifold,
+            inexact=frozenset(
+                j for j, error in enumerate(arm.linearity_rad(), 1) if error > INEXACT_RAD
+            ),
+        )
+    except ValueError as error:
+        raise SessionError(
+            f"drive joints cannot be ranked: {error}",
+            "check where the arm stands and the fixture's measures, or name the joints: "
+            "modes: {position: [1, 5]}",
+        ) from error
+    if manifold.size < FEWEST:
+        raise SessionError(
+            f"the arm can hardly move from where it stands{_beyond(arm, manifold)}",
+            "bring it nearer to the middle of the ranges, or correct the fixture's measures",
+        )
+    return prediction
+
+
+def worth_trying(
+    prediction: Prediction, unsensed_joints: tuple[int, ...] = ()
+) -> tuple[tuple[int, ...], ...]:
+    """Return the best predicted sets that can be used from here, the best first."""
+    return tuple(r.drives for r in _usable(prediction, unsensed_joints)[:TRIED])
+
+
+def choose_drives(
+    prediction: Prediction,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
+    trials: Sequence[TrialWiggles] = (),
+) -> DriveChoice:
+    """Take the best usable set.
+
+    Predicted: of the sets that are usable here, the one that reaches most of the region well. With
+    trials, of those tried, the best by the prediction and the measurement together.
+
+    Raises
+    ------
+    SessionError
+        No set can be used.
+    """
+    usable = _usable(prediction, unsensed_joints)
+    if not usable:
+        near = prediction.here[0]
+        raise SessionError(
+            f"no joints can drive the chain from here: with {names(near.drives)}, "
+            f"{near.reasons[0]}",
+            "bring the arm away from the fold by hand, or mount the hinge elsewhere "
+            "(`sarcal plan --advise`)",
+        )
+    trial = rank_by_trial(trials) if trials else ()
+    if trials:
+        measured = {r.drives: r for r in trial if r.usable}
+        tried = [r for r in usable if r.drives in measured]
+        if not tried:
+            raise SessionError(
+                f"none of the {len(trials)} sets of joints that were tried drives the arm: "
+                f"with {names(trial[0].drives)}, {trial[0].reasons[0]}",
+                "look for what holds the arm, or name the joints: modes: {position: [1, 5]}",
+            )
+        best = max(tried, key=lambda r: r.score * measured[r.drives].score)
+        tested: tuple[str, ...] = (f"on the arm: {measured[best.drives].reasons[-1]}",)
+    else:
+        best, tested = usable[0], ()
+    return DriveChoice(
+        drives=best.drives,
+        sets=_with_others(prediction.manifold, best.drives, [r.drives for r in usable]),
+        reasons=(*best.reasons, *tested, *_against_here(prediction, best)),
+        prediction=prediction,
+        trial=trial,
+    )
+
+
+def names(drives: Sequence[int]) -> str:
+    """``joints 1 and 5``."""
+    if len(drives) == 1:
+        return f"joint {drives[0]}"
+    return f"joints {', '.join(str(j) for j in drives[:-1])} and {drives[-1]}"
+
+
+def _beyond(arm: ArmModel, manifold: Manifold) -> str:
+    """Say which joint is outside of its range where the loop closes; empty when none is."""
+    over = np.maximum(arm.lower_rad - manifold.q[0], manifold.q[0] - arm.upper_rad)
+    joint = int(np.argmax(over))
+    if over[joint] <= 0.0:
+        return ": every way soon meets the end of a joint's range"
+    return (
+        f": by the fixture's measures the nearest closed pose has joint {joint + 1} "
+        f"{np.rad2deg(over[joint]):.0f} deg beyond its range"
+    )
+
+
+def _usable(prediction: Prediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
+    """Sets usable both here and over the region, the best of the region first."""
+    here = {r.drives for r in prediction.here if r.usable}
+    usable = [
+        r
+        for r in prediction.region
+        if r.usable and r.drives in here and not set(r.drives) & set(unsensed_joints)
+    ]
+    return [r for r in usable if not set(r.drives) & prediction.inexact] or usable
+
+
+def _against_here(prediction: Prediction, best: RankedDrives) -> tuple[str, ...]:
+    """Say when another set looks better where the arm stands now."""
+    first = prediction.here[0]
+    if first.drives == best.drives:
+        return ("best at the present pose, too",)
+    reach = next(
+        (f"{r.reach:.0%}" for r in prediction.region if r.drives == first.drives and r.reach),
+        "less",
+    )
+    move, reaches = ("move", "reach") if len(first.drives) > 1 else ("moves", "reaches")
+    return (f"{names(first.drives)} {move} more at the present pose but {reaches} {reach}",)
+
+
+def _with_others(
+    manifold: Manifold, drives: tuple[int, ...], usable: list[tuple[int, ...]]
+) -> tuple[tuple[int, ...], ...]:
+    """Add the sets that reach what those before them cannot."""
+    chosen, limits = [drives], MotionLimits()
+    reached = float(PathGraph(manifold, chosen, limits).reachable(0).mean())
+    # Whoever reaches little alone adds little: the first few are enough to look at.
+    others = [d for d in usable if d != drives][:6]
+    while others and len(chosen) < MOST_SETS:
+        share = [
+            float(PathGraph(manifold, [*chosen, d], limits).reachable(0).mean()) for d in others
+        ]
+        best = int(np.argmax(share))
+        if share[best] < reached + WORTH_A_CHANGE:
+            break
+        chosen.append(others.pop(best))
+        reached = share[best]
+    return tuple(chosen)

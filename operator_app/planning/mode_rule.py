@@ -1,0 +1,34 @@
+"""The rule of section 2.3: exactly as many joints in position mode as the closed chain has freedoms.
+
+Pure; says why too few or too many do not do. Knows no arm on a bus.
+"""
+
+from __future__ import annotations
+
+from operator_app.errors import GuardError
+
+
+def modes_problem(
+    position_joints: tuple[int, ...], *, joint_count: int, mobility: int, kind: str
+) -> GuardError | None:
+    """Return why these joints cannot be put into position mode; None when they can."""
+    have = len(set(position_joints))
+    wrong = [j for j in position_joints if not 1 <= j <= joint_count]
+    if wrong:
+        return GuardError(
+            f"there is no joint {wrong[0]}", f"joints are numbered 1 to {joint_count}"
+        )
+    if have == mobility:
+        return None
+    names = ", ".join(str(j) for j in sorted(set(position_joints))) or "none"
+    fact = (
+        f"{have} joint{'s' if have != 1 else ''} in position mode ({names}) where the {kind} leaves "
+        f"the arm {mobility} freedom{'s' if mobility != 1 else ''}"
+    )
+    consequence = (
+        "nothing would hold the rest, and the arm would sag"
+        if have < mobility
+        else "they would work against each other through the fixture, and torque would build up "
+        "until a drive trips"
+    )
+    return GuardError(f"{fact}: {consequence}", f"put exactly {mobility} in position mode")

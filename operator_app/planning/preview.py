@@ -1,0 +1,223 @@
+"""A plan before anything moves: drive joints, poses, the ways to them, what they will tell.
+
+From nominal geometry or from an estimate; the same planner a session uses. Knows no bus and no screen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fixtures.base import Fixture, SetupCheck
+from operator_app.errors import SessionError
+from operator_app.planning.drives import (
+    DriveChoice,
+    Prediction,
+    choose_drives,
+    predict_drives,
+)
+from operator_app.planning.mode_rule import modes_problem
+from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, planning_task
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import Parameter, nominal_vector
+from solver.design.interim import InterimEstimate, implicit_interim
+from solver.design.paths import Route
+from solver.design.plan import Plan, PlanningTask, make_plan
+from solver.judging.identifiability import Identifiability, identifiability
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """What is known before a plan is made.
+
+    Attributes
+    ----------
+    readings_rad
+        (m, n): poses captured so far; they count.
+    start_rad
+        (n,): where the arm stands.
+    """
+
+    readings_rad: FloatArray
+    start_rad: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedPose:
+    """One pose of a plan.
+
+    Attributes
+    ----------
+    q_rad
+        (n,): predicted readings of all joints.
+    drives
+        Joints (1-based) in position mode when it is taken.
+    route
+        The way from the pose before it; None when no safe one was found.
+    """
+
+    q_rad: FloatArray
+    drives: tuple[int, ...]
+    route: Route | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Preview:
+    """A plan and what it rests on.
+
+    Attributes
+    ----------
+    arm
+        The arm, for names and ranges.
+    parameters
+        Unknowns of the calibration.
+    mobility
+        Freedoms of the closed chain.
+    estimate
+        What the plan was made with; None: nominal values.
+    captured
+        Poses that count already.
+    checks
+        Of the fixture where the arm stands.
+    seen
+        What the captured and the planned poses together determine.
+    choice
+        Drive joints; ranked even where the procedure names them.
+    plan
+        Poses, their information, the predicted sigmas.
+    poses
+        In visiting order.
+    """
+
+    arm: ArmModel
+    parameters: tuple[Parameter, ...]
+    mobility: int
+    estimate: InterimEstimate | None
+    captured: int
+    checks: tuple[SetupCheck, ...]
+    seen: Identifiability
+    choice: DriveChoice
+    plan: Plan
+    poses: tuple[PlannedPose, ...]
+
+    @property
+    def reach_rad(self) -> FloatArray:
+        """Lowest and highest reading of each joint over all poses that can be reached, (n, 2)."""
+        reached = self.plan.manifold.q[self.plan.allowed]
+        return np.stack((reached.min(axis=0), reached.max(axis=0)), axis=-1)
+
+
+def preview(
+    arm: ArmModel,
+    fixture: Fixture,
+    *,
+    poses: int,
+    position_joints: tuple[int, ...] | None = None,
+    unsensed_joints: tuple[int, ...] = (),
+    samples: int = 1,
+    seed: int = 0,
+    known: Known | None = None,
+    candidates: int = CANDIDATES,
+) -> Preview:
+    """Plan `poses` poses from home, or from what is known of a session.
+
+    Raises
+    ------
+    SessionError
+        No plan can be made; says why.
+    SolverError
+        What is known does not suffice for an estimate.
+    """
+    task = planning_task(
+        arm,
+        fixture,
+        drive_sets=None,
+        unsensed_joints=unsensed_joints,
+        samples=samples,
+        seed=seed,
+        candidates=candidates,
+    )
+    x, start, estimate = nominal_vector(task.model.parameters), arm.home_rad, None
+    if known is not None:
+        start = known.start_rad
+        estimate = implicit_interim(task.model, task.noise)(known.readings_rad)
+        if not estimate.trusted:
+            raise SessionError(
+                f"the poses so far give no estimate to plan on ({estimate.text})",
+                "capture more poses, or plan from nominal geometry: leave --session out",
+            )
+        x, task = estimate.x, replace(task, noise=estimate.noise)
+    prediction = predict_drives(arm, task.model, x, start, seed=seed)
+    mobility = prediction.manifold.motion.degrees
+    if position_joints is None:
+        choice = choose_drives(prediction, unsensed_joints=unsensed_joints)
+    else:
+        choice = _named(prediction, position_joints, arm, mobility, fixture.kind)
+    task = replace(task, drive_sets=choice.sets)
+    try:
+        plan = make_plan(
+            task,
+            x,
+            start,
+            poses,
+            captured=None if known is None else known.readings_rad,
+            covariance=None if estimate is None else estimate.covariance,
+        )
+    except ValueError as error:
+        raise SessionError(
+            f"no plan can be made: {error}",
+            "ask for fewer poses, name other drive joints, or mount the hinge elsewhere "
+            "(`sarcal plan --advise`)",
+        ) from error
+    return Preview(
+        arm=arm,
+        parameters=task.model.parameters,
+        mobility=mobility,
+        estimate=estimate,
+        captured=0 if known is None else len(known.readings_rad),
+        checks=fixture.setup_checks(arm, start, None if estimate is None else x),
+        seen=plan.design
+        if known is None
+        else identifiability(task.model, x, np.concatenate((known.readings_rad, plan.poses_rad))),
+        choice=choice,
+        plan=plan,
+        poses=_visited(task, plan, choice.drives),
+    )
+
+
+def _named(
+    prediction: Prediction, drives: tuple[int, ...], arm: ArmModel, mobility: int, kind: str
+) -> DriveChoice:
+    """Return the choice that the procedure made, with what the ranking says of it."""
+    problem = modes_problem(drives, joint_count=arm.joint_count, mobility=mobility, kind=kind)
+    if problem is not None:
+        raise problem
+    drives = tuple(sorted(drives))
+    of_it = next((r.reasons for r in prediction.region if r.drives == drives), ())
+    return DriveChoice(
+        drives=drives,
+        sets=(drives,),
+        reasons=("named by the procedure", *of_it),
+        prediction=prediction,
+    )
+
+
+def _visited(task: PlanningTask, plan: Plan, drives: tuple[int, ...]) -> tuple[PlannedPose, ...]:
+    """Follow the way from pose to pose as a session would."""
+    poses, here = [], 0
+    for target in plan.visits:
+        route = plan.graph.route(
+            task.model,
+            plan.x,
+            task.ranges.within(STOP_MARGIN_RAD),
+            source=here,
+            target=target,
+            drives=drives,
+        )
+        if route is not None:
+            here = target
+            drives = route.legs[-1].drives if route.legs else drives
+        poses.append(PlannedPose(q_rad=plan.manifold.q[target], drives=drives, route=route))
+    return tuple(poses)

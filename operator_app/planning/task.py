@@ -1,0 +1,90 @@
+"""What planning needs of an arm and a fixture: ranges with room to spare, noise, drive sets.
+
+The same for a session on the arm and for `sarcal plan` without one. Knows no bus and no journal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fixtures.base import Fixture
+from fixtures.measured import Measured
+from operator_app.errors import SessionError
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import NoSensor
+from solver.design.manifold import Ranges
+from solver.design.plan import PlanningTask
+from solver.design.pose_information import CURVE_SHARE, planning_noise
+
+MARGIN_RAD = float(np.deg2rad(3.0))
+"""What planned poses keep from the ends of the ranges, beside a sensor's own error."""
+
+CANDIDATES = 3000
+"""Poses a plan chooses from."""
+
+STOP_MARGIN_RAD = float(np.deg2rad(2.0))
+"""A move ends when any joint comes this close to the end of its range: what braking needs."""
+
+
+def ranges_of(arm: ArmModel) -> Ranges:
+    """Return the ranges of all joints, sensor coordinates."""
+    return Ranges(lower_rad=arm.lower_rad, upper_rad=arm.upper_rad)
+
+
+def margin_rad(arm: ArmModel) -> FloatArray:
+    """What planned poses keep from the ends of the ranges (n,): more where the sensor may be off."""
+    return MARGIN_RAD + arm.linearity_rad()
+
+
+def require_closed_chain(fixture: Fixture) -> None:
+    """Refuse to plan motions of a chain that is not closed."""
+    if isinstance(fixture, Measured):
+        raise SessionError(
+            "poses are planned inside a closed chain, and an instrument closes none",
+            "use a fixture, or capture explored poses (plan: explore)",
+        )
+
+
+def planning_task(
+    arm: ArmModel,
+    fixture: Fixture,
+    *,
+    drive_sets: tuple[tuple[int, ...], ...] | None,
+    unsensed_joints: tuple[int, ...] = (),
+    samples: int = 1,
+    seed: int = 0,
+    candidates: int = CANDIDATES,
+) -> PlanningTask:
+    """Return the task of planning poses of `arm` in `fixture`.
+
+    Parameters
+    ----------
+    drive_sets
+        Sets of drive joints to plan with, the present one first; None ranks all and takes the best.
+    unsensed_joints
+        Joints whose readings will not be used: they are predicted, not relied upon.
+    samples
+        Readings averaged into one pose.
+    """
+    require_closed_chain(fixture)
+    model = fixture.model(arm)
+    lost = {f"theta_off_{j}" for j in unsensed_joints}
+    variance = [
+        0.0 if isinstance(j.sensor, NoSensor) else j.sensor.variance_of_mean_rad2(samples)
+        for j in arm.joints
+    ]
+    return PlanningTask(
+        model=model,
+        ranges=ranges_of(arm),
+        margin_rad=margin_rad(arm),
+        noise=planning_noise(
+            np.sqrt(variance),
+            unsensed_joints=unsensed_joints,
+            wrist_curve_rad=CURVE_SHARE * arm.linearity_rad(),
+        ),
+        parameters=tuple(p.name for p in model.parameters if p.name not in lost),
+        drive_sets=drive_sets,
+        candidates=candidates,
+        seed=seed,
+    )

@@ -1,0 +1,61 @@
+"""The smooth curve of an analogue angle sensor: how far it may bend, and in which shapes. Knows no loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import Rvdt
+
+SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.25, 0.125)
+"""Prior sizes of Legendre P2..P6: a transformer's curve is mostly a bow and an S."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorCurve:
+    """Deviation of one sensor from its best-fit line: ``sum_k c_k P_k(x)``, k = 2, 3, ...
+
+    x is the angle from `middle_rad` over `half_scale_rad`. Without P_0 and P_1 the deviation's
+    least-squares line over full scale is zero: offset and gain are not part of a curve.
+
+    Attributes
+    ----------
+    joint
+        1-based.
+    middle_rad
+        Electrical zero, in sensor coordinates.
+    half_scale_rad
+        Half of full scale.
+    """
+
+    joint: int
+    middle_rad: float
+    half_scale_rad: float
+
+    def basis(self, theta_rad: FloatArray) -> FloatArray:
+        """Shapes at sensor angles (m,), times their prior sizes: (m, c)."""
+        x = (theta_rad - self.middle_rad) / self.half_scale_rad
+        # Beyond full scale a sensor saturates; polynomials would run away there.
+        x = np.clip(x, -1.2, 1.2)
+        shapes = np.polynomial.legendre.legvander(x, len(SHAPE_WEIGHTS) + 1)[..., 2:]
+        return np.asarray(shapes * np.array(SHAPE_WEIGHTS))
+
+
+def rms_per_amplitude() -> float:
+    """Expected rms deviation over full scale of a curve whose coefficients have unit amplitude."""
+    degrees = np.arange(2, 2 + len(SHAPE_WEIGHTS))
+    return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))
+
+
+def curves_of(arm: ArmModel, *, unsensed_joints: tuple[int, ...] = ()) -> tuple[SensorCurve, ...]:
+    """Return the curve that each RVDT of `arm` may have; none for joints whose reading is not used."""
+    return tuple(
+        SensorCurve(
+            joint=j, middle_rad=joint.middle_rad, half_scale_rad=0.5 * joint.sensor.full_scale_rad
+        )
+        for j, joint in enumerate(arm.joints, 1)
+        if isinstance(joint.sensor, Rvdt) and j not in unsensed_joints
+    )

@@ -1,0 +1,91 @@
+"""What every estimator returns, and the checks that come before any of them. Knows no estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.parameters import Parameter
+from solver.errors import TooFewPosesError
+from solver.estimators.goodness import ClosureSigmas
+from solver.loops.closure import ClosureModel, poses_needed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """Identified parameters and how well they are known.
+
+    Attributes
+    ----------
+    estimator
+        ``paper`` or ``implicit``.
+    parameters, x
+        The unknowns and their values (P,), rad and m; angles in (-pi, pi], in the description
+        nearest to the nominal one.
+    covariance
+        (P, P) of `x` under the estimator's own noise model.
+    residual, rotation_rows
+        Reduced closure error at the *measured* joints (m, r), rotations (rad) before positions (m).
+    sigmas
+        sigma_pos and sigma_ori of that residual.
+    flipped
+        Indices of poses found on the flipped branch of the hinge.
+    dof
+        Degrees of freedom: equations less parameters.
+    chi2
+        Weighted sum of squares; None where the estimator has no noise model.
+    pose_chi2
+        Each pose's share of `chi2` (m,); None where the estimator has no noise model.
+    corrections
+        Joint corrections (m, n), rad, adjusted minus measured; None likewise.
+    iterations, converged
+        How the iteration went.
+    """
+
+    estimator: str
+    parameters: tuple[Parameter, ...]
+    x: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+    rotation_rows: int
+    sigmas: ClosureSigmas
+    flipped: tuple[int, ...]
+    dof: int
+    chi2: float | None
+    pose_chi2: FloatArray | None
+    corrections: FloatArray | None
+    iterations: int
+    converged: bool
+
+    @property
+    def standard_deviation(self) -> FloatArray:
+        """Standard deviation of every parameter (P,)."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def chi2_per_dof(self) -> float | None:
+        """chi2 over degrees of freedom, near 1 when the noise model is right."""
+        return None if self.chi2 is None else self.chi2 / self.dof
+
+    def value(self, name: str) -> float:
+        """Value of one parameter, rad or m."""
+        return float(self.x[[p.name for p in self.parameters].index(name)])
+
+
+def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> int:
+    """Degrees of freedom of `poses` poses; TooFewPosesError when none is left.
+
+    `known` parameters are not counted: a prior brings one equation for each of them.
+    """
+    count = len(model.parameters) - known
+    dof = poses * model.equations_per_pose - count
+    if dof <= 0:
+        raise TooFewPosesError(
+            poses=poses,
+            needed=poses_needed(count, model.equations_per_pose),
+            parameters=count,
+            equations_per_pose=model.equations_per_pose,
+        )
+    return dof

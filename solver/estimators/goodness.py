@@ -1,0 +1,90 @@
+"""sigma_pos and sigma_ori: how well loops close at the measured joints (paper, eqs. 14 and 15).
+
+Knows closure models and no estimator: every estimator is judged by the same figures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.loops.closure import ClosureModel, ReducedError
+from solver.loops.placements import Placements
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwoReadings:
+    """One figure in the two readings of the paper's formula.
+
+    `rms` divides inside the root, sqrt(sum / (k m)), the only reading that gives figures of the
+    paper's size; `as_printed` divides outside it, sqrt(sum) / (k N).
+    """
+
+    rms: float
+    as_printed: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosureSigmas:
+    """Standard deviations of the closure error: position in m, orientation in rad."""
+
+    position_m: TwoReadings
+    orientation_rad: TwoReadings
+
+
+def closure_sigmas(residual: FloatArray, rotation_rows: int) -> ClosureSigmas:
+    """Compute both sigmas of reduced residuals (m, r), rotation rows first (eqs. 14 and 15)."""
+    return ClosureSigmas(
+        position_m=_both(residual[:, rotation_rows:]),
+        orientation_rad=_both(residual[:, :rotation_rows]),
+    )
+
+
+def _both(rows: FloatArray) -> TwoReadings:
+    poses, components = rows.shape
+    total = float(np.sum(rows**2))
+    count = components * poses
+    if count == 0:
+        return TwoReadings(rms=0.0, as_printed=0.0)
+    return TwoReadings(rms=float(np.sqrt(total / count)), as_printed=float(np.sqrt(total) / count))
+
+
+def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
+    """Closure error at the *measured* joints (m, n), so that all estimators share one scale.
+
+    Unsensed joints take the angles that close each loop best: their readings are not evidence.
+    """
+    if not model.unsensed_joints:
+        return model.reduced(x, q)
+    if isinstance(model, Placements):
+        # Offsets of unsensed joints may belong to a placement: each fills in its own.
+        whole = model.with_all_joints_sensed()
+        return whole.merged(
+            [
+                (closure_at_readings(part, x[here], q[poses]), columns, poses)
+                for (part, here, poses), (_, columns, _) in zip(
+                    model.parts(), whole.parts(), strict=True
+                )
+            ]
+        )
+    u = model.initial_unsensed(x, q)
+    error = model.loop(x, q, u)
+    for _ in range(50):
+        step = -(np.linalg.pinv(error.jac_u) @ error.residual[..., None])[..., 0]
+        longest = float(np.abs(step).max(initial=0.0))
+        u = u + step * min(1.0, 0.5 / max(longest, 1e-300))
+        error = model.loop(x, q, u)
+        if longest < 1e-12:
+            break
+    filled = q.copy()
+    offsets = {p.name: p.nominal for p in model.with_all_joints_sensed().parameters}
+    first = u.shape[-1] - len(model.unsensed_joints)
+    for k, joint in enumerate(model.unsensed_joints):
+        filled[:, joint - 1] = u[:, first + k] - offsets[f"theta_off_{joint}"]
+    sensed = model.with_all_joints_sensed()
+    here = {p.name: value for p, value in zip(model.parameters, x, strict=True)}
+    return sensed.reduced(
+        np.array([here.get(p.name, p.nominal) for p in sensed.parameters]), filled
+    )

@@ -1,0 +1,308 @@
+"""The implicit estimator: joint sensors are the noise, and every loop closes exactly.
+
+Unknown are the parameters *and* each pose's joint corrections e (implicit loop method of Wampler,
+Hollerbach & Arai 1995; the Gauss-Helmert model of geodesy). At corrected joints q + e and current
+unsensed angles u the loop error is linearised,
+
+    c + J_q (e_new - e) + J_u du + J_x dx + f = 0,      e ~ N(0, S), f ~ N(0, S_f),
+
+multiplied by E', the left null space of J_u, and the stacked system
+
+    minimise sum |w + A dx|^2 in the metric (B S B' + F)^-1,
+    A = E' J_x,  B = E' J_q,  F = E' S_f E,  w = E' (c - J_q e)
+
+is solved with scaled columns. Multipliers then give e_new, u and the next linearisation. Weights
+belong to the corrected joints: taken once at the measured ones they are not the same estimator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.parameters import nominal_vector
+from solver.chain.pose_order import back_to_caller, canonical_order
+from solver.closing import close_loops, left_null_space
+from solver.errors import PosesDoNotFitError
+from solver.estimators.estimate import Estimate, require_enough_poses
+from solver.estimators.goodness import closure_at_readings, closure_sigmas
+from solver.estimators.least_squares import Progress, column_scale
+from solver.estimators.paper import estimate_paper
+from solver.loops.closure import ClosureModel, nearest_equivalent
+
+STEP_TOLERANCE = 1e-12
+MAX_ITERATIONS = 60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseModel:
+    """What is random about a pose.
+
+    Attributes
+    ----------
+    joint_variance
+        Variance of each joint reading, (n,) or (m, n), rad^2.
+    fixture_variance
+        Variance of the fixture's give along the closure components, (6,), rad^2 then m^2; a model
+        without rotations (ball) uses the last three.
+    """
+
+    joint_variance: FloatArray
+    fixture_variance: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterPrior:
+    """What is known of parameters beforehand, e.g. lengths from the maker's table with a tolerance.
+
+    Attributes
+    ----------
+    mean
+        (P,), rad and m.
+    precision
+        One over the variance of that knowledge (P,); 0 where nothing is known.
+    """
+
+    mean: FloatArray
+    precision: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinearisedPoses:
+    """The reduced linear system of all poses at one iterate (see the module's derivation).
+
+    Attributes
+    ----------
+    w, A, B, V
+        (m, r), (m, r, P), (m, r, n), (m, r, r): misclosure, parameter and joint Jacobians, and the
+        covariance ``B S B' + F`` of the misclosure.
+    E
+        (m, k, r): left null space of the unsensed columns.
+    """
+
+    w: FloatArray
+    A: FloatArray
+    B: FloatArray
+    V: FloatArray
+    E: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImplicitFit:
+    """Where the implicit iteration ended.
+
+    Attributes
+    ----------
+    x, covariance
+        Parameters (P,) and their covariance (P, P) under the noise model.
+    corrections
+        Joint corrections e (m, n), rad: adjusted minus measured.
+    unsensed
+        Unsensed angles (m, U), rad.
+    system
+        The reduced linear system at the solution.
+    pose_chi2
+        Each pose's share of chi2 (m,).
+    """
+
+    x: FloatArray
+    covariance: FloatArray
+    corrections: FloatArray
+    unsensed: FloatArray
+    system: LinearisedPoses
+    pose_chi2: FloatArray
+    dof: int
+    iterations: int
+    converged: bool
+
+    @property
+    def chi2(self) -> float:
+        """Weighted sum of squared corrections."""
+        return float(self.pose_chi2.sum())
+
+
+def fit_implicit(
+    model: ClosureModel,
+    q: FloatArray,
+    noise: NoiseModel,
+    x0: FloatArray,
+    *,
+    prior: ParameterPrior | None = None,
+    max_iterations: int = MAX_ITERATIONS,
+    progress: Progress | None = None,
+) -> ImplicitFit:
+    """Fit parameters and joint corrections to measured joint angles `q` (m, n), rad, from `x0` (P,).
+
+    Parameters under a `prior` bring as many equations as unknowns: they cost no degree of freedom,
+    and how far they end from the prior's mean is not in `pose_chi2`.
+    """
+    known = 0 if prior is None else int(np.count_nonzero(prior.precision))
+    dof = require_enough_poses(model, len(q), known=known)
+    variance = np.broadcast_to(noise.joint_variance, q.shape)
+    give = np.zeros(6) if noise.fixture_variance is None else noise.fixture_variance
+    x = np.array(x0, dtype=np.float64)
+    start = close_loops(model, x, q, sigma_rad=np.sqrt(variance.mean(axis=0)), max_iterations=3)
+    # Unsensed angles start from loops closed as well as `x0` allows; corrections start from none.
+    u, e = start.u, np.zeros_like(q)
+    iterations, converged = 0, False
+    for iterations in range(1, max_iterations + 1):
+        error = model.loop(x, q + e, u)
+        system = linearise(error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give)
+        step, multipliers, chi2 = _solve(system, x, prior)
+        e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers[..., None])[..., 0]
+        slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers[..., None])[..., 0]
+        rest = (
+            error.residual
+            + (error.jac_x @ step)
+            + (error.jac_q @ (e_new - e)[..., None])[..., 0]
+            + slack
+        )
+        du = (
+            -(np.linalg.pinv(error.jac_u) @ rest[..., None])[..., 0]
+            if u.shape[-1]
+            else np.zeros_like(u)
+        )
+        largest = max(
+            float(np.abs(step).max(initial=0.0)),
+            float(np.abs(e_new - e).max(initial=0.0)),
+            float(np.abs(du).max(initial=0.0)),
+        )
+        if not np.isfinite(largest):
+            break
+        # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
+        shrink = min(1.0, 1.0 / max(largest, 1e-300))
+        x, e, u = x + shrink * step, e + shrink * (e_new - e), u + shrink * du
+        if progress is not None:
+            progress(iterations, chi2)
+        if largest < STEP_TOLERANCE:
+            converged = True
+            break
+    error = model.loop(x, q + e, u)
+    system = linearise(error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give)
+    pose_chi2 = np.einsum(
+        "mi,mi->m", system.w, np.linalg.solve(system.V, system.w[..., None])[..., 0]
+    )
+    seen = information(system)
+    if prior is not None:
+        seen = seen + np.diag(prior.precision)
+    return ImplicitFit(
+        x=x,
+        covariance=np.asarray(np.linalg.pinv(seen, hermitian=True)),
+        corrections=e,
+        unsensed=u,
+        system=system,
+        pose_chi2=pose_chi2,
+        dof=dof,
+        iterations=iterations,
+        converged=converged,
+    )
+
+
+def estimate_implicit(
+    model: ClosureModel,
+    q: FloatArray,
+    noise: NoiseModel,
+    *,
+    x0: FloatArray | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Fit `model` to joint angles `q` (m, n), rad; starts from the paper's estimator unless told.
+
+    Raises
+    ------
+    TooFewPosesError
+        No degree of freedom would be left.
+    """
+    order = canonical_order(q)
+    back = back_to_caller(order)
+    model, q = model.at_poses(order), q[order]
+    noise = NoiseModel(
+        joint_variance=np.broadcast_to(noise.joint_variance, q.shape)[order],
+        fixture_variance=noise.fixture_variance,
+    )
+    nominal = nominal_vector(model.parameters)
+    sensed = model.with_all_joints_sensed()
+    names = [p.name for p in sensed.parameters]
+    here = [names.index(p.name) for p in model.parameters]
+    if x0 is None:
+        require_enough_poses(model, len(q))
+        x0 = nominal
+        if len(q) * sensed.equations_per_pose > len(names):
+            x0 = estimate_paper(sensed, q, progress=progress).x[here]
+    fit = fit_implicit(model, q, noise, x0, progress=progress)
+    x = nearest_equivalent(model, fit.x, nominal)
+    if not np.array_equal(x, fit.x):
+        # Another description of the same loop has another covariance: finish there.
+        fit = fit_implicit(model, q, noise, x)
+    error = closure_at_readings(model, fit.x, q)
+    return Estimate(
+        estimator="implicit",
+        parameters=model.parameters,
+        x=fit.x,
+        covariance=fit.covariance,
+        residual=error.residual[back],
+        rotation_rows=error.rotation_rows,
+        sigmas=closure_sigmas(error.residual, error.rotation_rows),
+        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
+        dof=fit.dof,
+        chi2=fit.chi2,
+        pose_chi2=fit.pose_chi2[back],
+        corrections=fit.corrections[back],
+        iterations=fit.iterations,
+        converged=fit.converged,
+    )
+
+
+def information(system: LinearisedPoses) -> FloatArray:
+    """Fisher information of the parameters (P, P): ``sum A' V^-1 A``."""
+    white = np.linalg.solve(_root(system.V), system.A)
+    J = white.reshape(-1, white.shape[-1])
+    return J.T @ J
+
+
+def linearise(
+    c: FloatArray,
+    jac_x: FloatArray,
+    jac_q: FloatArray,
+    jac_u: FloatArray,
+    e: FloatArray,
+    variance: FloatArray,
+    give: FloatArray,
+) -> LinearisedPoses:
+    """Reduce the linearised loops of all poses to equations without unsensed angles."""
+    E = left_null_space(jac_u)
+    Et = np.swapaxes(E, -1, -2)
+    B = Et @ jac_q
+    Bt = np.swapaxes(B, -1, -2)
+    F = Et @ (give[-c.shape[-1] :, None] * E)
+    w = (Et @ (c - (jac_q @ e[..., None])[..., 0])[..., None])[..., 0]
+    return LinearisedPoses(w=w, A=Et @ jac_x, B=B, V=B @ (variance[..., :, None] * Bt) + F, E=E)
+
+
+def _root(V: FloatArray) -> FloatArray:
+    """Cholesky factors of the misclosures' covariances; none exists far from any closed pose."""
+    try:
+        return np.asarray(np.linalg.cholesky(V))
+    except np.linalg.LinAlgError as error:
+        raise PosesDoNotFitError from error
+
+
+def _solve(
+    system: LinearisedPoses, x: FloatArray, prior: ParameterPrior | None
+) -> tuple[FloatArray, FloatArray, float]:
+    """Step of the parameters (P,), multipliers (m, r) and the chi2 the step leads to."""
+    L = _root(system.V)
+    white_A = np.asarray(np.linalg.solve(L, system.A))
+    white_w = np.linalg.solve(L, system.w[..., None])[..., 0]
+    J, c = white_A.reshape(-1, white_A.shape[-1]), white_w.reshape(-1)
+    if prior is not None:
+        root = np.sqrt(prior.precision)
+        J = np.concatenate((J, np.diag(root)))
+        c = np.concatenate((c, root * (x - prior.mean)))
+    scale = column_scale(J)
+    step = np.asarray(-np.linalg.lstsq(J / scale, c, rcond=1e-12)[0] / scale)
+    left = white_w + white_A @ step
+    multipliers = np.asarray(np.linalg.solve(np.swapaxes(L, -1, -2), left[..., None])[..., 0])
+    return step, multipliers, float(np.sum(left**2))

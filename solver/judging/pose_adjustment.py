@@ -1,0 +1,67 @@
+"""Joint corrections of poses under parameters that are given and stay. Knows no estimator's unknowns.
+
+The implicit iteration with dx = 0: what is left to adjust are the readings. It judges new poses by
+a calibration made before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import BoolArray, FloatArray
+from solver.closing import close_loops
+from solver.estimators.implicit import LinearisedPoses, NoiseModel, linearise
+from solver.loops.closure import ClosureModel
+
+STEP_TOLERANCE = 1e-12
+MAX_ITERATIONS = 40
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AdjustedPoses:
+    """Poses adjusted to fixed parameters.
+
+    Attributes
+    ----------
+    system
+        The reduced linear system of all poses there.
+    corrections
+        Joint corrections (m, n), rad: adjusted minus measured.
+    unsensed
+        Unsensed angles (m, U), rad.
+    converged
+        Whether each pose's loop was closed (m,).
+    """
+
+    system: LinearisedPoses
+    corrections: FloatArray
+    unsensed: FloatArray
+    converged: BoolArray
+
+
+def adjust_poses(
+    model: ClosureModel, x: FloatArray, q: FloatArray, noise: NoiseModel
+) -> AdjustedPoses:
+    """Find the most likely joint corrections of `q` (m, n), rad, that close the loops of `x` (P,)."""
+    variance = np.broadcast_to(noise.joint_variance, q.shape)
+    give = np.zeros(6) if noise.fixture_variance is None else noise.fixture_variance
+    u = close_loops(model, x, q, sigma_rad=np.sqrt(variance.mean(axis=0)), max_iterations=3).u
+    e = np.zeros_like(q)
+    moved = np.full(len(q), np.inf)
+    for _ in range(MAX_ITERATIONS):
+        error = model.loop(x, q + e, u)
+        system = linearise(error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give)
+        if bool(np.all(moved < STEP_TOLERANCE)):
+            break
+        multipliers = np.linalg.solve(system.V, system.w[..., None])
+        e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
+        slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers)[..., 0]
+        rest = error.residual + (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack
+        du = -(np.linalg.pinv(error.jac_u) @ rest[..., None])[..., 0] if u.shape[-1] else 0.0 * u
+        moved = np.concatenate((np.abs(e_new - e), np.abs(du)), axis=-1).max(-1, initial=0.0)
+        # A pose far from closing comes nearer by steps no joint would take back.
+        shrink = np.minimum(1.0, 0.5 / np.maximum(moved, 1e-300))[:, None]
+        e, u = e + shrink * (e_new - e), u + shrink * du
+    return AdjustedPoses(system=system, corrections=e, unsensed=u, converged=moved < 1e-9)

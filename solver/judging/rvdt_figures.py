@@ -1,0 +1,189 @@
+"""What an RVDT's readings deviate by, from the angle that the loop measures: line, curve, noise.
+
+Knows sensors and measured angles; judges nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.sensors import Rvdt
+from solver.judging.loop_angles import LoopAngle
+from solver.judging.smooth_curve import SmoothCurve, fit_curve
+
+TABLE_POINTS = 25
+GRID_POINTS = 201
+
+LEAST_BEND = 3
+"""Degree of the simplest curve with a bow and an S."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RvdtFigures:
+    """What was measured of one RVDT, over the range the poses cover.
+
+    Attributes
+    ----------
+    covered
+        Fraction of full scale that the poses cover.
+    theta_off_rad
+        Offset that makes the deviations average to zero over the covered range.
+    gain
+        Slope of the best-fit line, reading per true angle; 1 is right.
+    linearity, linearity_sd
+        Largest deviation from that line, fraction of full scale, and its standard deviation.
+        Over all of full scale it can only be larger.
+    half_range
+        Half the peak-to-peak deviation from unit gain, fraction of full scale.
+    noise_lsb, noise_low, noise_high
+        Noise about the curve and its 95 % interval, LSB, with the loop's own noise taken out.
+    loop_sd_rad
+        How well the loop itself measures the angle of one pose (rms).
+    line_probability
+        Chance of so much curvature if the sensor were straight.
+    angle_rad, deviation_rad
+        (m,) true sensor angle and reading minus it, by pose.
+    curve
+        Deviation as a function of the true sensor angle.
+    table_rad
+        (k, 3): reading, correction to add to it, standard deviation of that correction. Corrected
+        readings and `theta_off_rad` belong together.
+    """
+
+    covered: float
+    theta_off_rad: float
+    gain: float
+    linearity: float
+    linearity_sd: float
+    half_range: float
+    noise_lsb: float
+    noise_low: float
+    noise_high: float
+    loop_sd_rad: float
+    line_probability: float
+    angle_rad: FloatArray
+    deviation_rad: FloatArray
+    curve: SmoothCurve
+    table_rad: FloatArray
+
+    def corrected(self, reading_rad: FloatArray) -> FloatArray:
+        """Correct readings by the curve; beyond the covered range by its end value."""
+        angle = reading_rad - self.curve(np.clip(reading_rad, self.curve.low, self.curve.high))
+        # The curve is known over the true angle: one more pass takes it there.
+        return np.asarray(reading_rad - self.curve(np.clip(angle, self.curve.low, self.curve.high)))
+
+
+def sensor_angle(reading_rad: FloatArray, measured: LoopAngle) -> tuple[FloatArray, float]:
+    """Return the true angle in sensor coordinates (m,) and the mean offset taken off it, rad."""
+    apart = measured.angle_rad - reading_rad
+    # The middle one decides which turn is meant; no reading is off by half of one.
+    middle = float(np.median(np.unwrap(apart)))
+    turns = np.round((apart - middle) / (2.0 * np.pi))
+    offset = float(np.mean(apart - 2.0 * np.pi * turns))
+    return measured.angle_rad - 2.0 * np.pi * turns - offset, offset
+
+
+def measure(
+    reading_rad: FloatArray,
+    measured: LoopAngle,
+    sensor: Rvdt,
+    parameter_covariance: FloatArray,
+    *,
+    most_loop_variance: float,
+) -> RvdtFigures:
+    """Split the deviations of readings (m,) from the measured angles.
+
+    Parameters
+    ----------
+    most_loop_variance
+        Largest mean variance of the measured angles that the data allow, rad^2: what the readings
+        scatter beyond that is certainly theirs.
+
+    Raises
+    ------
+    ValueError
+        If there are too few poses to fit any curve.
+    """
+    angle, offset = sensor_angle(reading_rad, measured)
+    deviation = reading_rad - angle
+    curve = fit_curve(angle, deviation)
+    grid = np.linspace(curve.low, curve.high, GRID_POINTS)
+    # The constant belongs to theta_off: deviations average to zero over the covered range.
+    constant = float(np.mean(curve(grid)))
+    slope = float(np.polyfit(grid, curve(grid), 1)[0])
+    line = np.polynomial.polynomial.polyval(grid, _line(grid, curve(grid)))
+    variance, low, high = _noise(curve, measured, most_loop_variance)
+    of_points = measured.covariance(parameter_covariance) + variance * np.eye(len(angle))
+    # Deviation from its own best-fit line and from its own mean, as linear maps of the curve.
+    ones = np.stack((np.ones_like(grid), grid - grid.mean()), axis=1)
+    off_line = np.eye(len(grid)) - ones @ np.linalg.pinv(ones)
+    # A line that was chosen may hide a bend: its uncertainty is that of the bends it could hide.
+    bendable = curve if curve.degree >= LEAST_BEND else fit_curve(angle, deviation, LEAST_BEND)
+    spread = off_line @ bendable.covariance(grid, of_points) @ off_line.T
+    bend = curve(grid) - line
+    peak = int(np.argmax(np.abs(bend)))
+    return RvdtFigures(
+        covered=float(np.ptp(reading_rad) / sensor.full_scale_rad),
+        theta_off_rad=offset - constant,
+        gain=1.0 + slope,
+        linearity=float(np.abs(bend[peak]) / sensor.full_scale_rad),
+        linearity_sd=float(np.sqrt(np.diagonal(spread).max()) / sensor.full_scale_rad),
+        half_range=float(0.5 * np.ptp(curve(grid)) / sensor.full_scale_rad),
+        noise_lsb=float(np.sqrt(variance) / sensor.resolution_rad),
+        noise_low=float(np.sqrt(low) / sensor.resolution_rad),
+        noise_high=float(np.sqrt(high) / sensor.resolution_rad),
+        loop_sd_rad=_rms(np.diagonal(measured.covariance(parameter_covariance))),
+        line_probability=curve.line_probability,
+        angle_rad=angle + constant,
+        deviation_rad=deviation - constant,
+        curve=_shifted(curve, constant),
+        table_rad=_table(curve, constant, of_points),
+    )
+
+
+def _line(x: FloatArray, y: FloatArray) -> FloatArray:
+    return np.asarray(np.polynomial.polynomial.polyfit(x, y, 1), dtype=np.float64)
+
+
+def _noise(
+    curve: SmoothCurve, measured: LoopAngle, most_loop_variance: float
+) -> tuple[float, float, float]:
+    """Noise variance of the readings and its 95 % interval, rad^2."""
+    from scipy.special import chdtri
+
+    squares = float(curve.residual @ curve.residual)
+    loop = float(np.mean(measured.pose_variance))
+    low, high = (squares / chdtri(curve.dof, (0.025, 0.975))).tolist()
+    found = (squares / curve.dof - loop, low - most_loop_variance, high - loop)
+    return (max(found[0], 0.0), max(found[1], 0.0), max(found[2], 0.0))
+
+
+def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:
+    """Return the curve with `constant` taken off its value and added to its abscissa."""
+    coefficients = curve.coefficients.copy()
+    coefficients[0] -= constant
+    return SmoothCurve(
+        low=curve.low + constant,
+        high=curve.high + constant,
+        coefficients=coefficients,
+        smoother=curve.smoother,
+        residual=curve.residual,
+        dof=curve.dof,
+        line_probability=curve.line_probability,
+    )
+
+
+def _table(curve: SmoothCurve, constant: float, of_points: FloatArray) -> FloatArray:
+    grid = np.linspace(curve.low, curve.high, TABLE_POINTS)
+    centre = np.eye(TABLE_POINTS) - 1.0 / TABLE_POINTS
+    spread = centre @ curve.covariance(grid, of_points) @ centre
+    deviation = curve(grid) - constant
+    sd = np.sqrt(np.maximum(np.diagonal(spread), 0.0))
+    return np.stack((grid + constant + deviation, -deviation, sd), axis=1)
+
+
+def _rms(variances: FloatArray) -> float:
+    return float(np.sqrt(np.mean(variances)))

@@ -1,0 +1,101 @@
+"""What a fixture holds, as plain geometry, turned into the D-H entries of a loop. Knows no estimator.
+
+A hinge is a line held in the hand and a line fixed in the ground. Seen in the arm's base frame with joint 1's
+offset and s_1 taken as zero (both only turn and shift that frame along z_0), and in the frame before the last
+link likewise, the lines are four vectors; their common normals with z_0 and z_{n-1} are the D-H entries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.parameters import wrap_angle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldAxis:
+    """A line through the hand and the line in the ground with which it coincides.
+
+    Attributes
+    ----------
+    ground_direction, ground_point_m
+        In the base frame turned and shifted so that theta_off_1 and s_1 are zero, (3,).
+    hand_direction, hand_point_m
+        In the frame that turns with joint n, with theta_off_n zero: ``R_1 .. R_{n-1} Rz(theta_n)``,
+        origin of frame n-1, (3,).
+    """
+
+    ground_direction: FloatArray
+    ground_point_m: FloatArray
+    hand_direction: FloatArray
+    hand_point_m: FloatArray
+
+    def entries(self, n: int) -> dict[str, float]:
+        """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi].
+
+        Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique: the one
+        through the hand point, and one at the ground, are as good as any.
+        """
+        # Hand: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
+        off_n = _bearing(self.hand_direction) + 0.5 * np.pi
+        alpha_n = _tilt(self.hand_direction)
+        t = _about_z(-off_n) @ self.hand_point_m
+        # How far the hand point lies along the line from the foot of the common normal with z_{n-1}.
+        slide = -_quotient(t[1], np.sin(alpha_n))
+        # Ground: Rz(off_1) direction = (0, sin alpha_0, cos alpha_0), z_-1 seen in frame 0.
+        off_1 = 0.5 * np.pi - _bearing(self.ground_direction)
+        alpha_0 = _tilt(self.ground_direction)
+        g = _about_z(off_1) @ (self.ground_point_m - slide * self.ground_direction)
+        s_0 = -_quotient(g[1], np.sin(alpha_0))
+        return {
+            "theta_off_1": float(wrap_angle(off_1)),
+            "s_0": s_0,
+            "a_0": float(-g[0]),
+            "alpha_0": alpha_0,
+            "s_1": float(-s_0 * np.cos(alpha_0) - g[2]),
+            f"theta_off_{n}": float(wrap_angle(off_n)),
+            f"s_{n}": float(t[2] - slide * np.cos(alpha_n)),
+            f"a_{n}": float(t[0]),
+            f"alpha_{n}": alpha_n,
+        }
+
+
+def held_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
+    """D-H entries of a rigid loop whose hand frame (s_n = a_n = alpha_n = 0) is held at `R`, `p_m`.
+
+    Both are seen as `HeldAxis.ground_direction` and include no theta_off_n.
+    """
+    z = np.array([0.0, 0.0, 1.0])
+    axis = HeldAxis(
+        ground_direction=R[:, 2], ground_point_m=p_m, hand_direction=z, hand_point_m=np.zeros(3)
+    )
+    found = axis.entries(n)
+    # R Rz(off_n) is Rz(-off_1) Rx(-alpha_0).
+    turn = _about_x(found["alpha_0"]) @ _about_z(found["theta_off_1"]) @ R
+    kept = {name: found[name] for name in ("theta_off_1", "s_0", "a_0", "alpha_0", "s_1")}
+    return kept | {f"theta_off_{n}": float(-np.arctan2(turn[1, 0], turn[0, 0]))}
+
+
+def _bearing(v: FloatArray) -> float:
+    return float(np.arctan2(v[1], v[0]))
+
+
+def _tilt(v: FloatArray) -> float:
+    return float(np.arctan2(np.hypot(v[0], v[1]), v[2]))
+
+
+def _quotient(numerator: float, sine: float) -> float:
+    return float(numerator / sine) if abs(sine) > 1e-9 else 0.0
+
+
+def _about_z(angle: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _about_x(angle: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

@@ -1,0 +1,325 @@
+"""Several placements of a fixture in one data set: one arm, a fixture's unknowns for each. Knows no fixture.
+
+The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With
+a single placement names stay plain.
+
+What a hinge determines is not all on the fixture's side of the arm's first and last axis: theta_off_1
+is counted from the common normal of the hinge axis and joint 1's, s_1 from that normal's foot, and
+theta_off_n to the normal with joint n's. Another placement is another normal, so these entries belong
+to the placement (`ClosureModel.ground_side`, `hand_side`) and read ``theta_off_1[2]``. Nothing is lost by
+that: a turn of joint 1's zero is a turn of all placements about its axis, which no closed loop sees.
+If the hand kept its half of the fixture between placements (a ball that stays on the hand while
+sockets change), `same_hand` shares that side too, theta_off_n included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from math import prod
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.chain.parameters import Parameter
+from solver.loops.closure import ClosureModel, LoopError, ReducedError
+
+MAX_COMBINATIONS = 4096
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Placements:
+    """A `ClosureModel` of all placements, bound to the placement of each pose.
+
+    Attributes
+    ----------
+    numbers
+        The placements' numbers as the operator counts them, ascending.
+    models
+        Each placement's own loop, with the same arm and the same kind of fixture.
+    placement
+        Number of the placement each pose belongs to, (m,).
+    same_hand
+        Whether the hand's side of the fixture is the same in all placements.
+    """
+
+    numbers: tuple[int, ...]
+    models: tuple[ClosureModel, ...]
+    placement: IntArray
+    same_hand: bool
+    # Worked out once: estimators ask for them at every step.
+    _parameters: tuple[Parameter, ...] = field(init=False, repr=False)
+    _columns: tuple[IntArray, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        placement = np.array(self.placement, dtype=np.int64)
+        placement.setflags(write=False)
+        object.__setattr__(self, "placement", placement)
+        if len(self.numbers) != len(self.models) or list(self.numbers) != sorted(set(self.numbers)):
+            raise ValueError("placements need one model each and ascending numbers")
+        if not set(np.unique(placement).tolist()) <= set(self.numbers):
+            raise ValueError("a pose belongs to a placement that has no model")
+        facts = {
+            (m.joint_count, m.unsensed_joints, m.equations_per_pose, self._shared_of(m))
+            for m in self.models
+        }
+        if len(facts) != 1:
+            raise ValueError("all placements must have the same arm and the same kind of fixture")
+        object.__setattr__(self, "_parameters", self._listed())
+        names = [p.name for p in self._parameters]
+        columns = tuple(
+            np.array([names.index(self._name(p.name, number)) for p in model.parameters])
+            for number, model in zip(self.numbers, self.models, strict=True)
+        )
+        object.__setattr__(self, "_columns", columns)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Shared unknowns first, then each placement's own, with its number in the name."""
+        return self._parameters
+
+    @property
+    def joint_count(self) -> int:
+        """Joints of the arm."""
+        return self.models[0].joint_count
+
+    @property
+    def unsensed_joints(self) -> tuple[int, ...]:
+        """Arm joints (1-based) whose readings are not used."""
+        return self.models[0].unsensed_joints
+
+    @property
+    def equations_per_pose(self) -> int:
+        """That of any one placement."""
+        return self.models[0].equations_per_pose
+
+    def columns(self, number: int) -> IntArray:
+        """Where the parameters of one placement's own model are in the whole vector (P_own,)."""
+        return self._columns[self.numbers.index(number)]
+
+    def poses_of(self, number: int) -> IntArray:
+        """Indices of the poses taken in one placement."""
+        return np.flatnonzero(self.placement == number)
+
+    def parts(self) -> tuple[tuple[ClosureModel, IntArray, IntArray], ...]:
+        """Model, parameter columns and pose indices of every placement that has poses."""
+        return tuple(
+            (model, self.columns(number), poses)
+            for number, model in zip(self.numbers, self.models, strict=True)
+            if len(poses := self.poses_of(number))
+        )
+
+    def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
+        """Closure error of every pose in its own placement."""
+        x = np.asarray(x, dtype=np.float64)
+        self._check(q)
+        found = [
+            (model.loop(x[..., columns], q[..., poses, :], u[..., poses, :]), columns, poses)
+            for model, columns, poses in self.parts()
+        ]
+        m, width = q.shape[-2], x.shape[-1]
+        return LoopError(
+            residual=_scatter([(e.residual, poses) for e, _, poses in found], m, 1),
+            jac_x=_spread([(e.jac_x, columns, poses) for e, columns, poses in found], m, width),
+            jac_q=_scatter([(e.jac_q, poses) for e, _, poses in found], m, 2),
+            jac_u=_scatter([(e.jac_u, poses) for e, _, poses in found], m, 2),
+        )
+
+    def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
+        """First values of the unsensed angles of every pose."""
+        x = np.asarray(x, dtype=np.float64)
+        self._check(q)
+        return _scatter(
+            [
+                (model.initial_unsensed(x[..., columns], q[..., poses, :]), poses)
+                for model, columns, poses in self.parts()
+            ],
+            q.shape[-2],
+            1,
+        )
+
+    def reduced(self, x: FloatArray, q: FloatArray) -> ReducedError:
+        """Reduced closure error of every pose in its own placement."""
+        x = np.asarray(x, dtype=np.float64)
+        self._check(q)
+        found = [
+            (model.reduced(x[..., columns], q[..., poses, :]), columns, poses)
+            for model, columns, poses in self.parts()
+        ]
+        return self.merged(found)
+
+    def merged(self, found: Sequence[tuple[ReducedError, IntArray, IntArray]]) -> ReducedError:
+        """Put the reduced errors of all `parts` together, each with its parameter and pose indices."""
+        m = len(self.placement)
+        first = found[0][0]
+        flipped = np.zeros((*first.flipped.shape[:-1], m), dtype=np.bool_)
+        for error, _, poses in found:
+            flipped[..., poses] = error.flipped
+        return ReducedError(
+            residual=_scatter([(e.residual, poses) for e, _, poses in found], m, 1),
+            jac_x=_spread(
+                [(e.jac_x, columns, poses) for e, columns, poses in found],
+                m,
+                len(self.parameters),
+            ),
+            rotation_rows=first.rotation_rows,
+            unsensed=_scatter([(e.unsensed, poses) for e, _, poses in found], m, 1),
+            flipped=flipped,
+        )
+
+    def equivalents(self, x: FloatArray) -> FloatArray:
+        """Equal descriptions of all loops together (E, P).
+
+        Every placement has its own; those that change a shared entry have to agree on it. Beyond
+        a few thousand combinations only those are listed that differ in one placement.
+        """
+        x = np.asarray(x, dtype=np.float64)
+        shared = self._shared_of(self.models[0])
+        # What each placement can be turned into, sorted by what that makes of the shared entries.
+        choices: list[dict[tuple[float, ...], list[FloatArray]]] = []
+        for number, model in zip(self.numbers, self.models, strict=True):
+            here = [p.name in shared for p in model.parameters]
+            table: dict[tuple[float, ...], list[FloatArray]] = {}
+            for y in model.equivalents(x[self.columns(number)]):
+                table.setdefault(tuple(y[here].tolist()), []).append(y)
+            choices.append(table)
+        found = []
+        for signature in choices[0]:
+            if not all(signature in table for table in choices):
+                continue
+            lists = [table[signature] for table in choices]
+            combinations = (
+                list(product(*lists))
+                if prod(map(len, lists)) <= MAX_COMBINATIONS
+                else [
+                    (*(first[0] for first in lists[:k]), y, *(first[0] for first in lists[k + 1 :]))
+                    for k in range(len(lists))
+                    for y in lists[k]
+                ]
+            )
+            for combination in combinations:
+                z = x.copy()
+                for number, y in zip(self.numbers, combination, strict=True):
+                    z[self.columns(number)] = y
+                found.append(z)
+        return np.stack(found)
+
+    def with_all_joints_sensed(self) -> Placements:
+        """Return the same loops with every joint's reading used and its offset an unknown."""
+        return replace(self, models=tuple(m.with_all_joints_sensed() for m in self.models))
+
+    @property
+    def ground_side(self) -> tuple[str, ...]:
+        """Where the fixture stood, in all placements."""
+        return self._side("ground_side")
+
+    @property
+    def hand_side(self) -> tuple[str, ...]:
+        """How the hand held the fixture."""
+        return self._side("hand_side")
+
+    def without(self, names: Collection[str]) -> Placements:
+        """Return the same loops with the named unknowns held at their nominal values."""
+        return replace(
+            self,
+            models=tuple(
+                model.without(
+                    {p.name for p in model.parameters if self._name(p.name, number) in names}
+                )
+                for number, model in zip(self.numbers, self.models, strict=True)
+            ),
+        )
+
+    def at_poses(self, poses: IntArray) -> Placements:
+        """Return the model of a selection of poses; placements without poses keep their unknowns."""
+        poses = np.asarray(poses)
+        if poses.dtype == np.bool_:
+            poses = np.flatnonzero(poses)
+        models = tuple(
+            model.at_poses(
+                np.searchsorted(self.poses_of(number), poses[self.placement[poses] == number])
+            )
+            for number, model in zip(self.numbers, self.models, strict=True)
+        )
+        return replace(self, models=models, placement=self.placement[poses])
+
+    def _shared_of(self, model: ClosureModel) -> tuple[str, ...]:
+        own = set(model.ground_side) | (set() if self.same_hand else set(model.hand_side))
+        return tuple(p.name for p in model.parameters if p.name not in own)
+
+    def _name(self, name: str, number: int) -> str:
+        """What a placement's parameter is called here."""
+        if len(self.numbers) == 1 or name in self._shared_of(self.models[0]):
+            return name
+        return f"{name}[{number}]"
+
+    def _listed(self) -> tuple[Parameter, ...]:
+        if len(self.numbers) == 1:
+            return self.models[0].parameters
+        shared = self._shared_of(self.models[0])
+        found = [p for p in self.models[0].parameters if p.name in shared]
+        for number, model in zip(self.numbers, self.models, strict=True):
+            own = [p for p in model.parameters if p.name not in shared]
+            found += [replace(p, name=self._name(p.name, number)) for p in own]
+        return tuple(found)
+
+    def _side(self, side: str) -> tuple[str, ...]:
+        names = [
+            self._name(name, number)
+            for number, model in zip(self.numbers, self.models, strict=True)
+            for name in getattr(model, side)
+        ]
+        return tuple(dict.fromkeys(names))
+
+    def _check(self, q: FloatArray) -> None:
+        if q.shape[-2] != len(self.placement):
+            raise ValueError(f"{q.shape[-2]} poses for a model bound to {len(self.placement)}")
+
+
+def place(
+    models: ClosureModel | Sequence[ClosureModel], placement: IntArray, *, same_hand: bool = False
+) -> Placements:
+    """Bind a fixture's loop to the placements of a data set.
+
+    Parameters
+    ----------
+    models
+        One loop whose nominal values serve every placement, or one for each, ascending numbers. A
+        model bound to measurements (`MeasuredClosure`) is bound to those of all poses, in order.
+    placement
+        Number of the placement of each pose, (m,).
+    same_hand
+        Whether the hand kept its side of the fixture in all placements.
+    """
+    numbers = tuple(int(k) for k in np.unique(placement))
+    each = (
+        tuple(models)
+        if isinstance(models, Sequence)
+        else tuple(models.at_poses(np.flatnonzero(np.asarray(placement) == k)) for k in numbers)
+    )
+    return Placements(numbers=numbers, models=each, placement=placement, same_hand=same_hand)
+
+
+def _scatter(pieces: list[tuple[FloatArray, IntArray]], m: int, trailing: int) -> FloatArray:
+    """Put each placement's rows (..., m_k, <trailing>) where its poses are."""
+    first = pieces[0][0]
+    lead, tail = first.shape[: -1 - trailing], first.shape[first.ndim - trailing :]
+    out = np.zeros((*lead, m, *tail))
+    for values, poses in pieces:
+        if trailing == 1:
+            out[..., poses, :] = values
+        else:
+            out[..., poses, :, :] = values
+    return out
+
+
+def _spread(pieces: list[tuple[FloatArray, IntArray, IntArray]], m: int, width: int) -> FloatArray:
+    """Put each placement's Jacobian (..., m_k, r, P_k) where its poses and parameters are."""
+    first = pieces[0][0]
+    out = np.zeros((*first.shape[:-3], m, first.shape[-2], width))
+    for values, columns, poses in pieces:
+        whole = np.zeros((*values.shape[:-1], width))
+        whole[..., columns] = values
+        out[..., poses, :, :] = whole
+    return out

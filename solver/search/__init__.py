@@ -1,0 +1,1 @@
+"""Starting from nothing known. Knows no noise model."""

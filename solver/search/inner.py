@@ -1,0 +1,178 @@
+"""The offsets of the inner joints alone, with everything a fixture adds projected out. Knows no estimator.
+
+What a passive fixture holds, seen from the base, does not move: of M_i = R_1 .. R_{n-1} Rz(theta_n) and
+p_i, the frame before the last link at pose i,
+
+    hinge:  M_i h = const (a line of the hand has one direction),  p_i + M_i t = const (and one place),
+    ball:                                                          p_i + M_i t = const,
+    rigid:  M_i   = const,                                         p_i = const.
+
+Given the offsets of joints 2 .. n-1 the hand's h and t and the constants follow in closed form: h is the
+dominant right singular vector of the mean of M_i, t solves linear equations, the constants are means. So a
+hinge problem with 14 unknowns is a search over 5 angles (variable projection, Golub & Pereyra, with
+Kaufman's Jacobian), in which nothing has to be guessed about the fixture. The direction of the line is
+common to all poses, so a pose on the flipped branch never passes for a closed one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.kinematics import DhTable, Frames, forward
+
+RIDGE = 1e-9
+"""Keeps the projection defined where t may slide along h; far below anything that matters."""
+
+
+class Hold(Enum):
+    """What of the hand a fixture holds still."""
+
+    POINT = "point"
+    AXIS = "axis"
+    FRAME = "frame"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Held:
+    """What the hand holds and where that is, for given offsets; see `HeldAxis` for the frames.
+
+    `direction` and `ground_direction` belong to a hinge; `rotation` is the mean of M_i, a rotation
+    where the hand is held rigidly.
+    """
+
+    direction: FloatArray
+    ground_direction: FloatArray
+    point_m: FloatArray
+    ground_point_m: FloatArray
+    rotation: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InnerProblem:
+    """A `BatchProblem` over the offsets of some inner joints.
+
+    Attributes
+    ----------
+    table
+        D-H rows 1..n, with the offsets of joints 1 and n, s_1 and all lengths and twists of row n zero.
+        Offsets of joints that are not searched keep their values.
+    searched
+        Joints (1-based) whose offsets are sought, none of them 1 or n.
+    hold
+        What the fixture holds.
+    q
+        Joint angles (m, n), rad.
+    per_m
+        Weight of positions against directions, 1/m.
+    """
+
+    table: DhTable
+    searched: tuple[int, ...]
+    hold: Hold
+    q: FloatArray
+    per_m: float
+
+    def __call__(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (S, R) and their Jacobian (S, R, K) at offsets (S, K), fixture projected out."""
+        frames = self._frames(offsets)
+        M, p = frames.R_end, frames.p_end
+        before = [j - 1 for j in self.searched]
+        z = frames.axes[..., 2][..., before, :]
+        o = frames.origins_m[..., before, :]
+        M_c = M - M.mean(-3, keepdims=True)
+        rows, rates, basis = [], [], []
+        if self.hold is Hold.FRAME:
+            for k in range(3):
+                rows.append(M_c[..., k])
+                rates.append(np.cross(z, M[..., None, :, k]))
+            end, by_point = p, None
+        else:
+            h, t = self._projected(M, M_c, p)
+            end = p + (M @ t[:, None, :, None])[..., 0]
+            by_point = self.per_m * M_c
+            if self.hold is Hold.AXIS:
+                direction = (M @ h[:, None, :, None])[..., 0]
+                rows.append(direction)
+                rates.append(np.cross(z, direction[..., None, :]))
+                zero = np.zeros_like(M_c)
+                basis.append(np.concatenate((M_c @ _tangents(h)[:, None], zero), axis=-1))
+                by_point = np.concatenate((zero[..., :2], by_point), axis=-1)
+        rows.append(self.per_m * end)
+        rates.append(self.per_m * np.cross(z, end[..., None, :] - o))
+        if by_point is not None:
+            basis.append(by_point)
+        count = len(offsets)
+        # Constants of the ground are means over the poses: taking those out is projecting onto them.
+        r = np.stack(rows, axis=-2)
+        r = (r - r.mean(-3, keepdims=True)).reshape(count, -1)
+        J = np.swapaxes(np.stack(rates, axis=-3), -1, -2)
+        J = (J - J.mean(1, keepdims=True)).reshape(count, r.shape[1], -1)
+        if not basis:
+            return r, J
+        L = np.stack(basis, axis=-3).reshape(count, r.shape[1], -1)
+        Lt = np.swapaxes(L, -1, -2)
+        N = Lt @ L + RIDGE * len(self.q) * np.eye(L.shape[-1])
+        return r, J - L @ np.linalg.solve(N, Lt @ J)
+
+    def held(self, offsets: FloatArray) -> Held:
+        """What the fixture must be, given the offsets (K,)."""
+        frames = self._frames(offsets[None, :])
+        M, p = frames.R_end, frames.p_end
+        mean = M.mean(-3, keepdims=True)
+        h, t = self._projected(M, M - mean, p)
+        ground = (mean[0, 0] @ h[0], (p + (M @ t[:, None, :, None])[..., 0]).mean(-2)[0])
+        return Held(
+            direction=h[0],
+            ground_direction=ground[0] / np.linalg.norm(ground[0]),
+            point_m=t[0],
+            ground_point_m=ground[1],
+            rotation=mean[0, 0],
+        )
+
+    def _frames(self, offsets: FloatArray) -> Frames:
+        theta = np.broadcast_to(self.q, (len(offsets), *self.q.shape)) + self.table.theta_off_rad
+        for k, joint in enumerate(self.searched):
+            theta[..., joint - 1] = offsets[:, None, k] + self.q[:, joint - 1]
+        return forward(theta, self.table.s_m, self.table.a_m, self.table.alpha_rad)
+
+    def _projected(
+        self, M: FloatArray, M_c: FloatArray, p: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Best direction h (S, 3) and point t (S, 3) of the hand; t is zero for a held frame."""
+        count = len(M)
+        if self.hold is Hold.FRAME:
+            return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
+        h = np.linalg.svd(M.mean(-3))[2][:, 0]
+        A = M_c.reshape(count, -1, 3)
+        b = (p - p.mean(-2, keepdims=True)).reshape(count, -1, 1)
+        At = np.swapaxes(A, -1, -2)
+        t = -np.linalg.solve(At @ A + RIDGE * M.shape[1] * np.eye(3), At @ b)[..., 0]
+        return h, t
+
+
+def _tangents(h: FloatArray) -> FloatArray:
+    """Two unit vectors across each unit vector (S, 3), as columns (S, 3, 2)."""
+    first = np.cross(h, np.eye(3)[np.argmin(np.abs(h), axis=-1)])
+    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack((first, np.cross(h, first)), axis=-1)
+
+
+def spread_poses(q: FloatArray, count: int) -> FloatArray:
+    """Choose `count` of the poses (m, n) that are far from each other, independent of their order.
+
+    Farthest-point choice over the points (cos q, sin q), from the pose farthest from their mean.
+    """
+    if len(q) <= count:
+        return q
+    points = np.concatenate((np.cos(q), np.sin(q)), axis=-1)
+    points = points - points.mean(0)
+    chosen = [int(np.argmax((points**2).sum(-1)))]
+    distance = ((points - points[chosen[0]]) ** 2).sum(-1)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, ((points - points[chosen[-1]]) ** 2).sum(-1))
+    return q[chosen]

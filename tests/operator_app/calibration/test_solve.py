@@ -1,0 +1,125 @@
+"""A judged calibration: what it names, what it warns of, what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fixtures.hinge import Hinge
+from operator_app.calibration.solve import FixtureRefusedError, calibrate
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.closing import close_loops
+
+
+@pytest.fixture
+def arm() -> ArmModel:
+    return load_arm("sarcos_dextrous")
+
+
+@pytest.fixture
+def hinge() -> Hinge:
+    fixture = load_fixture("hinge").fixture
+    assert isinstance(fixture, Hinge)
+    return fixture
+
+
+@pytest.fixture
+def poses(shared_data: Path) -> PoseSet:
+    return load_poses(shared_data / "hinge" / "hinge_quantised.csv").poses
+
+
+def codes(solution: object) -> list[str]:
+    return [n.code for n in solution.warnings]  # type: ignore[attr-defined]
+
+
+def test_a_disturbed_pose_is_named_and_still_counts(
+    arm: ArmModel, hinge: Hinge, poses: PoseSet
+) -> None:
+    assert calibrate(arm, hinge, poses).outliers == ()
+    q = np.array(poses.q_rad)
+    q[16, 2] += np.deg2rad(0.2)
+    found = calibrate(arm, hinge, replace(poses, q_rad=q))
+    assert found.outliers == (poses.label[16],)
+    assert found.poses == len(poses)
+    assert "OUTLIER" in codes(found)
+
+
+def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(
+    arm: ArmModel, hinge: Hinge, poses: PoseSet
+) -> None:
+    clean = calibrate(arm, hinge, poses, estimator="paper")
+    upside_down = clean.estimate.x.copy()
+    names = [p.name for p in clean.estimate.parameters]
+    upside_down[names.index("alpha_7")] += np.pi
+    q = np.array(poses.q_rad)
+    flipped = close_loops(clean.model, upside_down, q[[5, 30]], max_iterations=200)
+    assert flipped.closed.all()
+    q[[5, 30]] = flipped.q
+    for search in (False, True):
+        found = calibrate(arm, hinge, replace(poses, q_rad=q), estimator="paper", search=search)
+        assert found.dropped_flipped == (5, 30)
+        assert "FLIPPED_BRANCH" in codes(found)
+        # What is left is the clean set less two poses.
+        np.testing.assert_allclose(found.estimate.x, clean.estimate.x, atol=1e-3)
+    # Readings that are not used still tell up from down.
+    for unsensed in ((6, 7), (1, 5)):
+        found = calibrate(arm, hinge, replace(poses, q_rad=q), unsensed_joints=unsensed)
+        assert found.dropped_flipped == (5, 30)
+        assert found.estimate.converged
+
+
+@pytest.mark.parametrize(("degrees", "verdict"), [(5.0, "warned"), (0.5, "refused")])
+def test_near_parallel_axes_warn_and_then_refuse(
+    arm: ArmModel, hinge: Hinge, poses: PoseSet, degrees: float, verdict: str
+) -> None:
+    tilted = replace(hinge, alpha_n_rad=np.deg2rad(degrees))
+    checks = tilted.setup_checks(arm, arm.home_rad)
+    (check,) = (c for c in checks if c.code == "AXIS_ANGLE_7")
+    assert check.remedy
+    if verdict == "refused":
+        with pytest.raises(FixtureRefusedError, match="joint 7"):
+            calibrate(arm, tilted, poses)
+    else:
+        assert check.severity.value == "warning"
+
+
+def test_lengths_within_their_tolerance_are_parameters_with_honest_sigmas(
+    arm: ArmModel, hinge: Hinge, poses: PoseSet
+) -> None:
+    exact = calibrate(arm, hinge, poses)
+    tolerant = calibrate(arm, hinge, poses, length_tolerance_m=1.5e-3)
+    assert set(tolerant.tolerated) == {f"a_{j}" for j in range(1, 7)} | {
+        f"s_{j}" for j in range(2, 7)
+    }
+    names = [p.name for p in tolerant.estimate.parameters]
+    assert names[:14] == [p.name for p in exact.estimate.parameters]
+    # Not knowing the lengths exactly can only make the rest less certain.
+    assert np.all(
+        tolerant.estimate.standard_deviation[:14] >= 0.99 * exact.estimate.standard_deviation
+    )
+    truth = {"s_3": 0.355, "s_5": 0.320}
+    for name, value in truth.items():
+        k = names.index(name)
+        error = abs(tolerant.estimate.x[k] - value)
+        assert error < 4.0 * tolerant.estimate.standard_deviation[k] < 8e-3
+
+
+def test_the_order_of_the_poses_changes_nothing(
+    arm: ArmModel, hinge: Hinge, poses: PoseSet
+) -> None:
+    order = np.random.default_rng(3).permutation(len(poses))
+    shuffled = PoseSet(
+        placement=poses.placement[order],
+        label=tuple(poses.label[k] for k in order),
+        q_rad=poses.q_rad[order],
+    )
+    one, two = calibrate(arm, hinge, poses), calibrate(arm, hinge, shuffled)
+    np.testing.assert_allclose(two.estimate.x, one.estimate.x, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(two.estimate.covariance, one.estimate.covariance, rtol=1e-9)

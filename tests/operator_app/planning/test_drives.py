@@ -1,0 +1,98 @@
+"""Choosing drive joints: the best usable set, never one that is not sensed, and always with a reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.config.procedure_file import load_procedure
+from operator_app.errors import SessionError
+from operator_app.planning.drives import (
+    Prediction,
+    choose_drives,
+    names,
+    predict_drives,
+    worth_trying,
+)
+from solver.chain.parameters import nominal_vector
+from solver.design.drive_joints import TrialWiggles
+
+
+@pytest.fixture(scope="module")
+def prediction() -> Prediction:
+    own = load_procedure("hinge_planned")
+    model = own.fixture.fixture.model(own.arm)
+    return predict_drives(own.arm, model, nominal_vector(model.parameters), own.arm.home_rad)
+
+
+def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -> TrialWiggles:
+    """Wiggles of two drives by 0.02 rad that all joints follow at the same rate."""
+    commanded = 0.02 * np.eye(2)
+    moved = np.full((2, 7), 0.01)
+    for k, joint in enumerate(drives):
+        moved[:, joint - 1] = 0.0
+        moved[k, joint - 1] = 0.02 * follows
+    return TrialWiggles(drives=drives, commanded_rad=commanded, moved_rad=moved, stopped=stopped)
+
+
+def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(prediction: Prediction) -> None:
+    choice = choose_drives(prediction)
+    assert choice.drives == (1, 5) == choice.sets[0]
+    assert 1 < len(choice.sets) <= 3
+    assert "reaches" in choice.reasons[0]
+    assert "at the present pose" in choice.reasons[-1]
+    assert choice.ranked[0].drives == choice.drives
+
+
+def test_inexact_sensors_do_not_drive_while_others_can(prediction: Prediction) -> None:
+    assert prediction.inexact == {6, 7}
+    for drives in choose_drives(prediction).sets:
+        assert not set(drives) & {6, 7}
+
+
+def test_joints_that_are_not_used_never_drive(prediction: Prediction) -> None:
+    choice = choose_drives(prediction, unsensed_joints=(1,))
+    assert all(1 not in drives for drives in choice.sets)
+    assert all(1 not in drives for drives in worth_trying(prediction, (1,)))
+
+
+def test_a_trial_overrules_the_prediction(prediction: Prediction) -> None:
+    tried = worth_trying(prediction)
+    assert tried[0] == (1, 5)
+    trials = [trial(d, stopped="joint 3 needed 90 N m" if d == (1, 5) else "") for d in tried]
+    choice = choose_drives(prediction, trials=trials)
+    assert choice.drives in tried[1:]
+    assert any(reason.startswith("on the arm:") for reason in choice.reasons)
+
+
+def test_when_no_tried_set_moves_the_reason_is_said(prediction: Prediction) -> None:
+    trials = [trial(d, follows=0.1) for d in worth_trying(prediction)]
+    with pytest.raises(SessionError, match="only 10% of what it was told"):
+        choose_drives(prediction, trials=trials)
+
+
+def test_at_a_fold_nothing_is_chosen(prediction: Prediction) -> None:
+    folded = tuple(
+        replace(r, usable=False, reasons=("at a fold", *r.reasons)) for r in prediction.here
+    )
+    with pytest.raises(SessionError, match=r"no joints can drive the chain from here.*fold"):
+        choose_drives(replace(prediction, here=folded))
+
+
+def test_a_start_outside_of_the_ranges_names_the_joint() -> None:
+    own = load_procedure("hinge_planned")
+    model = own.fixture.fixture.model(own.arm)
+    home = own.arm.home_rad
+    joints = list(own.arm.joints)
+    joints[3] = replace(joints[3], lower_rad=home[3] + 0.5)
+    arm = replace(own.arm, joints=tuple(joints))
+    with pytest.raises(SessionError, match=r"joint 4 .* deg beyond its range"):
+        predict_drives(arm, model, nominal_vector(model.parameters), home)
+
+
+def test_joints_in_words() -> None:
+    assert names((2,)) == "joint 2"
+    assert names((1, 5)) == "joints 1 and 5"
+    assert names((1, 2, 3)) == "joints 1, 2 and 3"

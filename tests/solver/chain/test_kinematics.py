@@ -1,0 +1,77 @@
+"""Kinematics and its Jacobians against pinocchio and the multiplied-out matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.chain.kinematics import DhTable, forward, jacobian
+from tests.oracles.loop_oracle import paper_truth, product
+from tests.oracles.pinocchio_chain import PinocchioChain
+
+LINKS = 8
+
+
+def random_chain(seed: int, links: int = LINKS) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    theta = rng.uniform(-4.0, 4.0, links)
+    alpha = rng.choice([0.0, np.pi / 2, -np.pi / 2, 1e-9, 1.1], links)
+    return theta, rng.normal(0, 0.3, links), rng.normal(0, 0.3, links), alpha
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_every_frame_agrees_with_pinocchio(seed: int) -> None:
+    chain = random_chain(seed)
+    rotations, origins = PinocchioChain(LINKS).frames(*chain)
+    frames = forward(*chain)
+    assert np.abs(frames.axes - rotations).max() < 1e-12
+    assert np.abs(frames.origins_m - origins).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_every_column_agrees_with_pinocchio(seed: int) -> None:
+    chain = random_chain(seed)
+    found = jacobian(forward(*chain))
+    assert found.shape == (6, 4, LINKS)
+    assert np.abs(found - PinocchioChain(LINKS).jacobian(*chain)).max() < 1e-12
+
+
+@pytest.mark.parametrize("links", [1, 2, 12])
+def test_any_number_of_links(links: int) -> None:
+    chain = random_chain(links, links)
+    assert np.abs(jacobian(forward(*chain)) - PinocchioChain(links).jacobian(*chain)).max() < 1e-12
+
+
+def test_leading_axes_broadcast_and_change_nothing() -> None:
+    rng = np.random.default_rng(3)
+    theta = rng.uniform(-3, 3, (4, 5, LINKS))
+    s, a, alpha = random_chain(4)[1:]
+    whole = forward(theta, s, a, alpha)
+    columns = jacobian(whole)
+    one = forward(theta[2, 3], s, a, alpha)
+    assert np.array_equal(whole.R_end[2, 3], one.R_end)
+    assert np.array_equal(whole.p_end[2, 3], one.p_end)
+    assert np.abs(columns[2, 3] - jacobian(one)).max() < 1e-15
+
+
+def test_end_frame_agrees_with_multiplied_out_matrices() -> None:
+    truth = paper_truth()
+    theta = np.concatenate(([0.3], truth.home)) + truth.theta_off
+    T = product(theta, truth.s, truth.a, truth.alpha)
+    frames = forward(theta, truth.s, truth.a, truth.alpha)
+    assert np.abs(frames.R_end - T[:3, :3]).max() < 1e-14
+    assert np.abs(frames.p_end - T[:3, 3]).max() < 1e-14
+
+
+def test_table_columns_must_have_one_length() -> None:
+    with pytest.raises(ValueError, match="one entry per link"):
+        DhTable(theta_off_rad=np.zeros(3), s_m=np.zeros(3), a_m=np.zeros(2), alpha_rad=np.zeros(3))
+
+
+def test_table_is_read_only_and_detached() -> None:
+    source = np.zeros(2)
+    table = DhTable(theta_off_rad=source, s_m=source, a_m=source, alpha_rad=source)
+    source[0] = 1.0
+    assert table.s_m[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        table.s_m[0] = 1.0

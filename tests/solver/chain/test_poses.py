@@ -1,0 +1,106 @@
+"""Pose sets: shapes, read-only arrays, and a digest of what a calibration uses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver.chain.poses import PoseSet
+
+
+def poses(**changes: Any) -> PoseSet:
+    values: dict[str, Any] = {
+        "placement": np.array([1, 1, 2]),
+        "label": ("1", "2", "1"),
+        "q_rad": np.arange(6.0).reshape(3, 2),
+        "sd_rad": np.full((3, 2), 1e-4),
+        "samples": np.array([32, 32, 16]),
+        "endpoint": np.arange(9.0).reshape(3, 3),
+        "utc": ("", "", "2026-01-31T12:00:00Z"),
+        "notes": ("a", "", ""),
+    }
+    return PoseSet(**(values | changes))
+
+
+def test_facts() -> None:
+    p = poses()
+    assert len(p) == 3
+    assert p.joint_count == 2
+    assert p.keys == ((1, "1"), (1, "2"), (2, "1"))
+    assert p.placements == (1, 2)
+
+
+def test_arrays_are_copies_and_read_only() -> None:
+    q = np.zeros((3, 2))
+    p = poses(q_rad=q)
+    q[0, 0] = 7.0
+    assert p.q_rad[0, 0] == 0.0
+    for array in (p.q_rad, p.sd_rad, p.samples, p.endpoint, p.placement):
+        assert array is not None
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"q_rad": np.zeros(3)}, "one row a pose"),
+        ({"q_rad": np.zeros((3, 0))}, "one row a pose"),
+        ({"q_rad": np.zeros((4, 2))}, "placement has 3 entries for 4 poses"),
+        ({"q_rad": np.full((3, 2), np.nan)}, "q_rad must be finite"),
+        ({"sd_rad": np.zeros((3, 1))}, "shape of q_rad"),
+        ({"sd_rad": np.full((3, 2), -1.0)}, "negative"),
+        ({"samples": np.array([1, 0, 1])}, "count from 1"),
+        ({"samples": np.array([1.0, 2.0, 3.0])}, "whole numbers"),
+        ({"samples": np.ones((3, 1), dtype=int)}, "one number a pose"),
+        ({"placement": np.array([0, 1, 2])}, "count from 1"),
+        ({"placement": np.array([1.0, 1.0, 2.0])}, "whole numbers"),
+        ({"endpoint": np.zeros((3, 4))}, "3 or 6 columns"),
+        ({"label": ("1", "1", "1")}, "used twice"),
+        ({"label": ("1", "", "1")}, "label"),
+        ({"label": ("1", " 2", "1")}, "white space"),
+        ({"notes": ("a",)}, "notes has 1 entries"),
+    ],
+)
+def test_wrong_calls(change: dict[str, Any], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        poses(**change)
+
+
+def test_digest_does_not_depend_on_order_notes_or_times() -> None:
+    p, order = poses(), [2, 0, 1]
+    turned = poses(
+        **{
+            name: getattr(p, name)[order]
+            for name in ("placement", "q_rad", "sd_rad", "samples", "endpoint")
+        },
+        label=tuple(p.label[k] for k in order),
+        notes=None,
+        utc=None,
+    )
+    assert turned.sha256() == p.sha256()
+    assert poses(q_rad=-0.0 * p.q_rad).sha256() == poses(q_rad=0.0 * p.q_rad).sha256()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"q_rad": np.nextafter(np.arange(6.0), 9.0).reshape(3, 2)},
+        {"sd_rad": None},
+        {"sd_rad": np.zeros((3, 2))},
+        {"samples": None},
+        {"samples": np.array([32, 32, 17])},
+        {"endpoint": None},
+        {"endpoint": np.ones((3, 3))},
+        {"label": ("1", "3", "1")},
+        {"placement": np.array([1, 1, 3])},
+    ],
+)
+def test_digest_sees_every_number_a_calibration_uses(change: dict[str, Any]) -> None:
+    assert poses(**change).sha256() != poses().sha256()
+
+
+def test_digest_is_the_same_on_every_machine() -> None:
+    assert poses().sha256() == "4ab8a7e8f212833502b7ad33b333e0a0407ff08a94ed61ab3d66d1470b9f52d3"

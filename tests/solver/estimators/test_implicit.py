@@ -1,0 +1,125 @@
+"""The implicit estimator: planted truth, ODRPACK, the Cramer-Rao bound, unsensed joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.chain.sensors import Encoder
+from solver.errors import TooFewPosesError
+from solver.estimators.implicit import NoiseModel, estimate_implicit, fit_implicit
+from solver.estimators.paper import estimate_paper
+from tests.oracles.implicit_odr import fit as odr_fit
+from tests.oracles.loop_oracle import Truth, cramer_rao
+from tests.oracles.simulated_loops import ENCODER_SD, Simulation
+from tests.solver.conftest import NAMES, loop_of, read_poses
+from tests.solver.estimators.test_paper import EXACT, start_off
+
+WRIST = Simulation(poses=40, wrist_sd=6e-3)
+UNSENSED = tuple(n for n in NAMES if n not in ("theta_off_6", "theta_off_7"))
+
+
+def noise_of(simulation: Simulation) -> NoiseModel:
+    return NoiseModel(joint_variance=simulation.sigma() ** 2)
+
+
+def test_exact_data_set_gives_the_truth_back(hinge_data: Path, truth: Truth) -> None:
+    q = read_poses(hinge_data / "hinge_exact.csv")
+    model = loop_of(start_off(truth, np.random.default_rng(2)))
+    found = estimate_implicit(model, q, noise_of(WRIST))
+    assert found.converged
+    assert np.abs(found.x - truth.values(NAMES)).max() < 1e-8
+
+
+def test_curved_wrist_does_not_spoil_the_arm_when_unsensed(hinge_data: Path, truth: Truth) -> None:
+    q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
+    found = estimate_implicit(loop_of(truth, unsensed=(6, 7)), q, noise_of(WRIST))
+    error = found.x - truth.values(UNSENSED)
+    assert found.converged
+    assert np.abs(error[:5]).max() < 0.02e-3
+    assert np.abs(error[[5, 6, 8, 9, 10]]).max() < 0.02e-3
+    paper = estimate_paper(loop_of(truth), q)
+    assert np.abs(paper.x - truth.values(NAMES))[:5].max() > 2e-3
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_starts_10_deg_and_30_mm_off_converge(truth: Truth, seed: int) -> None:
+    q = EXACT.readings(seed=0)
+    model = loop_of(start_off(truth, np.random.default_rng(seed)))
+    found = estimate_implicit(model, q, noise_of(WRIST))
+    assert found.converged
+    assert np.abs(found.x - truth.values(NAMES)).max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_agrees_with_odrpack(truth: Truth, seed: int) -> None:
+    q = WRIST.readings(seed)
+    mine = fit_implicit(loop_of(truth), q, noise_of(WRIST), truth.values(NAMES))
+    sd = np.sqrt(np.diagonal(mine.covariance))
+    x, corrections = odr_fit(truth, q, WRIST.sigma(), NAMES, sd)
+    assert mine.x == pytest.approx(x, rel=1e-6)
+    # far inside a standard deviation, too, so that small parameters are not let off
+    assert np.abs((mine.x - x) / sd).max() < 1e-4
+    assert np.abs(mine.corrections - corrections).max() < 1e-6 * 6e-3
+
+
+def test_covariance_is_the_bound_of_the_second_implementation(truth: Truth) -> None:
+    rng = np.random.default_rng(5)
+    closed = EXACT.closed(rng)
+    q = closed[:, 1:]
+    give = np.array([1e-3] * 3 + [5e-4] * 3) ** 2
+    for unsensed, variance_of_give in (((), None), ((6, 7), None), ((), give)):
+        model = loop_of(truth, unsensed=unsensed)
+        names = [p.name for p in model.parameters]
+        noise = NoiseModel(joint_variance=WRIST.sigma() ** 2, fixture_variance=variance_of_give)
+        found = fit_implicit(model, q, noise, truth.values(names))
+        bound = cramer_rao(
+            truth, closed, names, WRIST.sigma() ** 2, unsensed=unsensed, give=variance_of_give
+        )
+        assert found.covariance == pytest.approx(bound, rel=1e-5, abs=1e-8 * np.abs(bound).max())
+
+
+def test_adjusted_readings_close_exactly(truth: Truth) -> None:
+    q = WRIST.readings(1)
+    model = loop_of(truth)
+    found = fit_implicit(model, q, noise_of(WRIST), truth.values(NAMES))
+    closed = model.loop(found.x, q + found.corrections, found.unsensed)
+    assert np.abs(closed.residual).max() < 1e-12
+    weighted = (found.corrections / WRIST.sigma()) ** 2
+    assert found.pose_chi2 == pytest.approx(weighted.sum(-1), rel=1e-6)
+    assert found.chi2 == pytest.approx(weighted.sum(), rel=1e-6)
+
+
+def test_beats_the_paper_by_far_on_the_arm_joints(truth: Truth) -> None:
+    q = WRIST.readings(2)
+    implicit = estimate_implicit(loop_of(truth), q, noise_of(WRIST))
+    paper = estimate_paper(loop_of(truth), q)
+    goal = truth.values(NAMES)
+    gain = np.abs(paper.x - goal)[:5].max() / np.abs(implicit.x - goal)[:5].max()
+    assert gain > 50.0
+    # and yet the residual at the readings does not show it
+    assert (paper.residual**2).sum() < (implicit.residual**2).sum()
+
+
+def test_too_few_poses_with_unsensed_joints(truth: Truth) -> None:
+    q = EXACT.readings(0)
+    with pytest.raises(TooFewPosesError, match="at least 5 poses"):
+        estimate_implicit(loop_of(truth, unsensed=(6, 7)), q[:4], noise_of(WRIST))
+
+
+def test_progress_may_cancel(truth: Truth) -> None:
+    class CancelledError(Exception):
+        pass
+
+    def cancel(iteration: int, cost: float) -> None:
+        raise CancelledError
+
+    with pytest.raises(CancelledError):
+        estimate_implicit(loop_of(truth), WRIST.readings(0), noise_of(WRIST), progress=cancel)
+
+
+def test_encoder_specification_is_its_quantisation() -> None:
+    # The simulations and the sensor models have to mean the same arm.
+    assert Encoder(counts_per_rev=400_000).sigma_rad == pytest.approx(ENCODER_SD)

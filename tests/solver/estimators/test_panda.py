@@ -1,0 +1,200 @@
+"""A real arm with a ball in sockets, against an independent re-solve of the same data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.chain.arm_chain import ArmChain
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhKind
+from solver.closing import reduced_jacobian
+from solver.estimators.estimate import Estimate
+from solver.estimators.implicit import NoiseModel, estimate_implicit
+from solver.estimators.paper import estimate_paper
+from solver.judging.dropping import drop_unidentifiable
+from solver.judging.identifiability import identifiability
+from solver.loops.closure import entries
+from solver.loops.known_distance import KnownDistance, check_distance
+from solver.loops.placements import Placements, place
+from solver.loops.point import PointClosure
+from tests.oracles.panda import FOLDER, TRAINING, panda_columns, panda_readings, scatter_mm
+
+pytestmark = pytest.mark.skipif(
+    not FOLDER.is_dir(), reason="the Panda data (../shared/data/panda_ball) is not on this machine"
+)
+
+OFFSETS = tuple(f"theta_off_{j}" for j in range(1, 8))
+EVERYTHING = tuple(f"{kind.symbol}_{j}" for kind in DhKind for j in range(1, 8))
+NOISE = NoiseModel(joint_variance=np.full(7, 1e-4**2))
+"""Alike for all joints; the figures compared here do not depend on its size."""
+
+
+def loop(names: tuple[str, ...]) -> PointClosure:
+    s, a, alpha = panda_columns()
+    return PointClosure(
+        chain=ArmChain(
+            table=DhTable(theta_off_rad=np.zeros(7), s_m=s, a_m=a, alpha_rad=alpha),
+            entries=entries(names),
+        ),
+        tip_m=np.array([0.0, 0.0, 0.03]),
+        ground_m=np.zeros(3),
+    )
+
+
+def training(names: tuple[str, ...]) -> tuple[Placements, np.ndarray]:
+    placement, q = panda_readings()
+    here = np.isin(placement, TRAINING)
+    return place(loop(names), placement[here], same_hand=True), q[here]
+
+
+def scatters(model: Placements, estimate: Estimate) -> tuple[float, float]:
+    """Train and test figures of the README, mm; the test poses were never fitted."""
+    placement, q = panda_readings()
+    single, x = model.models[0], estimate.x[model.columns(TRAINING[0])]
+    assert isinstance(single, PointClosure)
+    centres = single.tip_position(x, q)
+    here = np.isin(placement, TRAINING)
+    return scatter_mm(centres[here], placement[here]), scatter_mm(centres[~here], placement[~here])
+
+
+def test_nothing_but_the_ball_is_as_bad_as_it_is():
+    model, q = training(())
+    train, test = scatters(model, estimate_paper(model, q))
+    assert train == pytest.approx(6.74, abs=0.05)
+    assert test == pytest.approx(8.79, abs=0.05)
+
+
+@pytest.mark.parametrize("estimator", ["paper", "implicit"])
+def test_offsets_and_ball_are_at_least_as_good_as_the_independent_figures(estimator):
+    model, q = training(OFFSETS[1:6])
+    if estimator == "paper":
+        found = estimate_paper(model, q)
+    else:
+        found = estimate_implicit(model, q, NOISE)
+    assert found.converged
+    train, test = scatters(model, found)
+    assert train <= 0.60
+    assert test <= 1.93
+    judged = identifiability(model, found.x, q)
+    assert judged.directions == ()
+    assert judged.scaled_condition_number < 20.0
+
+
+def test_what_a_ball_cannot_show_is_named_and_dropped():
+    model, q = training((*OFFSETS, "s_1"))
+    found = estimate_paper(model, q)
+    directions = identifiability(model, found.x, q).directions
+    heads = [set(d.parameters) for d in directions]
+    assert len(directions) == 3
+    for hidden, places in (
+        ("theta_off_1", "ground_"),
+        ("s_1", "ground_z"),
+        ("theta_off_7", "tip_"),
+    ):
+        (group,) = [group for group in heads if hidden in group]
+        assert any(name.startswith(places) for name in group)
+    smaller, dropped = drop_unidentifiable(model, found.x, q)
+    assert set(dropped) == {"theta_off_1", "s_1", "theta_off_7"}
+    assert [p.name for p in smaller.parameters[:5]] == list(OFFSETS[1:6])
+    # Holding what cannot be seen takes nothing from the fit.
+    again = estimate_paper(smaller, q)
+    np.testing.assert_allclose(
+        np.linalg.norm(again.residual), np.linalg.norm(found.residual), rtol=1e-6
+    )
+
+
+def test_every_length_and_twist_needs_one_length_held():
+    """With all lengths unknown the scale cannot be seen: some arm length is held, and named."""
+    model, q = training(EVERYTHING)
+    smaller, dropped = drop_unidentifiable(model, None, q)
+    assert {"theta_off_1", "s_1", "theta_off_7"} <= set(dropped)
+    assert set(dropped) & {"s_3", "s_5", "a_3", "a_4", "a_6"}
+    found = estimate_paper(smaller, q)
+    train, test = scatters(smaller, found)
+    assert train <= 0.35
+    assert test < 1.5
+
+
+def test_the_block_agrees_as_an_independent_check():
+    model, q = training(OFFSETS[1:6])
+    found = estimate_implicit(model, q, NOISE)
+    check = check_distance(
+        found.parameters,
+        found.x,
+        found.covariance * found.chi2_per_dof,
+        between=TRAINING,
+        distance_m=0.050,
+        sigma_m=0.1e-3,
+    )
+    assert abs(check.difference_m) < 0.7e-3
+    assert abs(check.deviation) < 5.0
+
+
+def test_the_block_sets_the_scale():
+    """Twice the block, twice the arm; and no length of the arm's table is needed for it."""
+    model, q = training((*OFFSETS[1:6], "s_3", "a_3", "a_4", "s_5", "a_6"))
+    _, dropped = drop_unidentifiable(model, None, q)
+    assert len(dropped) == 1
+    s, a, _ = panda_columns()
+    arms = []
+    for factor in (1.0, 2.0):
+        nominal = loop((*OFFSETS[1:6], "s_3", "a_3", "a_4", "s_5", "a_6"))
+        single = [
+            PointClosure(
+                chain=ArmChain(
+                    table=DhTable(
+                        theta_off_rad=np.zeros(7),
+                        s_m=factor * s,
+                        a_m=factor * a,
+                        alpha_rad=nominal.chain.table.alpha_rad,
+                    ),
+                    entries=nominal.chain.entries,
+                ),
+                tip_m=factor * np.array([0.0, 0.0, 0.13]),
+                ground_m=factor * np.array([-0.45, y, 0.87]),
+            )
+            for y in (-0.01, 0.04)
+        ]
+        placement, _ = panda_readings()
+        here = placement[np.isin(placement, TRAINING)]
+        tied = KnownDistance(
+            model=place(single, here, same_hand=True), between=TRAINING, distance_m=0.05 * factor
+        )
+        found = estimate_paper(tied, q)
+        assert found.converged
+        whole = tied.whole(found.x)
+        named = dict(zip([p.name for p in tied.model.parameters], whole, strict=True))
+        apart = [named[f"ground_{c}[2]"] - named[f"ground_{c}[1]"] for c in "xyz"]
+        assert np.linalg.norm(apart) == pytest.approx(0.05 * factor, abs=1e-12)
+        assert identifiability(tied, found.x, q).directions == ()
+        arms.append(np.array([named[n] for n in ("s_3", "a_3", "a_4", "s_5", "a_6")]))
+    np.testing.assert_allclose(arms[1], 2.0 * arms[0], rtol=1e-6)
+    # A 50 mm block scales a 0.7 m arm: a few per cent is what its readings allow.
+    assert arms[0][0] == pytest.approx(0.316, rel=0.05)
+
+
+def test_the_jacobian_of_the_tied_sockets_is_the_derivative():
+    placement, q = panda_readings()
+    here = np.isin(placement, TRAINING)
+    single = [
+        PointClosure(chain=loop(("s_3",)).chain, tip_m=np.array([0.01, 0.0, 0.13]), ground_m=g)
+        for g in (np.array([-0.45, -0.01, 0.87]), np.array([-0.44, 0.04, 0.88]))
+    ]
+    tied = KnownDistance(
+        model=place(single, placement[here], same_hand=True), between=TRAINING, distance_m=0.05
+    )
+    x = np.array([p.nominal for p in tied.parameters]) + 0.01 * np.arange(len(tied.parameters))
+    exact = tied.reduced(x, q[here]).jac_x
+    h = 1e-6
+    for k in range(len(x)):
+        step = h * np.eye(len(x))[k]
+        up, down = tied.reduced(x + step, q[here]), tied.reduced(x - step, q[here])
+        np.testing.assert_allclose(
+            exact[..., k], (up.residual - down.residual) / (2 * h), rtol=0, atol=1e-9
+        )
+    other = tied.equivalents(x)[1]
+    np.testing.assert_allclose(tied.whole(other), tied.whole(x), rtol=0, atol=1e-15)
+    u = tied.initial_unsensed(x, q[here])
+    A, _ = reduced_jacobian(tied, x, q[here], u)
+    np.testing.assert_array_equal(A, exact)

@@ -1,0 +1,83 @@
+"""The paper's estimator: planted truth, starts from afar, too few poses, its own figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.chain.parameters import nominal_vector
+from solver.errors import TooFewPosesError
+from solver.estimators.paper import estimate_paper
+from tests.oracles.loop_oracle import Truth
+from tests.oracles.simulated_loops import Simulation
+from tests.solver.conftest import NAMES, loop_of, read_poses
+
+EXACT = Simulation(poses=40, wrist_sd=0.0, encoder_sd=0.0)
+
+
+def start_off(truth: Truth, rng: np.random.Generator) -> Truth:
+    """Nominal values 10 deg and 30 mm beside the truth."""
+    steps = [
+        np.deg2rad(10.0) if n.startswith(("theta_off", "alpha")) else 0.030 for n in NAMES
+    ] * rng.uniform(-1.0, 1.0, len(NAMES))
+    return truth.with_values(NAMES, truth.values(NAMES) + steps)
+
+
+def test_exact_data_set_gives_the_truth_back(hinge_data: Path, truth: Truth) -> None:
+    q = read_poses(hinge_data / "hinge_exact.csv")
+    found = estimate_paper(loop_of(start_off(truth, np.random.default_rng(1))), q)
+    assert found.converged
+    assert np.abs(found.x - truth.values(NAMES)).max() < 1e-8
+    assert found.sigmas.position_m.rms < 1e-11
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_starts_10_deg_and_30_mm_off_converge(truth: Truth, seed: int) -> None:
+    q = EXACT.readings(seed=0)
+    found = estimate_paper(loop_of(start_off(truth, np.random.default_rng(seed))), q)
+    assert found.converged
+    assert np.abs(found.x - truth.values(NAMES)).max() < 1e-9
+
+
+def test_two_poses_are_too_few_and_three_are_needed(truth: Truth) -> None:
+    q = EXACT.readings(seed=0)
+    with pytest.raises(TooFewPosesError, match="at least 3 poses are needed") as refused:
+        estimate_paper(loop_of(truth), q[:2])
+    assert (refused.value.poses, refused.value.needed) == (2, 3)
+    assert (refused.value.parameters, refused.value.equations_per_pose) == (14, 5)
+    assert estimate_paper(loop_of(truth), q[:3]).dof == 1
+
+
+def test_flipped_poses_are_named(truth: Truth) -> None:
+    # A loop whose last twist differs by half a turn closes upside down: same readings, other branch.
+    q = EXACT.readings(seed=0)[:20]
+    model = loop_of(truth)
+    found = estimate_paper(model, q)
+    assert found.flipped == ()
+    upside_down = loop_of(truth.with_values(["alpha_7"], [truth.value("alpha_7") + np.pi]))
+    error = upside_down.reduced(nominal_vector(upside_down.parameters), q)
+    assert error.flipped.all()
+
+
+def test_covariance_is_the_scaled_normal_matrix(truth: Truth) -> None:
+    q = Simulation(poses=30).readings(seed=3)
+    model = loop_of(truth)
+    found = estimate_paper(model, q)
+    error = model.reduced(found.x, q)
+    J, r = error.jac_x.reshape(-1, 14), error.residual.reshape(-1)
+    assert found.dof == 30 * 5 - 14
+    expected = np.linalg.inv(J.T @ J) * (r @ r) / found.dof
+    assert found.covariance == pytest.approx(expected, rel=1e-6)
+    assert np.abs(J.T @ r).max() < 1e-9
+
+
+def test_both_readings_of_sigma(truth: Truth) -> None:
+    found = estimate_paper(loop_of(truth), Simulation(poses=30).readings(seed=3))
+    rotations, positions = found.residual[:, :2], found.residual[:, 2:]
+    sigmas = found.sigmas
+    assert sigmas.orientation_rad.rms == pytest.approx(np.sqrt((rotations**2).sum() / 60))
+    assert sigmas.orientation_rad.as_printed == pytest.approx(np.sqrt((rotations**2).sum()) / 60)
+    assert sigmas.position_m.rms == pytest.approx(np.sqrt((positions**2).sum() / 90))
+    assert sigmas.position_m.as_printed == pytest.approx(np.sqrt((positions**2).sum()) / 90)

@@ -1,0 +1,157 @@
+"""RVDT verdicts: planted curves and noise found, straight sensors left in peace, ignorance admitted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.estimators.component_model import ComponentPlan
+from solver.estimators.implicit import NoiseModel
+from solver.judging.rvdt import RvdtVerdict, Verdict, rvdt_verdicts
+from solver.judging.rvdt_figures import RvdtFigures
+from solver.judging.smooth_curve import fit_curve
+from tests.oracles.loop_oracle import Truth
+from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, RVDT_SD, Simulation, wrist_bows
+from tests.solver.conftest import loop_of, paper_arm, read_poses
+
+
+def judged(truth: Truth, q: np.ndarray, **kwargs: object) -> dict[int, RvdtVerdict]:
+    arm = paper_arm(truth)
+    noise = NoiseModel(joint_variance=arm.sigma_rad() ** 2)
+    model = loop_of(truth, unsensed=(6, 7))
+    return {v.joint: v for v in rvdt_verdicts(model, arm, q, noise, **kwargs)}
+
+
+def figures(verdict: RvdtVerdict) -> RvdtFigures:
+    assert verdict.figures is not None
+    return verdict.figures
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference but for a constant, which nobody can tell from the joint's offset."""
+    difference = one - other
+    return float(np.ptp(difference) / 2.0)
+
+
+def test_planted_one_percent_curve_is_found(hinge_data: Path, truth: Truth) -> None:
+    q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
+    exact = read_poses(hinge_data / "hinge_exact.csv")
+    found = judged(truth, q)
+    for joint in (6, 7):
+        one = figures(found[joint])
+        # The planted curve itself, free of its noise: a sine of three periods a turn (by a fit).
+        angle, deviation = exact[:, joint - 1], (q - exact)[:, joint - 1]
+        basis = np.stack((np.sin(3 * angle), np.cos(3 * angle), np.ones_like(angle)), axis=1)
+        wave = np.linalg.lstsq(basis, deviation, rcond=None)[0]
+        assert np.hypot(*wave[:2]) == pytest.approx(0.01 * FULL_SCALE_RAD, rel=0.05)
+        planted = basis @ wave
+        assert apart(one.curve(one.angle_rad), planted) < 0.001 * FULL_SCALE_RAD
+        assert found[joint].verdict is Verdict.CURVED
+        assert found[joint].treat_as_unsensed
+        assert f"treat joint {joint} as unsensed" in found[joint].text
+        assert 1.5 < one.noise_lsb < 2.6
+    # Joint 7's poses cover nearly all of the scale, so half the peak-to-peak is the amplitude.
+    assert figures(found[7]).half_range == pytest.approx(0.01, abs=0.001)
+    assert found[6].share + found[7].share > 0.8
+
+
+def test_straight_sensors_are_left_in_peace(hinge_data: Path, truth: Truth) -> None:
+    found = judged(truth, read_poses(hinge_data / "hinge_quantised.csv"))
+    for verdict in found.values():
+        assert verdict.verdict is Verdict.SOUND
+        assert not verdict.treat_as_unsensed
+        assert figures(verdict).gain == pytest.approx(1.0, abs=1e-3)
+
+
+def test_correction_table_straightens_the_readings(truth: Truth) -> None:
+    bows = wrist_bows(1.0)
+    simulation = Simulation(poses=60, bows=bows)
+    found = judged(truth, simulation.rereadings(0))
+    angle = np.linspace(*np.quantile(simulation.rereadings(0)[:, 6], [0.05, 0.95]), 200)
+    reading = angle + bows[7](angle)
+    table = figures(found[7]).table_rad
+    corrected = reading + np.interp(reading, table[:, 0], table[:, 1])
+    assert apart(reading, angle) > 5e-3
+    assert apart(corrected, angle) < 1e-3
+    assert apart(figures(found[7]).corrected(reading), angle) < 1e-3
+    # and the stated uncertainty is that of such a table
+    assert 0.05e-3 < np.median(table[:, 2]) < 0.5e-3
+
+
+def test_a_bow_beyond_two_percent_is_out_of_specification(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=60, bows=wrist_bows(6.0)).rereadings(1))
+    assert found[7].verdict is Verdict.OUT_OF_SPECIFICATION
+    assert figures(found[7]).linearity > 0.02
+
+
+def test_noise_out_of_specification(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=60, wrist_sd=4.0 * LSB_RAD).rereadings(1))
+    for verdict in found.values():
+        assert verdict.verdict is Verdict.OUT_OF_SPECIFICATION
+        assert figures(verdict).noise_low < 4.0 < figures(verdict).noise_high
+        assert "noise 4" in verdict.text or "noise 3" in verdict.text
+
+
+def test_rates_over_many_arms(truth: Truth) -> None:
+    inside, curved, runs = 0, 0, 25
+    for seed in range(runs):
+        q = Simulation(poses=40).rereadings(seed)
+        found = judged(truth, q, plan=ComponentPlan(flexure=False))
+        for verdict in found.values():
+            one = figures(verdict)
+            inside += one.noise_low <= RVDT_SD / LSB_RAD <= one.noise_high
+            curved += verdict.verdict is Verdict.CURVED
+    # 95 % intervals: fewer than 41 of 50 inside has a chance of 1e-4.
+    assert inside >= 41
+    # Called curved at 1 %: more than 4 of 50 has a chance of 2e-4.
+    assert curved <= 4
+
+
+def test_gain_is_measured(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=40, gains={6: 0.02}).rereadings(0))
+    assert figures(found[6]).gain == pytest.approx(1.02, abs=3e-3)
+    assert figures(found[7]).gain == pytest.approx(1.0, abs=3e-3)
+
+
+def test_too_few_poses_cannot_decide(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=40).rereadings(0)[:12])
+    for verdict in found.values():
+        assert verdict.verdict is Verdict.CANNOT_DECIDE
+        assert verdict.figures is None
+        assert not verdict.treat_as_unsensed
+        assert "12 poses are too few" in verdict.text
+
+
+def test_too_small_a_span_cannot_decide(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=40, spread_deg=6.0).rereadings(0))
+    assert found[6].verdict is Verdict.CANNOT_DECIDE
+    assert "of full scale only" in found[6].text
+
+
+def test_soft_fixture_is_not_held_against_the_sensor(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=40, flexure_m=1e-3, flexure_rad=5e-3).readings(0))
+    one = figures(found[6])
+    # Five milliradians of flexure hide one of noise: no accusation, and the text says why.
+    assert one.noise_low == 0.0
+    assert "not told from the loop's own" in found[6].text
+    assert found[6].verdict is Verdict.SOUND
+
+
+def test_a_model_without_unsensed_rvdts_is_a_wrong_call(truth: Truth) -> None:
+    arm = paper_arm(truth)
+    noise = NoiseModel(joint_variance=arm.sigma_rad() ** 2)
+    with pytest.raises(ValueError, match="RVDT"):
+        rvdt_verdicts(loop_of(truth), arm, Simulation(poses=20).rereadings(0), noise)
+
+
+def test_curve_degree_is_not_driven_by_noise() -> None:
+    degrees = []
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        x = rng.uniform(-1.0, 1.0, 60)
+        degrees.append(fit_curve(x, 0.3 * x + rng.normal(size=60)).degree)
+    assert np.mean(np.array(degrees) == 1) > 0.7
+    with pytest.raises(ValueError, match="eight points"):
+        fit_curve(np.arange(5.0), np.arange(5.0))

@@ -1,0 +1,233 @@
+"""Loop closure, its elimination and its Jacobians: pinocchio, complex step, central differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from solver.chain.parameters import nominal_vector, wrap_angles
+from solver.closing import close_loops, left_null_space, reduced_jacobian
+from solver.loops.closure import DhLoop, nearest_equivalent, poses_needed
+from tests.oracles.loop_oracle import Truth, closed_poses, closure_rates
+from tests.oracles.pinocchio_chain import PinocchioChain
+from tests.solver.conftest import NAMES, loop_of
+
+HARD_ERRORS = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 0.9e-4, 1e-4, 1.1e-4, 1e-2, 0.3)
+ALL_ENTRIES = tuple(f"{kind}_{j}" for kind in ("theta_off", "s", "a", "alpha") for j in range(1, 8))
+
+
+@pytest.fixture(scope="module")
+def closed(truth: Truth) -> np.ndarray:
+    return closed_poses(truth, np.random.default_rng(0), 8)
+
+
+def perturbed(model: DhLoop, size: float, seed: int = 0) -> np.ndarray:
+    direction = np.random.default_rng(seed).normal(size=len(model.parameters))
+    return nominal_vector(model.parameters) + size * direction / np.linalg.norm(direction)
+
+
+def central(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
+    steps = h * np.eye(len(x))
+    return np.stack([(f(x + d) - f(x - d)) / (2.0 * h) for d in steps], axis=-1)
+
+
+@pytest.mark.parametrize("names", [NAMES, ALL_ENTRIES])
+@pytest.mark.parametrize("size", HARD_ERRORS)
+def test_loop_agrees_with_pinocchio(
+    truth: Truth, closed: np.ndarray, names: tuple[str, ...], size: float
+) -> None:
+    model = loop_of(truth, names=names)
+    x = perturbed(model, size)
+    error = model.loop(x, closed[:, 1:], closed[:, :1])
+    table = model.tables(x)
+    oracle = PinocchioChain(8)
+    kinds = [("theta_off", "s", "a", "alpha").index(n.rsplit("_", 1)[0]) for n in names]
+    rows = [int(n.rsplit("_", 1)[1]) for n in names]
+    for pose, angles in enumerate(closed):
+        chain = (table[0] + angles, *table[1:])
+        rotations, origins = oracle.frames(*chain)
+        R = rotations[-1]
+        columns = oracle.jacobian(*chain)
+        columns[:3] = np.einsum("ij,jkl->ikl", pin.Jlog3(R) @ R.T, columns[:3])
+        assert np.abs(error.residual[pose, :3] - pin.log3(R)).max() < 1e-12
+        assert np.abs(error.residual[pose, 3:] - origins[-1]).max() < 1e-12
+        assert np.abs(error.jac_x[pose] - columns[:, kinds, rows]).max() < 1e-12
+        assert np.abs(error.jac_q[pose] - columns[:, 0, 1:]).max() < 1e-12
+        assert np.abs(error.jac_u[pose] - columns[:, 0, :1]).max() < 1e-12
+
+
+def test_loop_agrees_with_complex_step_at_closure(truth: Truth, closed: np.ndarray) -> None:
+    error = loop_of(truth).loop(truth.values(NAMES), closed[:, 1:], closed[:, :1])
+    by_angle, by_name = closure_rates(truth, closed, NAMES)
+    assert np.abs(error.residual).max() < 1e-13
+    assert np.abs(error.jac_x - by_name).max() < 1e-12
+    assert np.abs(error.jac_u - by_angle[..., :1]).max() < 1e-12
+    assert np.abs(error.jac_q - by_angle[..., 1:]).max() < 1e-12
+
+
+@pytest.mark.parametrize("size", HARD_ERRORS)
+def test_loop_jacobians_by_central_differences(
+    truth: Truth, closed: np.ndarray, size: float
+) -> None:
+    model = loop_of(truth)
+    x = perturbed(model, size)
+    q, u = closed[:, 1:], closed[:, :1]
+    error = model.loop(x, q, u)
+    assert np.abs(central(lambda y: model.loop(y, q, u).residual, x) - error.jac_x).max() < 1e-8
+    by_q = central(lambda d: model.loop(x, q + d, u).residual, np.zeros(7))
+    by_u = central(lambda d: model.loop(x, q, u + d).residual, np.zeros(1))
+    assert np.abs(by_q - error.jac_q).max() < 1e-8
+    assert np.abs(by_u - error.jac_u).max() < 1e-8
+
+
+@pytest.mark.parametrize("size", HARD_ERRORS)
+def test_reduced_jacobian_by_central_differences(
+    truth: Truth, closed: np.ndarray, size: float
+) -> None:
+    model = loop_of(truth)
+    x = perturbed(model, size)
+    q = closed[:, 1:]
+    found = model.reduced(x, q)
+    expected = central(lambda y: model.reduced(y, q).residual, x)
+    assert found.rotation_rows == 2
+    assert np.abs(expected - found.jac_x).max() < 1e-8
+
+
+@pytest.mark.parametrize("tilt", [3.0, np.pi - 1e-2, np.pi - 1e-3])
+def test_jacobians_hold_near_a_half_turn(truth: Truth, closed: np.ndarray, tilt: float) -> None:
+    # A twist of the last link tips the hand almost over: the far end of both rotation charts.
+    model = loop_of(truth)
+    x = truth.values(NAMES)
+    x[NAMES.index("alpha_7")] += tilt
+    q, u = closed[:, 1:], closed[:, :1]
+    whole, reduced = model.loop(x, q, u), model.reduced(x, q)
+    h = 1e-7
+    assert np.abs(central(lambda y: model.loop(y, q, u).residual, x, h) - whole.jac_x).max() < 1e-4
+    assert (
+        np.abs(central(lambda y: model.reduced(y, q).residual, x, h) - reduced.jac_x).max() < 1e-4
+    )
+    assert np.linalg.norm(reduced.residual[:, :2], axis=1) == pytest.approx(tilt, abs=1e-9)
+
+
+def test_reduced_is_eq_10_to_13(truth: Truth, closed: np.ndarray) -> None:
+    model = loop_of(truth)
+    x = perturbed(model, 1e-3)
+    q = closed[:, 1:]
+    found = model.reduced(x, q)
+    table = model.tables(x)
+    oracle = PinocchioChain(8)
+    for pose in range(len(q)):
+        angles = np.concatenate(([0.0], q[pose]))
+        R_c, p_c = (v[-1] for v in oracle.frames(table[0] + angles, *table[1:]))
+        turn = np.arctan2(R_c[1, 0], R_c[0, 0])
+        R_z = pin.utils.rotate("z", -turn)
+        R, p = R_z @ R_c, R_z @ p_c
+        assert np.abs(found.residual[pose, 2:] - p).max() < 1e-13
+        # eq. 12 is the swing to first order
+        assert found.residual[pose, 0] == pytest.approx(-R[1, 2], abs=1e-7)
+        assert found.residual[pose, 1] == pytest.approx(R[0, 2], abs=1e-7)
+        assert found.unsensed[pose, 0] == pytest.approx(-turn, abs=1e-13)
+
+
+def test_hinge_angle_of_closed_poses_is_found(truth: Truth, closed: np.ndarray) -> None:
+    found = loop_of(truth).initial_unsensed(truth.values(NAMES), closed[:, 1:])
+    difference = (found - closed[:, :1] + np.pi) % (2.0 * np.pi) - np.pi
+    assert np.abs(difference).max() < 1e-12
+
+
+def test_upside_down_hand_is_flagged_and_not_closed(truth: Truth, closed: np.ndarray) -> None:
+    model = loop_of(truth)
+    x = truth.values(NAMES)
+    x[NAMES.index("alpha_7")] += np.pi
+    found = model.reduced(x, closed[:, 1:])
+    assert found.flipped.all()
+    assert (np.linalg.norm(found.residual[:, :2], axis=1) > 3.0).all()
+    assert not model.reduced(truth.values(NAMES), closed[:, 1:]).flipped.any()
+
+
+def test_unsensed_joints_have_columns_and_no_reading(truth: Truth, closed: np.ndarray) -> None:
+    model = loop_of(truth, unsensed=(6, 7))
+    x = nominal_vector(model.parameters)
+    u = np.concatenate((closed[:, :1], closed[:, 6:8] + truth.theta_off[6:8]), axis=1)
+    error = model.loop(x, closed[:, 1:], u)
+    assert model.equations_per_pose == 3
+    assert [p.name for p in model.parameters] == [
+        n for n in NAMES if n not in ("theta_off_6", "theta_off_7")
+    ]
+    assert np.abs(error.residual).max() < 1e-13
+    assert not error.jac_q[..., 5:].any()
+    by_u = central(lambda d: model.loop(x, closed[:, 1:], u + d).residual, np.zeros(3))
+    assert np.abs(by_u - error.jac_u).max() < 1e-8
+    with pytest.raises(ValueError, match="hinge"):
+        model.reduced(x, closed[:, 1:])
+    assert [p.name for p in model.with_all_joints_sensed().parameters][-2:] == [
+        "theta_off_6",
+        "theta_off_7",
+    ]
+
+
+def test_eight_equal_descriptions_close_alike(truth: Truth, closed: np.ndarray) -> None:
+    model = loop_of(truth)
+    x = truth.values(NAMES)
+    all_of_them = model.equivalents(x)
+    assert all_of_them.shape == (8, 14)
+    assert len({tuple(np.round(y, 9)) for y in wrap_angles(model.parameters, all_of_them)}) == 8
+    for y in all_of_them:
+        assert np.abs(model.reduced(y, closed[:, 1:]).residual).max() < 1e-13
+        assert nearest_equivalent(model, y, x) == pytest.approx(x, abs=1e-12)
+
+
+def test_a_pose_cannot_depend_on_its_neighbours(truth: Truth, closed: np.ndarray) -> None:
+    model = loop_of(truth)
+    x = perturbed(model, 1e-3)
+    whole = model.reduced(x, closed[:, 1:])
+    for pose in range(len(closed)):
+        alone = model.reduced(x, closed[pose : pose + 1, 1:])
+        assert np.array_equal(alone.residual[0], whole.residual[pose])
+
+
+def test_left_null_space_is_orthonormal_and_complete() -> None:
+    N = np.random.default_rng(5).normal(size=(4, 6, 3))
+    E = left_null_space(N)
+    assert E.shape == (4, 6, 3)
+    assert np.abs(np.swapaxes(E, 1, 2) @ N).max() < 1e-14
+    assert np.abs(np.swapaxes(E, 1, 2) @ E - np.eye(3)).max() < 1e-14
+
+
+def test_closing_moves_poses_onto_the_loop(truth: Truth, closed: np.ndarray) -> None:
+    model = loop_of(truth)
+    x = truth.values(NAMES)
+    off = closed[:, 1:] + np.random.default_rng(6).normal(size=(8, 7)) * 0.02
+    poses = close_loops(model, x, off)
+    assert poses.closed.all()
+    assert np.abs(model.loop(x, poses.q, poses.u).residual).max() < 1e-11
+    held = close_loops(model, x, off, sigma_rad=np.array([0, 1, 1, 1, 1, 1, 1.0]))
+    assert np.array_equal(held.q[:, 0], off[:, 0])
+
+
+def test_projected_jacobian_is_free_of_the_hinge(truth: Truth, closed: np.ndarray) -> None:
+    model = loop_of(truth)
+    A, B = reduced_jacobian(model, truth.values(NAMES), closed[:, 1:], closed[:, :1])
+    assert A.shape == (8, 5, 14)
+    assert B.shape == (8, 5, 7)
+    # At closure the hinge column is (0, 0, 1, 0, 0, 0): the other five rows are the projection.
+    _, by_name = closure_rates(truth, closed, NAMES)
+    rest = np.delete(by_name, 2, axis=1)
+    assert np.linalg.svd(A, compute_uv=False) == pytest.approx(
+        np.linalg.svd(rest, compute_uv=False), rel=1e-10
+    )
+
+
+@pytest.mark.parametrize(("parameters", "rows", "needed"), [(14, 5, 3), (12, 3, 5), (11, 6, 2)])
+def test_poses_needed(parameters: int, rows: int, needed: int) -> None:
+    assert poses_needed(parameters, rows) == needed
+
+
+def test_entries_must_exist_once_and_have_a_sensor(truth: Truth) -> None:
+    with pytest.raises(ValueError, match="does not have"):
+        loop_of(truth, names=("theta_off_9",))
+    with pytest.raises(ValueError, match="twice"):
+        loop_of(truth, names=("a_0", "a_0"))
+    with pytest.raises(ValueError, match="not a D-H entry"):
+        loop_of(truth, names=("beta_1",))

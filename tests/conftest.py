@@ -1,4 +1,4 @@
-"""What all tests may ask for: programs and data that a machine may lack. Knows nothing of sarcal."""
+"""What all tests may ask for: programs that a machine may lack, and reference data. Knows nothing of sarcal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import hypothesis
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-SHARED_DATA = REPOSITORY.parent / "shared" / "data"
+DATA = REPOSITORY / "tests" / "data"
 
 # Program: where it comes from.
 PROGRAMS = {
@@ -49,8 +49,6 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.fixture(scope="session")
-def shared_data() -> Path:
-    """Folder of the reference data sets, which lies beside the repository."""
-    if not SHARED_DATA.is_dir():
-        pytest.skip("needs the reference data in ../shared/data, beside the repository")
-    return SHARED_DATA
+def reference_data() -> Path:
+    """Folder of the reference data sets."""
+    return DATA

@@ -14,7 +14,6 @@ import sys
 from time import perf_counter
 
 import numpy as np
-from tests.solver.search.test_global_start import nothing_known
 
 from solver.chain.parameters import wrap_angle, wrap_angles
 from solver.estimators.least_squares import solve_damped
@@ -22,6 +21,7 @@ from solver.judging.identifiability import identifiability
 from solver.loops.closure import DhLoop, nearest_equivalent
 from solver.search.global_start import GlobalStart, global_start
 from tests.oracles.wild_loops import wild_problem, with_sensors
+from tests.solver.search.test_global_start import nothing_known
 
 GOAL_SOLVED, GOAL_SECONDS = 0.99, 5.0
 

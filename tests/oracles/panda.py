@@ -1,4 +1,4 @@
-"""The real arm of ../shared/data/panda_ball: its nominal table by the maker, converted, and the readings."""
+"""The real arm of tests/data/panda_ball: its nominal table by the maker, converted, and the readings."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "panda_ball"
+FOLDER = Path(__file__).resolve().parents[1] / "data" / "panda_ball"
 
 # Maker's table (modified D-H): the link before joint j in row j.
 A_BEFORE_M = [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088]

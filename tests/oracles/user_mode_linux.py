@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-RUNNER = REPOSITORY.parent / "shared" / "tools" / "uml_run.py"
+RUNNER = REPOSITORY / "tests" / "tools" / "in_user_mode_linux.py"
 UNFIT = "ptrace set fp regs failed"
 """What the kernel dies of, before it has started anything, on processors with larger registers than
 it has room for."""
@@ -18,11 +18,9 @@ it has room for."""
 def in_user_mode_linux(*command: str, patience_s: float = 170.0) -> str:
     """Run a command as root with a vcan0 that is up; return what it printed.
 
-    It runs in the repository, and may write to /run only. Skips without the runner, and on a
-    processor that User-Mode Linux cannot run on.
+    It runs in the repository, and may write to /run only. Skips on a processor that User-Mode Linux
+    cannot run on.
     """
-    if not RUNNER.is_file():
-        pytest.skip("needs ../shared/tools, beside the repository")
     done = subprocess.run(
         [
             sys.executable, str(RUNNER), "/usr/bin/env", "-C", str(REPOSITORY), "TMPDIR=/run",

@@ -68,12 +68,9 @@ def truth() -> Truth:
 
 
 @pytest.fixture(scope="session")
-def hinge_data() -> Path:
-    """Folder of the oracle pose sets that stand beside the repository."""
-    folder = Path(__file__).resolve().parents[3] / "shared" / "data" / "hinge"
-    if not folder.is_dir():
-        pytest.skip("the oracle pose sets (../shared/data/hinge) are not on this machine")
-    return folder
+def hinge_data(reference_data: Path) -> Path:
+    """Folder of the oracle pose sets of the hinge."""
+    return reference_data / "hinge"
 
 
 def read_poses(path: Path) -> np.ndarray:

@@ -31,8 +31,8 @@ def hinge() -> Hinge:
 
 
 @pytest.fixture
-def poses(shared_data: Path) -> PoseSet:
-    return load_poses(shared_data / "hinge" / "hinge_quantised.csv").poses
+def poses(reference_data: Path) -> PoseSet:
+    return load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
 
 
 def codes(solution: object) -> list[str]:

@@ -17,9 +17,9 @@ MakeFolder = Callable[..., Path]
 
 
 @pytest.fixture
-def make_folder(tmp_path: Path, shared_data: Path) -> MakeFolder:
+def make_folder(tmp_path: Path, reference_data: Path) -> MakeFolder:
     """A session folder with poses of the reference set, journaled as a run would."""
-    poses = load_poses(shared_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
+    poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
 
     def make(count: int = 20, still: int | None = None, **choices: object) -> Path:
         choices = {"scenario": "exact", **choices}

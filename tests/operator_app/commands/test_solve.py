@@ -23,8 +23,8 @@ HEADER = "placement,pose," + ",".join(f"theta{j}_deg" for j in range(1, 8))
 
 
 @pytest.fixture
-def exact_csv(shared_data: Path) -> Path:
-    return shared_data / "hinge" / "hinge_exact.csv"
+def exact_csv(reference_data: Path) -> Path:
+    return reference_data / "hinge" / "hinge_exact.csv"
 
 
 @pytest.mark.parametrize("estimator", ["implicit", "paper"])
@@ -46,9 +46,9 @@ def test_exact_poses_give_table_2_to_1e_8(
 
 
 def test_unsensed_wrist_on_the_rvdt_set(
-    shared_data: Path, capsys: pytest.CaptureFixture[str]
+    reference_data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    csv = shared_data / "hinge" / "hinge_rvdt1pct.csv"
+    csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
     assert main(["solve", str(csv), "--unsensed", "6,7", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["parameters"]
     assert "theta_off_6" not in found

@@ -18,11 +18,7 @@ from solver.loops.closure import entries
 from solver.loops.known_distance import KnownDistance, check_distance
 from solver.loops.placements import Placements, place
 from solver.loops.point import PointClosure
-from tests.oracles.panda import FOLDER, TRAINING, panda_columns, panda_readings, scatter_mm
-
-pytestmark = pytest.mark.skipif(
-    not FOLDER.is_dir(), reason="the Panda data (../shared/data/panda_ball) is not on this machine"
-)
+from tests.oracles.panda import TRAINING, panda_columns, panda_readings, scatter_mm
 
 OFFSETS = tuple(f"theta_off_{j}" for j in range(1, 8))
 EVERYTHING = tuple(f"{kind.symbol}_{j}" for kind in DhKind for j in range(1, 8))

@@ -1,0 +1,133 @@
+"""A calibration as plain data and back, exactly: what the journal keeps, so that nothing is solved twice.
+
+Follows the dataclasses: a field more or less needs no change here. Data that do not fit today's
+dataclasses are refused as a whole (`RecordError`); a field with a default may be missing, and one
+that is no longer known is passed over. Knows no journal and no number's meaning.
+
+A dataclass becomes an object of its fields, an array ``{"shape": .., "values": [..]}``, an enum its
+name; doubles are written so that the same bits are read back, and what JSON has no number for as
+``"inf"``, ``"-inf"``, ``"nan"``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+from collections.abc import Mapping
+from enum import Enum
+from functools import cache
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from solver.loops.closure import ClosureModel, DhLoop
+from solver.loops.open_arm import MeasuredClosure
+from solver.loops.placements import Placements
+from solver.loops.point import PointClosure
+
+VERSION = 1
+
+KINDS: Mapping[type, tuple[type, ...]] = {
+    ClosureModel: (DhLoop, PointClosure, MeasuredClosure, Placements)
+}
+"""What may stand where an interface is declared; the name of the class is kept as ``kind``."""
+
+T = TypeVar("T")
+
+
+class RecordError(Exception):
+    """Data that are no record of today's dataclasses: solve again."""
+
+
+def to_dict(found: object) -> dict[str, Any]:
+    """Return a dataclass (a `Solution`, its `Checks`) as data that JSON can hold."""
+    return {"version": VERSION, **_encoded_fields(found)}
+
+
+def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
+    """Return the dataclass that `to_dict` was given, arrays read-only.
+
+    Raises
+    ------
+    RecordError
+        The data are of another version of the dataclass, or no record at all.
+    """
+    try:
+        if data["version"] != VERSION:
+            raise ValueError(f"version {data['version']} of the record")
+        found: T = _decoded(of, data)
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
+        raise RecordError(
+            f"no record of a {of.__name__} as this version knows it: {error}"
+        ) from error
+    return found
+
+
+def _encoded_fields(value: object) -> dict[str, Any]:
+    return {f.name: _encoded(getattr(value, f.name)) for f in _kept(type(value))}
+
+
+def _encoded(value: object) -> Any:
+    if dataclasses.is_dataclass(value):
+        known = any(type(value) in some for some in KINDS.values())
+        return ({"kind": type(value).__name__} if known else {}) | _encoded_fields(value)
+    match value:
+        case Enum():
+            return value.name
+        case np.ndarray():
+            return {
+                "shape": list(value.shape),
+                "values": [_encoded(v) for v in value.ravel().tolist()],
+            }
+        case np.generic():
+            return _encoded(value.item())
+        case float():
+            return value if math.isfinite(value) else str(value)
+        case None | bool() | int() | str():
+            return value
+        case tuple():
+            return [_encoded(v) for v in value]
+        case Mapping():
+            return {str(k): _encoded(v) for k, v in value.items()}
+        case _:
+            raise TypeError(f"a record cannot hold a {type(value).__name__}")
+
+
+def _decoded(hint: Any, data: Any) -> Any:
+    """Read `data` as what a field is declared to hold."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        if data is None:
+            return None
+        (hint,) = (a for a in arguments if a is not type(None))
+        return _decoded(hint, data)
+    if origin is np.ndarray:
+        array = np.array([float(v) for v in data["values"]]).astype(get_args(arguments[1])[0])
+        array = array.reshape(data["shape"])
+        array.setflags(write=False)
+        return array
+    if origin is tuple:
+        if arguments[1:] == (...,):
+            return tuple(_decoded(arguments[0], v) for v in data)
+        return tuple(_decoded(a, v) for a, v in zip(arguments, data, strict=True))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return {arguments[0](k): _decoded(arguments[1], v) for k, v in data.items()}
+    if hint in KINDS:
+        hint = {kind.__name__: kind for kind in KINDS[hint]}[data["kind"]]
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        hints = _hints(hint)
+        return hint(
+            **{f.name: _decoded(hints[f.name], data[f.name]) for f in _kept(hint) if f.name in data}
+        )
+    return hint[data] if issubclass(hint, Enum) else hint(data)
+
+
+@cache
+def _hints(of: type) -> dict[str, Any]:
+    return get_type_hints(of)
+
+
+def _kept(of: type) -> list[dataclasses.Field[Any]]:
+    """Fields that are given; the others follow from them."""
+    return [f for f in dataclasses.fields(of) if f.init]

@@ -7,17 +7,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from fixtures.base import SetupCheck, Severity
 from operator_app.config.procedure import AcceptanceLimits
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
 from solver.judging.identifiability import Identifiability
+from solver.judging.ranges import Fault, RangeFinding
 from solver.judging.rvdt import RvdtVerdict
 from solver.judging.statistics import chi2_test
 from solver.search.global_start import GlobalStart
 
 CHI2_BAND = 0.999
 """A sound calibration fails this test once in two thousand times."""
+
+
+NAMED = 5
+"""How many poses a sentence lists by name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +41,37 @@ def setup_notices(checks: tuple[SetupCheck, ...]) -> tuple[Notice, ...]:
         Notice(code=c.code, text=f"{c.text}: {c.remedy}")
         for c in checks
         if c.severity is not Severity.OK and not c.code.startswith("HIDDEN")
+    )
+
+
+def range_notices(
+    findings: tuple[RangeFinding, ...], labels: tuple[str, ...]
+) -> tuple[Notice, ...]:
+    """Say which readings the arm file does not allow, and what to do about it."""
+    return tuple(Notice(code="RANGE", text=_range_text(f, labels)) for f in findings)
+
+
+def _range_text(found: RangeFinding, labels: tuple[str, ...]) -> str:
+    lower, upper = np.rad2deg((found.lower_rad, found.upper_rad))
+    named = [labels[k] for k in found.poses[:NAMED]]
+    rest = len(found.poses) - len(named)
+    where = f"pose{'s' if len(found.poses) > 1 else ''} {', '.join(named)}"
+    where += f" and {rest} more" if rest else ""
+    reading = f"joint {found.joint} reads {np.rad2deg(found.reading_rad):.2f} deg in {where}"
+    span = f"{lower:g} to {upper:g} deg"
+    if found.fault is Fault.SATURATED:
+        return (
+            f"{reading}, the end of its sensor's full scale ({span}): a sensor that is "
+            "saturated reads the same whatever the joint does; take these poses nearer the middle"
+        )
+    if found.fault is Fault.WHOLE_TURN:
+        return (
+            f"{reading}, whole turns from its range {span}: its encoder counts from another turn; "
+            "home the joint or correct range_deg in the arm file"
+        )
+    return (
+        f"{reading}, outside its range {span}: look for a damaged reading, or correct range_deg "
+        "in the arm file"
     )
 
 

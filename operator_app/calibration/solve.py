@@ -20,6 +20,7 @@ from operator_app.calibration.judgement import (
     flipped_notices,
     held_notices,
     outlier_notices,
+    range_notices,
     reasons_against,
     rival_notices,
     rvdt_notices,
@@ -46,6 +47,7 @@ from solver.estimators.variance_components import (
 from solver.judging.dropping import drop_unidentifiable
 from solver.judging.identifiability import Identifiability, identifiability
 from solver.judging.outliers import outlier_poses
+from solver.judging.ranges import range_findings
 from solver.judging.rvdt import RvdtVerdict, rvdt_verdicts
 from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
@@ -150,6 +152,8 @@ def calibrate(
 
     Raises
     ------
+    ReadingsOutOfRangeError
+        These are no readings of this arm, or angles in another unit.
     TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError
         The data cannot give what is asked for; each says what is missing.
     """
@@ -161,6 +165,7 @@ def calibrate(
         raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
     require_enough_poses(model, len(poses))
+    out_of_range = range_findings(arm, poses, unsensed_joints=unsensed_joints)
     _refuse(fixture, arm, model, unsensed_joints)
 
     found = global_start(model, poses.q_rad, progress=progress) if search else None
@@ -229,6 +234,7 @@ def calibrate(
     return replace(
         solution,
         warnings=(
+            *range_notices(out_of_range, poses.label),
             *setup_notices(_checks(fixture, arm, model, estimate.x, unsensed_joints)),
             *flipped_notices(flipped, poses.label),
             *held_notices(held),

@@ -16,6 +16,7 @@ from operator_app.config.poses_file import load_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.closing import close_loops
+from solver.judging.ranges import ReadingsOutOfRangeError
 
 
 @pytest.fixture
@@ -123,3 +124,24 @@ def test_the_order_of_the_poses_changes_nothing(
     one, two = calibrate(arm, hinge, poses), calibrate(arm, hinge, shuffled)
     np.testing.assert_allclose(two.estimate.x, one.estimate.x, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(two.estimate.covariance, one.estimate.covariance, rtol=1e-9)
+
+
+def test_readings_outside_the_ranges_are_named_with_joint_pose_and_unit(
+    arm: ArmModel, hinge: Hinge, poses: PoseSet
+) -> None:
+    narrow = replace(
+        arm,
+        joints=tuple(
+            replace(joint, upper_rad=np.deg2rad(85.0)) if j == 1 else joint
+            for j, joint in enumerate(arm.joints, 1)
+        ),
+    )
+    worst = int(np.argmax(poses.q_rad[:, 0]))
+    (notice,) = (w for w in calibrate(narrow, hinge, poses).warnings if w.code == "RANGE")
+    assert "joint 1 reads" in notice.text
+    assert (
+        f"pose {poses.label[worst]}" in notice.text or f"poses {poses.label[worst]}" in notice.text
+    )
+    assert "-35 to 85 deg" in notice.text
+    with pytest.raises(ReadingsOutOfRangeError, match="taken as radians"):
+        calibrate(arm, hinge, replace(poses, q_rad=np.deg2rad(poses.q_rad)), search=True)

@@ -1,0 +1,188 @@
+"""Readings against the ranges that the arm file states, before anything is solved. Knows no loop.
+
+A reading outside its joint's range is either a wrong file, a wrong unit, a sensor at its end, or a
+range that was written down wrongly: none of them may reach an estimator without a word.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.chain.sensors import NoSensor, Rvdt
+from solver.errors import SolverError
+
+SIGMAS = 6.0
+"""A reading may be outside by this much of its sensor's noise."""
+
+STOP_RAD = np.deg2rad(1.0)
+"""And by this much, since nobody knows an arm's stops better."""
+
+FAR = 0.1
+"""Share of its range by which a reading lies outside that this arm cannot have read."""
+
+PINNED_SIGMAS = 3.0
+PINNED_POSES = 3
+"""So many poses within the noise of one end of full scale are no coincidence."""
+
+
+class Fault(Enum):
+    """What is wrong with one joint's readings."""
+
+    OUTSIDE = "outside its range"
+    WHOLE_TURN = "whole turns from its range"
+    SATURATED = "at the end of full scale"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeFinding:
+    """Readings of one joint that its sensor or its stops do not allow.
+
+    Attributes
+    ----------
+    joint
+        1-based.
+    poses
+        Indices of the poses, the farthest outside first.
+    reading_rad
+        The reading farthest outside.
+    lower_rad, upper_rad
+        The range it should lie in.
+    """
+
+    joint: int
+    fault: Fault
+    poses: tuple[int, ...]
+    reading_rad: float
+    lower_rad: float
+    upper_rad: float
+
+
+class ReadingsOutOfRangeError(SolverError):
+    """These cannot be readings of this arm; `findings` say of which joints, `in_radians` why."""
+
+    def __init__(
+        self, findings: tuple[RangeFinding, ...], poses: PoseSet, *, in_radians: bool
+    ) -> None:
+        self.findings = findings
+        self.in_radians = in_radians
+        worst = max(findings, key=lambda f: len(f.poses))
+        lower, upper = np.rad2deg((worst.lower_rad, worst.upper_rad))
+        text = (
+            f"joint {worst.joint} reads {np.rad2deg(worst.reading_rad):.2f} deg in pose "
+            f"{poses.label[worst.poses[0]]}, outside its range {lower:g} to {upper:g} deg, and so "
+            f"in {len(worst.poses)} of {len(poses)} poses"
+        )
+        if in_radians:
+            text += (
+                "; taken as radians the readings lie inside: a poses file has degrees "
+                "(multiply its angles by 57.29578)"
+            )
+        else:
+            text += (
+                "; check that poses and arm file belong together, the order of the columns, and "
+                f"range_deg of joint {worst.joint} in the arm file"
+            )
+        super().__init__(text)
+
+
+def range_findings(
+    arm: ArmModel, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+) -> tuple[RangeFinding, ...]:
+    """Name the joints whose readings lie outside what the arm file states, by joint.
+
+    Readings of `unsensed_joints` are not used and not judged.
+
+    Raises
+    ------
+    ReadingsOutOfRangeError
+        In half of the poses or more a joint is far outside: this is no reading of this arm.
+    """
+    q = poses.q_rad
+    outside = _outside(arm, q)
+    outside[:, [j - 1 for j in unsensed_joints]] = 0.0
+    findings = []
+    for j, joint in enumerate(arm.joints, 1):
+        if isinstance(joint.sensor, NoSensor) or j in unsensed_joints:
+            continue
+        beyond = outside[:, j - 1]
+        if bool(np.any(beyond > 0.0)):
+            order = np.argsort(-beyond, kind="stable")
+            named = tuple(int(k) for k in order[: int(np.count_nonzero(beyond > 0.0))])
+            findings.append(
+                RangeFinding(
+                    joint=j,
+                    fault=Fault.WHOLE_TURN if _whole_turns(arm, q, j) else Fault.OUTSIDE,
+                    poses=named,
+                    reading_rad=float(q[named[0], j - 1]),
+                    lower_rad=joint.lower_rad,
+                    upper_rad=joint.upper_rad,
+                )
+            )
+        elif isinstance(joint.sensor, Rvdt):
+            pinned = _pinned(q[:, j - 1], joint.middle_rad, joint.sensor)
+            if pinned:
+                findings.append(
+                    RangeFinding(
+                        joint=j,
+                        fault=Fault.SATURATED,
+                        poses=pinned,
+                        reading_rad=float(q[pinned[0], j - 1]),
+                        lower_rad=joint.lower_rad,
+                        upper_rad=joint.upper_rad,
+                    )
+                )
+    _refuse(arm, poses, tuple(findings), outside)
+    return tuple(findings)
+
+
+def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
+    """How far each reading (m, n) is beyond its range and what its sensor may add to that, rad."""
+    slack = STOP_RAD + SIGMAS * arm.sigma_rad() + arm.linearity_rad()
+    beyond = np.maximum(arm.lower_rad - q, q - arm.upper_rad) - slack
+    for j in arm.unsensed_joints:
+        beyond[:, j - 1] = 0.0
+    return np.asarray(np.maximum(beyond, 0.0))
+
+
+def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
+    """Whether an encoder that counts from another turn explains what is outside."""
+    if isinstance(arm.joints[joint - 1].sensor, Rvdt):
+        return False
+    middle = arm.joints[joint - 1].middle_rad
+    turns = np.round((float(np.median(q[:, joint - 1])) - middle) / (2.0 * np.pi))
+    shifted = q.copy()
+    shifted[:, joint - 1] -= 2.0 * np.pi * turns
+    return turns != 0.0 and not bool(np.any(_outside(arm, shifted)[:, joint - 1]))
+
+
+def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> tuple[int, ...]:
+    """Poses in which an RVDT sits at an end of full scale: more than one reads the very same there."""
+    end = 0.5 * sensor.full_scale_rad
+    near = PINNED_SIGMAS * sensor.sigma_rad
+    for side in (-1.0, 1.0):
+        there = np.flatnonzero(np.abs(reading - (middle_rad + side * end)) <= near)
+        if len(there) >= PINNED_POSES:
+            return tuple(int(k) for k in there)
+    return ()
+
+
+def _refuse(
+    arm: ArmModel, poses: PoseSet, findings: tuple[RangeFinding, ...], outside: FloatArray
+) -> None:
+    refused = tuple(f for f in findings if f.fault is Fault.OUTSIDE)
+    if not refused:
+        return
+    turned = [f.joint - 1 for f in findings if f.fault is Fault.WHOLE_TURN]
+    far = outside > FAR * (arm.upper_rad - arm.lower_rad)
+    far[:, turned] = False
+    if 2 * int(far.any(axis=1).sum()) < len(poses):
+        return
+    as_radians = _outside(arm, np.rad2deg(poses.q_rad)) > 0.0
+    in_radians = 10 * int(as_radians.any(axis=1).sum()) <= len(poses)
+    raise ReadingsOutOfRangeError(refused, poses, in_radians=in_radians)

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from operator_app.config.error_model import (
+    ACCURACY_DEG,
+    BACKLASH_DEG,
+    SAG_DEG,
+    RowToleranceModel,
+    ToleranceModel,
+    assumed_of_joints,
+    assumed_of_rows,
+)
 from operator_app.config.quantities import (
     AngleDeg,
     Count,
@@ -16,6 +26,7 @@ from operator_app.config.quantities import (
     Name,
     NonNegativeNumber,
     PositiveNumber,
+    StatedDeg,
     Text,
     TurnDeg,
     TwistDeg,
@@ -38,6 +49,7 @@ class RowModel(StrictModel):
     s_m: LengthM | Literal["fixture"]
     a_m: LengthM | Literal["fixture"]
     alpha_deg: TwistDeg | Literal["fixture"]
+    tolerance: RowToleranceModel = RowToleranceModel()
 
 
 class EncoderModel(StrictModel):
@@ -46,10 +58,15 @@ class EncoderModel(StrictModel):
     kind: Literal["encoder"]
     counts_per_rev: Annotated[int, Field(strict=True, ge=4, le=2**31 - 1)]
     noise_counts: NonNegativeNumber = 0.0
+    accuracy_deg: StatedDeg = ACCURACY_DEG
 
     def sensor(self) -> Sensor:
         """Domain object."""
-        return Encoder(counts_per_rev=self.counts_per_rev, noise_counts=self.noise_counts)
+        return Encoder(
+            counts_per_rev=self.counts_per_rev,
+            noise_counts=self.noise_counts,
+            accuracy_rad=math.radians(self.accuracy_deg),
+        )
 
 
 class RvdtModel(StrictModel):
@@ -103,6 +120,8 @@ class JointModel(StrictModel):
     sensor: SensorModel
     max_speed_deg_per_s: Annotated[PositiveNumber, Field(le=3600.0)]
     max_torque_nm: Annotated[PositiveNumber, Field(le=100000.0)]
+    backlash_deg: StatedDeg = BACKLASH_DEG
+    sag_deg: StatedDeg = SAG_DEG
 
     @field_validator("range_deg")
     @classmethod
@@ -125,6 +144,7 @@ class ArmFile(StrictModel):
 
     name: Name
     source: Text | None = None
+    tolerance: ToleranceModel = ToleranceModel()
     dh: Annotated[tuple[RowModel, ...], Field(min_length=1, max_length=32)]
     joints: tuple[JointModel, ...]
     free: tuple[Text, ...]
@@ -251,12 +271,25 @@ class ArmFile(StrictModel):
                     sensor=joint.sensor.sensor(),
                     max_speed_rad_per_s=math.radians(joint.max_speed_deg_per_s),
                     max_torque_nm=joint.max_torque_nm,
+                    backlash_rad=math.radians(joint.backlash_deg),
+                    sag_rad=math.radians(joint.sag_deg),
                 )
                 for joint in self.joints
             ),
             free=tuple(DhEntry.parse(name) for name in self.free),
             home_rad=frozen(np.deg2rad(self.home_deg)),
+            tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
+            assumed=tuple(self._assumed()),
         )
+
+    def _assumed(self) -> Iterator[str]:
+        yield from assumed_of_rows(self.tolerance, [row.tolerance for row in self.dh])
+        # What a joint without a sensor does between sensor and link is no error of a reading.
+        sensed = {j.joint: j for j in self.joints if not isinstance(j.sensor, NoSensorModel)}
+        encoders = {k: j.sensor for k, j in sensed.items() if isinstance(j.sensor, EncoderModel)}
+        yield from assumed_of_joints("accuracy_deg", encoders)
+        yield from assumed_of_joints("backlash_deg", sensed)
+        yield from assumed_of_joints("sag_deg", sensed)
 
 
 def parse_arm(data: bytes, file: str) -> ArmModel:

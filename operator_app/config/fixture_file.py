@@ -27,8 +27,6 @@ class FixtureSpec:
         The loop it closes, at its nominal placement.
     tolerance_m, tolerance_rad
         How well the placement was measured: the true one is believed to be within this.
-    stiffness_n_per_m, stiffness_nm_per_rad
-        Of the fixture and its mounting; None where it is not known.
     checklist
         What the operator confirms before anything moves.
     """
@@ -37,8 +35,6 @@ class FixtureSpec:
     fixture: Fixture
     tolerance_m: float
     tolerance_rad: float
-    stiffness_n_per_m: float | None
-    stiffness_nm_per_rad: float | None
     checklist: tuple[str, ...]
 
     @property
@@ -56,14 +52,11 @@ def parse_fixture(data: bytes, file: str) -> FixtureSpec:
         With all that is wrong.
     """
     found = read_by_kind(MODELS, data, kind="fixture", file=file)
-    stiffness = found.stiffness
     return FixtureSpec(
         name=found.name,
         fixture=found.fixture(),
         tolerance_m=found.tolerance_mm / 1e3,
         tolerance_rad=math.radians(found.tolerance_deg),
-        stiffness_n_per_m=None if stiffness is None else stiffness.n_per_m,
-        stiffness_nm_per_rad=None if stiffness is None else stiffness.nm_per_rad,
         checklist=found.checklist,
     )
 

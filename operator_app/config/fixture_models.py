@@ -8,7 +8,7 @@ joint to the hinge axis (a_7, s_7, alpha_7 of the paper). Turns are rotation vec
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -17,6 +17,7 @@ from fixtures.base import Fixture
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from fixtures.rigid import Rigid
+from operator_app.config.error_model import GiveModel
 from operator_app.config.quantities import (
     LengthMm,
     Name,
@@ -36,20 +37,12 @@ SMALLEST_MM = 5.0
 """A placement without any dimension of this size was written in metres."""
 
 
-class StiffnessModel(StrictModel):
-    """Stiffness of the fixture, where it is known."""
-
-    n_per_m: PositiveNumber
-    nm_per_rad: PositiveNumber
-
-
 class CommonFields(StrictModel):
     """What every fixture file has."""
 
     name: Name
     tolerance_mm: Annotated[PositiveNumber, Field(le=1000.0)]
     tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)]
-    stiffness: StiffnessModel | None = None
     checklist: Annotated[tuple[Text, ...], Field(min_length=1)]
 
     @field_validator("placement", check_fields=False)
@@ -73,6 +66,17 @@ class CommonFields(StrictModel):
         raise NotImplementedError
 
 
+class MetalFields(CommonFields):
+    """What every file of a fixture has that holds the hand.
+
+    `stiffness` was once asked for and read by nothing; files that state it are still read. What
+    counts is how far the fixture yields, which is `give`.
+    """
+
+    give: GiveModel = GiveModel()
+    stiffness: Any = None
+
+
 class HingePlacement(StrictModel):
     """Nominal placement of a hinge."""
 
@@ -85,7 +89,7 @@ class HingePlacement(StrictModel):
     alpha_n_deg: TwistDeg
 
 
-class HingeModel(CommonFields):
+class HingeModel(MetalFields):
     """A hinge, as `fixtures.hinge.Hinge`."""
 
     kind: Literal["hinge"]
@@ -104,6 +108,7 @@ class HingeModel(CommonFields):
             s_n_m=p.s_n_mm / 1e3,
             alpha_n_rad=math.radians(p.alpha_n_deg),
             stays_on_hand=self.stays_on_hand,
+            give=self.give.give(("position_mm", "orientation_mrad")),
         )
 
 
@@ -116,7 +121,7 @@ class RigidPlacement(StrictModel):
     s_1_mm: LengthMm
 
 
-class RigidModel(CommonFields):
+class RigidModel(MetalFields):
     """A rigid attachment, as `fixtures.rigid.Rigid`."""
 
     kind: Literal["rigid"]
@@ -132,6 +137,7 @@ class RigidModel(CommonFields):
             alpha_0_rad=math.radians(p.alpha_0_deg),
             s_1_m=p.s_1_mm / 1e3,
             stays_on_hand=self.stays_on_hand,
+            give=self.give.give(("position_mm", "orientation_mrad")),
         )
 
 
@@ -142,7 +148,7 @@ class BallPlacement(StrictModel):
     ground_mm: PointMm
 
 
-class BallModel(CommonFields):
+class BallModel(MetalFields):
     """A ball in a socket, as `fixtures.ball.Ball`."""
 
     kind: Literal["ball"]
@@ -155,6 +161,7 @@ class BallModel(CommonFields):
             tip_m=_metres(self.placement.tip_mm),
             ground_m=_metres(self.placement.ground_mm),
             stays_on_hand=self.stays_on_hand,
+            give=self.give.give(("position_mm",)),
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, StringConstraints
@@ -84,6 +85,20 @@ def _twist_deg(value: float) -> float:
     return value
 
 
+def _stated(limit: float, unit: str) -> Callable[[float], float]:
+    """Refuse what is no uncertainty any more but another arm or fixture."""
+
+    def check(value: float) -> float:
+        if value > limit:
+            raise refuse(
+                f"{value:g} {unit} is more than anything here can be off (limit {limit:g} {unit})",
+                "write one standard deviation; 0 is exact",
+            )
+        return value
+
+    return check
+
+
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 PositiveNumber = Annotated[Number, Field(gt=0.0)]
 NonNegativeNumber = Annotated[Number, Field(ge=0.0)]
@@ -100,6 +115,11 @@ TurnDeg = Annotated[Number, AfterValidator(_turn_deg)]
 """An offset: within a turn."""
 TwistDeg = Annotated[Number, AfterValidator(_twist_deg)]
 """A nominal twist: within a turn, and not pi/2."""
+
+StatedMm = Annotated[NonNegativeNumber, AfterValidator(_stated(50.0, "mm"))]
+StatedDeg = Annotated[NonNegativeNumber, AfterValidator(_stated(10.0, "deg"))]
+StatedMrad = Annotated[NonNegativeNumber, AfterValidator(_stated(200.0, "mrad"))]
+"""How uncertain something is, as one standard deviation; 0 is exact."""
 
 Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]
 ExactText = Annotated[str, StringConstraints(strict=True, min_length=1)]

@@ -9,7 +9,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
-from solver.chain.sensors import NoSensor, Rvdt, Sensor
+from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +24,8 @@ class Joint:
         Range in sensor coordinates (the measured angle theta, without the offset).
     sensor
         Its angle sensor.
+    backlash_rad, sag_rad
+        Play between sensor and link, and elastic twist under load: one standard deviation, 0 is none.
     max_speed_rad_per_s, max_torque_nm
         Command and trip limits.
     """
@@ -34,11 +36,24 @@ class Joint:
     sensor: Sensor
     max_speed_rad_per_s: float
     max_torque_nm: float
+    backlash_rad: float = 0.0
+    sag_rad: float = 0.0
 
     @property
     def middle_rad(self) -> float:
         """Middle of the range, where an RVDT has its electrical zero."""
         return 0.5 * (self.lower_rad + self.upper_rad)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowTolerance:
+    """How well the maker's table states one D-H row: standard deviation of s and a, and of alpha.
+
+    0 is exact. It matters for entries that are not identified, only held.
+    """
+
+    length_m: float = 0.0
+    twist_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +73,10 @@ class ArmModel:
         Entries that calibration identifies by default, beside the fixture's.
     home_rad
         Pose the arm starts from, sensor coordinates, shape (n,).
+    tolerances
+        Of rows 1..n; empty where the whole table is exact.
+    assumed
+        Which figures of its error model nobody stated, as ``key: value`` in the words of its file.
     """
 
     name: str
@@ -65,10 +84,14 @@ class ArmModel:
     joints: tuple[Joint, ...]
     free: tuple[DhEntry, ...]
     home_rad: FloatArray
+    tolerances: tuple[RowTolerance, ...] = ()
+    assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.table.links != len(self.joints):
             raise ValueError("an arm needs one joint per D-H row")
+        if self.tolerances and len(self.tolerances) != self.table.links:
+            raise ValueError("an arm needs one tolerance per D-H row, or none at all")
 
     @property
     def joint_count(self) -> int:
@@ -103,3 +126,31 @@ class ArmModel:
         return np.array(
             [j.sensor.linearity_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
         )
+
+    @property
+    def length_tolerance_m(self) -> FloatArray:
+        """Standard deviation of the maker's s and a of rows 1..n, shape (n,); 0 is exact."""
+        rows = self.tolerances or (RowTolerance(),) * self.joint_count
+        return np.array([row.length_m for row in rows])
+
+    @property
+    def twist_tolerance_rad(self) -> FloatArray:
+        """Standard deviation of the maker's alpha of rows 1..n, shape (n,); 0 is exact."""
+        rows = self.tolerances or (RowTolerance(),) * self.joint_count
+        return np.array([row.twist_rad for row in rows])
+
+    @property
+    def accuracy_rad(self) -> FloatArray:
+        """Once- and twice-per-turn error of each encoder, shape (n,); 0 for the other sensors."""
+        sensors = [joint.sensor for joint in self.joints]
+        return np.array([s.accuracy_rad if isinstance(s, Encoder) else 0.0 for s in sensors])
+
+    @property
+    def backlash_rad(self) -> FloatArray:
+        """Play of each joint, one standard deviation, shape (n,)."""
+        return np.array([joint.backlash_rad for joint in self.joints])
+
+    @property
+    def sag_rad(self) -> FloatArray:
+        """Elastic twist of each joint under load, one standard deviation, shape (n,)."""
+        return np.array([joint.sag_rad for joint in self.joints])

@@ -17,10 +17,15 @@ def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Encoder:
-    """Incremental encoder: `counts_per_rev` counts, noise in counts (rms)."""
+    """Incremental encoder: `counts_per_rev` counts, noise in counts (rms).
+
+    `accuracy_rad` is how far its scale is off once and twice per turn (an eccentric or oval disc):
+    one standard deviation of each; systematic, so not part of `sigma_rad`.
+    """
 
     counts_per_rev: int
     noise_counts: float = 0.0
+    accuracy_rad: float = 0.0
 
     @property
     def resolution_rad(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from importlib.resources import files
 
@@ -41,7 +42,8 @@ class TestPackaged:
 
     def test_sarcos_sensors_are_those_of_section_3(self) -> None:
         arm = load_arm("sarcos_dextrous")
-        assert [j.sensor for j in arm.joints[:5]] == [Encoder(counts_per_rev=400000)] * 5
+        encoder = Encoder(counts_per_rev=400000, accuracy_rad=math.radians(0.01))
+        assert [j.sensor for j in arm.joints[:5]] == [encoder] * 5
         for joint in arm.joints[5:]:
             assert isinstance(joint.sensor, Rvdt)
             assert joint.sensor.bits == 12

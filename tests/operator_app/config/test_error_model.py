@@ -1,0 +1,179 @@
+"""What files state about what is not known exactly: read, overridden by row, assumed where absent."""
+
+from __future__ import annotations
+
+import math
+import re
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from fixtures.base import NO_GIVE, Give
+from fixtures.registry import FIXTURES
+from operator_app.config.arm_file import load_arm, parse_arm
+from operator_app.config.errors import ConfigError
+from operator_app.config.fixture_file import load_fixture, parse_fixture
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import Encoder, Rvdt
+
+SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
+HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
+STATED = re.compile(
+    r"^tolerance: .*\n|^    (?:backlash|sag)_deg: .*\n|, accuracy_deg: 0.01", re.MULTILINE
+)
+OLD_ARM = STATED.sub("", SARCOS)
+"""As arm files were before there was an error model."""
+OLD_HINGE = re.sub(r"^give: .*\n", "", HINGE, flags=re.MULTILINE)
+
+
+def arm_of(text: str) -> ArmModel:
+    return parse_arm(text.encode(), "a.yaml")
+
+
+def complaints(text: str) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        arm_of(text)
+    return [str(problem) for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize(
+    ("name", "length_mm", "twist_deg"), [("sarcos_dextrous", 0.5, 0.1), ("franka_panda", 1.0, 0.2)]
+)
+def test_packaged_arms_state_everything(name: str, length_mm: float, twist_deg: float) -> None:
+    arm = load_arm(name)
+    assert arm.assumed == ()
+    np.testing.assert_allclose(arm.length_tolerance_m, length_mm / 1e3, rtol=1e-14)
+    np.testing.assert_allclose(arm.twist_tolerance_rad, math.radians(twist_deg), rtol=1e-14)
+    for k, joint in enumerate(arm.joints):
+        accuracy = math.radians(0.01) if isinstance(joint.sensor, Encoder) else 0.0
+        assert arm.accuracy_rad[k] == accuracy
+    np.testing.assert_array_equal(arm.backlash_rad, math.radians(0.01))
+    np.testing.assert_array_equal(arm.sag_rad, math.radians(0.01))
+
+
+def test_a_file_without_figures_is_read_with_the_assumed_ones_and_says_so() -> None:
+    arm = arm_of(OLD_ARM)
+    stated = load_arm("sarcos_dextrous")
+    assert arm.tolerances == stated.tolerances
+    assert arm.joints == stated.joints
+    assert arm.assumed == (
+        "tolerance.length_mm: 0.5",
+        "tolerance.twist_deg: 0.1",
+        "accuracy_deg: 0.01 (joints 1, 2, 3, 4, 5)",
+        "backlash_deg: 0.01 (joints 1, 2, 3, 4, 5, 6, 7)",
+        "sag_deg: 0.01 (joints 1, 2, 3, 4, 5, 6, 7)",
+    )
+
+
+def test_what_no_joint_or_row_takes_is_not_assumed() -> None:
+    """One joint without a sensor, all others stated; every row states its own length."""
+    text = SARCOS.replace("tolerance: {length_mm: 0.5, twist_deg: 0.1}\n", "", 1)
+    text = re.sub(r"(  - \{row: .*)\}", r"\1, tolerance: {length_mm: 0.05}}", text)
+    sensor = "sensor: {kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2}"
+    text = text.replace(sensor, "sensor: {kind: none}", 1).replace("theta_off_6, ", "", 1)
+    head, sep, tail = text.partition("name: wrist 1")
+    tail = tail.replace("    backlash_deg: 0.01\n    sag_deg: 0.01\n", "", 1)
+    assert arm_of(head + sep + tail).assumed == ("tolerance.twist_deg: 0.1",)
+
+
+def test_one_row_may_differ_and_takes_the_rest_from_the_arm() -> None:
+    row = "{row: 3, theta_off_deg: -20,  s_m: 0.355,   a_m: 0,       alpha_deg: 90"
+    assert row in SARCOS
+    arm = arm_of(SARCOS.replace(row, f"{row}, tolerance: {{length_mm: 0.02}}"))
+    np.testing.assert_allclose(arm.length_tolerance_m[2], 2e-5, rtol=1e-14)
+    np.testing.assert_allclose(np.delete(arm.length_tolerance_m, 2), 5e-4, rtol=1e-14)
+    np.testing.assert_allclose(arm.twist_tolerance_rad, math.radians(0.1), rtol=1e-14)
+    exact = arm_of(SARCOS.replace(row, f"{row}, tolerance: 0"))
+    assert (exact.length_tolerance_m[2], exact.twist_tolerance_rad[2]) == (0.0, 0.0)
+    assert np.all(np.delete(exact.length_tolerance_m, 2) > 0.0)
+
+
+@pytest.mark.parametrize("zero", ["0", "0.0", "{length_mm: 0, twist_deg: 0}"])
+def test_zero_is_exact_and_is_stated(zero: str) -> None:
+    arm = arm_of(OLD_ARM.replace("joints:\n", f"tolerance: {zero}\njoints:\n", 1))
+    assert not np.any(arm.length_tolerance_m)
+    assert not np.any(arm.twist_tolerance_rad)
+    assert not [line for line in arm.assumed if line.startswith("tolerance")]
+
+
+def test_an_arm_made_in_a_program_is_exact() -> None:
+    known = load_arm("sarcos_dextrous")
+    arm = ArmModel(
+        name="a", table=known.table, joints=known.joints, free=(), home_rad=known.home_rad
+    )
+    assert not np.any(arm.length_tolerance_m)
+    assert not np.any(arm.twist_tolerance_rad)
+    assert arm.length_tolerance_m.shape == (7,)
+    assert Encoder(counts_per_rev=4096).accuracy_rad == 0.0
+    for kind in FIXTURES.values():
+        assert kind.example(known).give == NO_GIVE
+    with pytest.raises(ValueError, match="one tolerance per D-H row"):
+        ArmModel(
+            name="a",
+            table=known.table,
+            joints=known.joints,
+            free=(),
+            home_rad=known.home_rad,
+            tolerances=known.tolerances[:3],
+        )
+
+
+def test_rvdts_have_their_own_figure() -> None:
+    text = SARCOS.replace("noise_lsb: 2}", "noise_lsb: 2, accuracy_deg: 0.01}", 1)
+    assert "joints[joint 6].sensor.accuracy_deg: unknown key" in complaints(text)[0]
+    assert isinstance(load_arm("sarcos_dextrous").joints[5].sensor, Rvdt)
+
+
+BAD = [
+    ("{length_mm: 0.5,", "{length_mm: -0.5,", "tolerance.length_mm: must be at least 0, not -0.5"),
+    ("{length_mm: 0.5,", "{length_mm: 60,", "60 mm is more than anything here can be off"),
+    ("twist_deg: 0.1}", "twist_deg: 12}", "(limit 10 deg); write one standard deviation"),
+    ("twist_deg: 0.1}", "twist_deg: .nan}", "is not a finite number"),
+    ("{length_mm: 0.5,", "{length_m: 0.0005,", "this file wants millimetres, not metres"),
+    ("tolerance: {length_mm: 0.5, twist_deg: 0.1}", "tolerance: 1", "must be a mapping"),
+    ("tolerance: {length_mm: 0.5, twist_deg: 0.1}", "tolerance: false", "must be a mapping"),
+    ("accuracy_deg: 0.01", "accuracy_deg: 11", "joints[joint 1].sensor.accuracy_deg: 11 deg"),
+    ("backlash_deg: 0.01", "backlash_deg: -1", "joints[joint 1].backlash_deg: must be at least 0"),
+    ("sag_deg: 0.01", "sag_deg: much", "joints[joint 1].sag_deg: must be a number"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "says"), BAD)
+def test_figures_that_cannot_be_are_refused(old: str, new: str, says: str) -> None:
+    assert old in SARCOS
+    found = complaints(SARCOS.replace(old, new, 1))
+    assert len(found) == 1
+    assert says in found[0]
+
+
+@pytest.mark.parametrize("name", ["hinge", "rigid", "ball"])
+def test_packaged_fixtures_state_how_far_they_give(name: str) -> None:
+    give = load_fixture(name).fixture.give
+    assert give.position_m == pytest.approx(2e-4, rel=1e-14)
+    assert give.orientation_rad == pytest.approx(2e-4, rel=1e-14)
+    assert give.assumed == ()
+
+
+def test_a_fixture_without_give_is_read_with_the_assumed_one_and_says_so() -> None:
+    give = parse_fixture(OLD_HINGE.encode(), "f.yaml").fixture.give
+    lines = ("give.position_mm: 0.2", "give.orientation_mrad: 0.2")
+    assert give == Give(position_m=0.2 / 1e3, orientation_rad=0.2 / 1e3, assumed=lines)
+    part = parse_fixture((OLD_HINGE + "give: {position_mm: 1}\n").encode(), "f.yaml").fixture.give
+    assert (part.position_m, part.assumed) == (0.001, lines[1:])
+    rigid = parse_fixture((OLD_HINGE + "give: 0\n").encode(), "f.yaml").fixture.give
+    assert rigid == NO_GIVE
+
+
+@pytest.mark.parametrize(
+    ("give", "says"),
+    [
+        ("{position_mm: 51}", "give.position_mm: 51 mm is more than anything here can be off"),
+        ("{position_mm: -1}", "give.position_mm: must be at least 0, not -1"),
+        ("{orientation_mrad: 300}", "give.orientation_mrad: 300 mrad is more than"),
+        ("{orientation_deg: 1}", "this file wants milliradians, not degrees"),
+    ],
+)
+def test_a_give_that_cannot_be_is_refused(give: str, says: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        parse_fixture((OLD_HINGE + f"give: {give}\n").encode(), "f.yaml")

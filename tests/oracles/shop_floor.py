@@ -1,0 +1,333 @@
+"""The shop floor: arms drawn with every error an ordinary shop leaves in them, and pose sets they give.
+
+The oracle that judges honesty and verdicts. It shares no code with `solver`, `fixtures` or `hardware`,
+and has its own statics, sensors and loop. A seed is an arm: each source has a stream of its own, so
+that switching one off leaves the others as they were. `Sizes` are those that the packaged files state.
+
+    taken = session(seed, Sizes())              # everything at its stated size
+    taken = session(seed, Sizes.only("twists")) # RVDT curves, noise and counts are always there
+    taken.truth["theta_off_3"], taken.readings, taken.csv()
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from enum import IntEnum
+
+import numpy as np
+
+from tests.oracles.shop_floor_chain import LINKS, Chain, Loop, frames
+from tests.oracles.shop_floor_load import Load
+from tests.oracles.shop_floor_sensors import CURVES, Encoder, Rvdt, drawn_curve
+from tests.oracles.shop_floor_walk import (
+    BOX_DEG,
+    DRIVES,
+    FOLLOW,
+    HOME_DEG,
+    LOWER_DEG,
+    STRAY_RAD,
+    UPPER_DEG,
+    Chart,
+    in_range,
+    nominal_chain,
+    nominal_chart,
+    wander,
+)
+
+PARAMETERS = (
+    *(f"theta_off_{j}" for j in range(1, 8)),
+    *("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7"),
+)
+"""What the paper calibrates."""
+
+LENGTHS = (*(f"s_{j}" for j in range(2, 7)), *(f"a_{j}" for j in range(1, 7)))
+TWISTS = tuple(f"alpha_{j}" for j in range(1, 7))
+"""What the arm file holds fixed."""
+
+ENCODERS = (1, 2, 3, 4, 5)
+RVDTS = (6, 7)
+COUNTS_PER_REV = 400_000
+FULL_SCALE = np.deg2rad(120.0)
+BITS = 12
+SCATTER = 0.3
+"""Share of what a hinge gives that is anew in every pose; the rest is smooth with load."""
+
+SOURCES = {
+    "lengths": ("length_m",),
+    "twists": ("twist_rad",),
+    "encoders": ("encoder_rad",),
+    "give": ("give_m", "give_rad"),
+    "sag": ("sag_rad",),
+    "backlash": ("backlash_rad",),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """Standard deviations of what is drawn.
+
+    `linearity` is the most that an RVDT's curve and gain may take its reading away from the true
+    angle, as a share of full scale; a specimen takes half of it to all.
+    """
+
+    length_m: float = 0.5e-3
+    twist_rad: float = np.deg2rad(0.1)
+    encoder_rad: float = np.deg2rad(0.01)
+    give_m: float = 0.2e-3
+    give_rad: float = 0.2e-3
+    sag_rad: float = np.deg2rad(0.01)
+    backlash_rad: float = np.deg2rad(0.01)
+    linearity: float = 0.02
+    noise_lsb: float = 2.0
+
+    @classmethod
+    def only(cls, *sources: str, times: float = 1.0) -> Sizes:
+        """Only some of `SOURCES`, at `times` their stated size; sensors as always."""
+        kept = {name for source in sources for name in SOURCES[source]}
+        every = {name for names in SOURCES.values() for name in names}
+        base = cls()
+        return replace(base, **{n: times * getattr(base, n) if n in kept else 0.0 for n in every})
+
+    @classmethod
+    def everything(cls, times: float = 1.0) -> Sizes:
+        """All of `SOURCES` at `times` their stated size."""
+        return cls.only(*SOURCES, times=times)
+
+
+class Stream(IntEnum):
+    """Independent random streams of one seed."""
+
+    OFFSETS = 0
+    HINGE = 1
+    LENGTHS = 2
+    TWISTS = 3
+    ENCODERS = 4
+    CURVES = 5
+    LOADS = 6
+    BACKLASH = 7
+    WALK = 8
+    SCATTER = 9
+    NOISE = 10
+    FAULTS = 11
+
+
+def stream(seed: int, which: Stream) -> np.random.Generator:
+    """One stream of a seed."""
+    return np.random.default_rng([77_003, seed, int(which)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Specimen:
+    """One arm in one hinge: true chain, loads, sensors 1..7, play of joints 1..7.
+
+    `play_by_load` says of each joint whether its play follows the load's sign or the direction from
+    which it came.
+    """
+
+    seed: int
+    sizes: Sizes
+    chain: Chain
+    load: Load
+    sensors: tuple[Encoder | Rvdt, ...]
+    play_by_load: np.ndarray
+
+    @classmethod
+    def drawn(cls, seed: int, sizes: Sizes) -> Specimen:
+        """Offsets within a few degrees and a hinge within some mm and degrees of the files."""
+        chain = nominal_chain()
+        offsets = np.deg2rad(2.0) * stream(seed, Stream.OFFSETS).normal(size=7)
+        changes = {f"theta_off_{j}": o for j, o in enumerate(offsets, 1)}
+        rng = stream(seed, Stream.HINGE)
+        changes |= {n: 4e-3 * rng.normal() for n in ("a_0", "s_0", "s_1", "a_7", "s_7")}
+        changes |= {n: np.deg2rad(1.5) * rng.normal() for n in ("alpha_0", "alpha_7")}
+        rng = stream(seed, Stream.LENGTHS)
+        changes |= {n: sizes.length_m * rng.normal() for n in LENGTHS}
+        rng = stream(seed, Stream.TWISTS)
+        changes |= {n: sizes.twist_rad * rng.normal() for n in TWISTS}
+        chain = chain.changed(**{n: chain.value(n) + d for n, d in changes.items()})
+        return cls(
+            seed=seed,
+            sizes=sizes,
+            chain=chain,
+            load=Load.drawn(
+                nominal_chain(),
+                nominal_chart().angles,
+                stream(seed, Stream.LOADS),
+                sag_rad=sizes.sag_rad,
+                give_rad=sizes.give_rad * np.sqrt(1.0 - SCATTER**2),
+                give_m=sizes.give_m * np.sqrt(1.0 - SCATTER**2),
+            ),
+            sensors=_sensors(seed, sizes),
+            play_by_load=stream(seed, Stream.BACKLASH).random(7) < 0.5,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """What a session leaves (readings, spreads, samples) and the truth that nobody there knows.
+
+    `angles` (m, 8) are the true angles, the hinge's first; `truth` holds every D-H entry by name.
+    """
+
+    readings: np.ndarray
+    spread: np.ndarray
+    samples: np.ndarray
+    angles: np.ndarray
+    ground: np.ndarray
+    hand: np.ndarray
+    specimen: Specimen
+    truth: dict[str, float] = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.readings)
+
+    def picked(self, keep) -> Session:
+        """Return the session with these poses only, in this order."""
+        rows = ("readings", "spread", "samples", "angles", "ground", "hand")
+        return replace(self, **{name: getattr(self, name)[keep] for name in rows})
+
+    def csv(self, *, spreads: bool = True) -> str:
+        """Return the poses as a file: placement, pose, angles, spreads and samples, in degrees."""
+        joints = range(1, 8)
+        head = ["placement", "pose", *(f"theta{j}_deg" for j in joints)]
+        head += [*(f"sd{j}_deg" for j in joints), "samples"] if spreads else []
+        lines = [",".join(head)]
+        for k in range(len(self)):
+            cells = ["1", f"p{k + 1:03d}", *(repr(float(v)) for v in np.rad2deg(self.readings[k]))]
+            if spreads:
+                cells += [repr(float(v)) for v in np.rad2deg(self.spread[k])]
+                cells.append(str(int(self.samples[k])))
+            lines.append(",".join(cells))
+        return "\n".join(lines) + "\n"
+
+
+def truth_of(chain: Chain) -> dict[str, float]:
+    """Return every entry of a chain by name, but for theta_off_0."""
+    return {
+        f"{column}_{row}": float(getattr(chain, column)[row])
+        for column in (f.name for f in fields(Chain))
+        for row in range(LINKS)
+        if (column, row) != ("theta_off", 0)
+    }
+
+
+def session(
+    seed: int,
+    sizes: Sizes | None = None,
+    *,
+    poses: int = 40,
+    samples: int = 32,
+    box_deg=BOX_DEG,
+    walk: int = 0,
+) -> Session:
+    """Take a session with the arm of `seed`; `walk` counts sessions of the same arm."""
+    specimen = Specimen.drawn(seed, Sizes() if sizes is None else sizes)
+    angles, ground, hand = closed_walk(specimen, poses, box_deg=box_deg, walk=walk)
+    return taken(specimen, angles, ground, hand, samples=samples, walk=walk)
+
+
+def closed_walk(
+    specimen: Specimen,
+    poses: int,
+    *,
+    box_deg=BOX_DEG,
+    walk: int = 0,
+    chart: Chart | None = None,
+    slipped: tuple[int, np.ndarray, np.ndarray] | None = None,
+):
+    """True angles (poses, 8) of a random walk and what gave on table and hand, (poses, 6) each.
+
+    `slipped` is a pose's index and how far the halves of the hinge have moved from then on.
+    """
+    chart = nominal_chart() if chart is None else chart
+    loop = Loop(chain=specimen.chain)
+    rng = np.random.default_rng([*_entropy(specimen.seed, Stream.WALK), walk])
+    places = wander(rng, 4 * poses, box_deg=box_deg)
+    guess = chart.near(places)
+    guess[:, list(DRIVES)] = (
+        np.deg2rad(HOME_DEG)[[0, 4]] + specimen.chain.theta_off[list(DRIVES)] + places
+    )
+    rigid, good = loop.closed(guess, free=FOLLOW, rounds=20)
+    good &= np.abs(rigid - guess).max(axis=-1) < STRAY_RAD
+    good &= in_range((rigid - specimen.chain.theta_off)[:, 1:])
+    if good.sum() < poses:
+        raise RuntimeError(f"arm {specimen.seed}: {good.sum()} of {len(good)} places can be had")
+    rigid = rigid[good][:poses]
+    # A displacement of a fifth of a millimetre does not change the load that brings it about.
+    ground, hand = specimen.load.give(frames(specimen.chain, rigid), rigid)
+    scatter = stream(specimen.seed, Stream.SCATTER).normal(size=(poses, 6))
+    size = np.repeat([specimen.sizes.give_rad, specimen.sizes.give_m], 3)
+    ground = ground + SCATTER * size * scatter
+    if slipped is not None:
+        at, on_table, on_hand = slipped
+        ground[at:] += on_table
+        hand[at:] += on_hand
+    angles, closed = loop.closed(rigid, free=FOLLOW, ground=ground, hand=hand)
+    if not closed.all():
+        raise RuntimeError(f"arm {specimen.seed}: a loop does not close when its hinge gives")
+    return angles, ground, hand
+
+
+def taken(
+    specimen: Specimen,
+    angles: np.ndarray,
+    ground: np.ndarray,
+    hand: np.ndarray,
+    *,
+    samples: int = 32,
+    walk: int = 0,
+) -> Session:
+    """Read true angles (m, 8) with the specimen's joints and sensors."""
+    torque = specimen.load.torque(frames(specimen.chain, angles, ground=ground, hand=hand))
+    twist = specimen.load.sag * torque
+    before = np.concatenate((angles[:1], angles[:-1]))
+    side = np.where(
+        specimen.play_by_load, np.sign(torque[:, 1:]), np.sign((angles - before)[:, 1:])
+    )
+    at_sensor = (angles - specimen.chain.theta_off - twist)[:, 1:]
+    at_sensor = at_sensor - specimen.sizes.backlash_rad * side
+    rng = np.random.default_rng([*_entropy(specimen.seed, Stream.NOISE), walk])
+    read = [sensor.read(at_sensor[:, j], samples, rng) for j, sensor in enumerate(specimen.sensors)]
+    return Session(
+        readings=np.stack([mean for mean, _ in read], axis=-1),
+        spread=np.stack([spread for _, spread in read], axis=-1),
+        samples=np.full(len(angles), samples),
+        angles=angles,
+        ground=ground,
+        hand=hand,
+        specimen=specimen,
+        truth=truth_of(specimen.chain),
+    )
+
+
+def _sensors(seed: int, sizes: Sizes) -> tuple[Encoder | Rvdt, ...]:
+    rng = stream(seed, Stream.ENCODERS)
+    found: list[Encoder | Rvdt] = []
+    for _ in ENCODERS:
+        once, twice = (tuple(sizes.encoder_rad * rng.normal(size=2)) for _ in range(2))
+        found.append(Encoder(counts_per_rev=COUNTS_PER_REV, once=once, twice=twice))
+    rng = stream(seed, Stream.CURVES)
+    for joint in RVDTS:
+        found.append(drawn_rvdt(joint, rng, linearity=sizes.linearity, noise_lsb=sizes.noise_lsb))
+    return tuple(found)
+
+
+def drawn_rvdt(joint: int, rng: np.random.Generator, *, linearity: float, noise_lsb: float) -> Rvdt:
+    """Draw an RVDT whose curve and gain together stay within `linearity` of full scale."""
+    shape = drawn_curve(str(rng.choice(CURVES)), rng)
+    x = np.linspace(-1.0, 1.0, len(shape))
+    slope = 0.25 * rng.uniform(-1.0, 1.0)
+    peak = np.abs(shape + slope * x).max()
+    size = linearity * FULL_SCALE * rng.uniform(0.5, 1.0) / peak
+    return Rvdt(
+        bits=BITS,
+        full_scale=FULL_SCALE,
+        zero=np.deg2rad(0.5 * (LOWER_DEG + UPPER_DEG)[joint - 1]),
+        noise_lsb=noise_lsb,
+        shape=size * shape,
+        gain=size * slope / (0.5 * FULL_SCALE),
+    )
+
+
+def _entropy(seed: int, which: Stream) -> list[int]:
+    return [77_003, seed, int(which)]

@@ -1,8 +1,8 @@
 """The bus vocabulary both sides share: nodes, COB-IDs, object indices, PDO layouts, codes. Knows no transport.
 
-CANopen (CiA 301) with the drive profile CiA 402; indices 2000h and up are our own. What is written
-here is the one source: the EDS files and the dictionaries of both sides are made from it (see
-`hardware.eds`).
+CANopen (CiA 301) with the drive profile CiA 402; indices 2000h and up are our own. These are the names
+that code uses; what the objects are (type, access, range, default) is in the EDS files of `hardware.eds`
+alone, and a test holds every number here that is also there against them.
 
 Positions are counts in sensor coordinates (the measured theta). 607Ch holds the calibration's
 theta_off in the same counts; it is stored and read back, and never shifts what 6064h reports.
@@ -83,6 +83,8 @@ EMCY: Final = struct.Struct("<HB5s")
 DEVICE_TYPE: Final = 0x1000
 ERROR_REGISTER: Final = 0x1001
 ERROR_FIELD: Final = 0x1003
+ERROR_HISTORY: Final = 8
+"""Entries of 1003h."""
 SYNC_COB_ID: Final = 0x1005
 DEVICE_NAME: Final = 0x1008
 HARDWARE_VERSION: Final = 0x1009

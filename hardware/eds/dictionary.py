@@ -1,49 +1,56 @@
-"""Object dictionaries for the `canopen` package, straight from the device descriptions. Knows no bus."""
+"""Object dictionaries of our devices, read from their EDS files, which are the source. Knows no bus.
+
+`hardware.objects` gives names to the indices that code uses; a test holds the two against each other.
+"""
 
 from __future__ import annotations
 
-from canopen import ObjectDictionary
-from canopen.objectdictionary import ODArray, ODRecord, ODVariable
+import copy
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Final
 
-from hardware.eds.devices import JOINT, SUPERVISOR
-from hardware.eds.model import Device, DictionaryObject, Entry, ObjectKind
-from hardware.objects import SUPERVISOR_NODE
+import canopen
+from canopen import ObjectDictionary
+from canopen.objectdictionary import ODVariable
+
+from hardware.objects import JOINT_PRODUCT, SUPERVISOR_NODE, SUPERVISOR_PRODUCT
+
+EDS_FILES: Final[Mapping[int, Path]] = {
+    JOINT_PRODUCT: Path(__file__).with_name("joint.eds"),
+    SUPERVISOR_PRODUCT: Path(__file__).with_name("supervisor.eds"),
+}
+"""Electronic data sheet (CiA 306) of every device type, by the product code of its 1018h."""
 
 
 def node_dictionary(node: int) -> ObjectDictionary:
     """Dictionary of a node of the arm: the supervisor's, or a joint's."""
-    return object_dictionary(SUPERVISOR if node == SUPERVISOR_NODE else JOINT, node)
+    return product_dictionary(
+        SUPERVISOR_PRODUCT if node == SUPERVISOR_NODE else JOINT_PRODUCT, node
+    )
 
 
-def object_dictionary(device: Device, node: int) -> ObjectDictionary:
-    """Dictionary of one device at a node number, as importing its EDS would give."""
-    dictionary = ObjectDictionary()  # type: ignore[no-untyped-call]
+def product_dictionary(product: int, node: int) -> ObjectDictionary:
+    """Dictionary of one device type at a node number; the caller's own, to change as it likes."""
+    dictionary = copy.deepcopy(_parsed(product))
     dictionary.node_id = node
-    for item in device.objects:
-        dictionary.add_object(_object(item, node))
+    for variable in variables(dictionary).values():
+        if variable.relative and variable.default is not None:  # $NODEID+
+            variable.default += node
     return dictionary
 
 
-def _object(item: DictionaryObject, node: int) -> ODVariable | ODArray | ODRecord:
-    if item.kind in (ObjectKind.VARIABLE, ObjectKind.DOMAIN):
-        ((_, entry),) = item.entries
-        return _variable(item.index, 0, entry, node)
-    kind = ODArray if item.kind is ObjectKind.ARRAY else ODRecord
-    group: ODArray | ODRecord = kind(item.name, item.index)
-    for sub, entry in item.entries:
-        group.add_member(_variable(item.index, sub, entry, node))
-    return group
+def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
+    """All entries by index and sub-index; a plain variable has sub-index 0."""
+    found: dict[tuple[int, int], ODVariable] = {}
+    for index, item in dictionary.indices.items():
+        subs = {0: item} if isinstance(item, ODVariable) else item.subindices
+        found.update({(index, sub): subs[sub] for sub in subs})
+    return found
 
 
-def _variable(index: int, sub: int, entry: Entry, node: int) -> ODVariable:
-    made = ODVariable(entry.name, index, sub)
-    made.data_type = int(entry.type)
-    made.access_type = entry.access.value
-    made.pdo_mappable = entry.mappable
-    made.min, made.max = entry.lowest, entry.highest
-    made.relative = entry.plus_node
-    default: object = entry.default
-    if entry.plus_node and isinstance(entry.default, int):
-        default = entry.default + node
-    made.default = default  # type: ignore[assignment]  # annotated int, holds text as well
-    return made
+@cache
+def _parsed(product: int) -> ObjectDictionary:
+    # Parsing takes some 10 ms and an arm has eight nodes of two kinds: once each, at node 0.
+    return canopen.import_od(str(EDS_FILES[product]), node_id=0)

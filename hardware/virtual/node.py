@@ -14,9 +14,8 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 
 from hardware import objects
-from hardware.eds.devices import ERROR_HISTORY
-from hardware.eds.dictionary import node_dictionary
-from hardware.objects import Abort, EmergencyCode, ErrorBit, NmtCommand, NmtState
+from hardware.eds.dictionary import node_dictionary, variables
+from hardware.objects import ERROR_HISTORY, Abort, EmergencyCode, ErrorBit, NmtCommand, NmtState
 from hardware.virtual.sdo_server import SegmentedSdoServer
 
 Value = int | bytes | str
@@ -48,10 +47,7 @@ class VirtualNode(canopen.LocalNode):
         self._history: list[int] = []
         self._readers: dict[tuple[int, int], Reader] = {}
         self._writers: dict[tuple[int, int], Writer] = {}
-        self._variables: dict[tuple[int, int], ODVariable] = {}
-        for index, item in self.object_dictionary.indices.items():
-            subs = {0: item} if isinstance(item, ODVariable) else item.subindices
-            self._variables.update({(index, sub): subs[sub] for sub in subs})
+        self._variables = variables(self.object_dictionary)
         self.number = node
         self.server = self.sdo = SegmentedSdoServer(
             objects.COB_SDO_TO_SERVER + node,

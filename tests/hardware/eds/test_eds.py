@@ -1,5 +1,8 @@
+"""The EDS files against the names in `hardware.objects`, against dcfchk, and as nodes get them."""
+
 from __future__ import annotations
 
+import configparser
 import os
 import shutil
 import subprocess
@@ -9,49 +12,132 @@ from pathlib import Path
 
 import canopen
 import pytest
-from canopen.objectdictionary import ODVariable
+from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware import objects
-from hardware.eds.devices import DEVICES, JOINT
-from hardware.eds.dictionary import node_dictionary, object_dictionary
-from hardware.eds.generate import FOLDER, eds_text, main, stale, write
-from hardware.eds.model import Device
+from hardware.eds.dictionary import EDS_FILES, node_dictionary, product_dictionary, variables
 
 NODE = 3
-BY_NAME = pytest.mark.parametrize("device", DEVICES, ids=lambda device: device.file_name)
+BY_FILE = pytest.mark.parametrize(
+    ("product", "file"), EDS_FILES.items(), ids=[path.name for path in EDS_FILES.values()]
+)
+COMMON = {
+    "Device type": objects.DEVICE_TYPE,
+    "Error register": objects.ERROR_REGISTER,
+    "Pre-defined error field": objects.ERROR_FIELD,
+    "COB-ID SYNC message": objects.SYNC_COB_ID,
+    "Manufacturer device name": objects.DEVICE_NAME,
+    "Manufacturer hardware version": objects.HARDWARE_VERSION,
+    "Manufacturer software version": objects.SOFTWARE_VERSION,
+    "COB-ID emergency message": objects.EMCY_COB_ID,
+    "Consumer heartbeat time": objects.HEARTBEAT_CONSUMER,
+    "Producer heartbeat time": objects.HEARTBEAT_PRODUCER,
+    "Identity object": objects.IDENTITY,
+    "SDO server parameter": objects.SDO_SERVER,
+}
+NAMES = {
+    objects.JOINT_PRODUCT: COMMON
+    | {
+        "RPDO1 communication parameter": objects.RPDO1_COMMUNICATION,
+        "RPDO1 mapping parameter": objects.RPDO1_MAP,
+        "TPDO1 communication parameter": objects.TPDO1_COMMUNICATION,
+        "TPDO1 mapping parameter": objects.TPDO1_MAP,
+        "Error code": objects.ERROR_CODE,
+        "Controlword": objects.CONTROLWORD,
+        "Statusword": objects.STATUSWORD,
+        "Quick stop option code": objects.QUICK_STOP_OPTION,
+        "Modes of operation": objects.MODE,
+        "Modes of operation display": objects.MODE_DISPLAY,
+        "Position actual value": objects.POSITION_ACTUAL,
+        "Following error window": objects.FOLLOWING_WINDOW,
+        "Velocity actual value": objects.VELOCITY_ACTUAL,
+        "Target torque": objects.TARGET_TORQUE,
+        "Max torque": objects.MAX_TORQUE,
+        "Motor rated torque": objects.RATED_TORQUE,
+        "Torque actual value": objects.TORQUE_ACTUAL,
+        "Target position": objects.TARGET_POSITION,
+        "Home offset": objects.HOME_OFFSET,
+        "Software position limit": objects.POSITION_LIMITS,
+        "Max profile velocity": objects.MAX_VELOCITY,
+        "Position encoder resolution": objects.ENCODER_RESOLUTION,
+        "Interpolation time period": objects.CONTROL_PERIOD,
+        "Supported drive modes": objects.SUPPORTED_MODES,
+        "Angle sensor": objects.SENSOR,
+    },
+    objects.SUPERVISOR_PRODUCT: COMMON
+    | {
+        "Parameter document": objects.DOCUMENT,
+        "Parameter document digest": objects.DIGEST,
+        "Parameter command": objects.COMMAND,
+        "Parameter slots": objects.SLOTS,
+        "Last refusal": objects.REFUSAL,
+        "Control token": objects.TOKEN,
+        "Arm": objects.ARM,
+    },
+}
+SUB_NAMES = {
+    objects.JOINT_PRODUCT: {
+        (objects.IDENTITY, objects.IDENTITY_VENDOR): "Vendor-ID",
+        (objects.IDENTITY, objects.IDENTITY_PRODUCT): "Product code",
+        (objects.IDENTITY, objects.IDENTITY_REVISION): "Revision number",
+        (objects.IDENTITY, objects.IDENTITY_SERIAL): "Serial number",
+        (objects.SENSOR, objects.SENSOR_KIND): "Kind",
+        (objects.SENSOR, objects.SENSOR_FULL_SCALE): "Full scale",
+        (objects.SENSOR, objects.SENSOR_BITS): "Converter bits",
+        (objects.POSITION_LIMITS, 1): "Min position limit",
+        (objects.POSITION_LIMITS, 2): "Max position limit",
+        (objects.ENCODER_RESOLUTION, 1): "Encoder increments",
+        (objects.ENCODER_RESOLUTION, 2): "Motor revolutions",
+    },
+    objects.SUPERVISOR_PRODUCT: {
+        (objects.DIGEST, objects.DIGEST_SHA256): "SHA-256",
+        (objects.DIGEST, objects.DIGEST_LENGTH): "Length",
+        (objects.SLOTS, objects.SLOTS_ACTIVE): "Active slot",
+        (objects.SLOTS, objects.SLOTS_A): "State of slot A",
+        (objects.SLOTS, objects.SLOTS_B): "State of slot B",
+        (objects.SLOTS, objects.SLOTS_STAGED): "Staged",
+        (objects.ARM, objects.ARM_MODEL): "Model",
+        (objects.ARM, objects.ARM_SERIAL): "Serial number",
+        (objects.ARM, objects.ARM_JOINTS): "Number of joints",
+    },
+}
+DEFAULTS = {
+    objects.JOINT_PRODUCT: {
+        (objects.DEVICE_TYPE, 0): objects.DRIVE_DEVICE_TYPE,
+        (objects.DEVICE_NAME, 0): objects.JOINT_DEVICE_NAME,
+        (objects.RPDO1_COMMUNICATION, 1): objects.COB_RPDO1 + NODE,
+        (objects.RPDO1_COMMUNICATION, 2): objects.RPDO_ON_RECEIPT,
+        (objects.TPDO1_COMMUNICATION, 1): objects.COB_TPDO1 + NODE,
+        (objects.TPDO1_COMMUNICATION, 2): objects.TPDO_EVERY_SYNC,
+        (objects.QUICK_STOP_OPTION, 0): 6,
+        (objects.MAX_TORQUE, 0): 1000,
+        (objects.SUPPORTED_MODES, 0): sum(1 << code - 1 for code in objects.JOINT_MODE),
+        (objects.SENSOR, objects.SENSOR_KIND): objects.SensorKind.NONE,
+    },
+    objects.SUPERVISOR_PRODUCT: {
+        (objects.DEVICE_TYPE, 0): objects.SUPERVISOR_DEVICE_TYPE,
+        (objects.DEVICE_NAME, 0): objects.SUPERVISOR_DEVICE_NAME,
+        (objects.SLOTS, objects.SLOTS_ACTIVE): objects.Slot.NONE,
+        (objects.SLOTS, objects.SLOTS_A): objects.SlotState.EMPTY,
+        (objects.SLOTS, objects.SLOTS_B): objects.SlotState.EMPTY,
+    },
+}
 
 
-def _variables(dictionary: canopen.ObjectDictionary) -> dict[tuple[int, int], ODVariable]:
-    found: dict[tuple[int, int], ODVariable] = {}
-    for index, item in dictionary.indices.items():
-        if isinstance(item, ODVariable):
-            found[index, 0] = item
-        else:
-            found.update({(index, sub): item.subindices[sub] for sub in item.subindices})
-    return found
+def _file(path: Path) -> configparser.RawConfigParser:
+    """Refuses sections and keys that are given twice."""
+    read = configparser.RawConfigParser(strict=True)
+    read.read_string(path.read_text("ascii"))
+    return read
 
 
-def test_the_files_in_the_repository_are_what_the_generator_makes_now() -> None:
-    assert stale() == ()
-    assert main(["--check"]) == 0
-
-
-def test_a_changed_or_missing_file_is_noticed(tmp_path: Path) -> None:
-    write(tmp_path)
-    assert stale(tmp_path) == ()
-    changed = tmp_path / "joint.eds"
-    changed.write_text(changed.read_text().replace("AccessType=rw", "AccessType=ro", 1))
-    (tmp_path / "supervisor.eds").unlink()
-    assert stale(tmp_path) == ("joint.eds", "supervisor.eds")
-
-
-@BY_NAME
-def test_dcfchk_finds_nothing(device: Device) -> None:
+@BY_FILE
+def test_dcfchk_finds_nothing(product: int, file: Path) -> None:
     here = shutil.which("dcfchk", path=f"{sysconfig.get_path('scripts')}{os.pathsep}{os.defpath}")
     if here is None:
         pytest.skip("dcfchk is not installed (pip install dcf-tools)")
     done = subprocess.run(
-        [sys.executable, "-W", "error", here, "-n", str(NODE), str(FOLDER / device.file_name)],
+        [sys.executable, "-W", "error", here, "-n", str(NODE), str(file)],
         capture_output=True,
         text=True,
         check=False,
@@ -59,24 +145,97 @@ def test_dcfchk_finds_nothing(device: Device) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-@BY_NAME
-def test_importing_the_file_gives_the_dictionary_built_directly(device: Device) -> None:
-    imported = _variables(canopen.import_od(str(FOLDER / device.file_name), NODE))
-    built = _variables(object_dictionary(device, NODE))
-    assert imported.keys() == built.keys()
-    for key, ours in built.items():
-        theirs = imported[key]
+@BY_FILE
+def test_a_node_gets_what_canopen_reads_from_the_file(product: int, file: Path) -> None:
+    imported = variables(canopen.import_od(str(file), NODE))
+    ours = variables(product_dictionary(product, NODE))
+    assert ours.keys() == imported.keys()
+    for key, variable in imported.items():
         for name in ("name", "data_type", "access_type", "default", "pdo_mappable", "min", "max"):
-            assert getattr(theirs, name) == getattr(ours, name), (key, name)
+            assert getattr(ours[key], name) == getattr(variable, name), (key, name)
 
 
-@BY_NAME
-def test_every_section_is_listed_once(device: Device) -> None:
-    lines = eds_text(device).splitlines()
-    heads = [line for line in lines if line.startswith("[")]
-    assert len(heads) == len(set(heads))
-    indices = [item.index for item in device.objects]
-    assert len(indices) == len(set(indices))
+@BY_FILE
+def test_every_index_has_its_name_in_the_code_and_the_other_way_round(
+    product: int, file: Path
+) -> None:
+    dictionary = product_dictionary(product, NODE)
+    assert {item.name: index for index, item in dictionary.indices.items()} == NAMES[product]
+    entries = variables(dictionary)
+    assert {key: entries[key].name for key in SUB_NAMES[product]} == SUB_NAMES[product]
+
+
+def test_every_index_the_code_names_is_in_a_file() -> None:
+    """An index constant that is in no EDS would be an object that no node has."""
+    indices = {
+        value
+        for name, value in vars(objects).items()
+        if name.isupper() and isinstance(value, int) and 0x1000 <= value < 0x10000
+    }
+    # Numbers of that size that are no indices.
+    indices -= {objects.REVISION}
+    assert indices == {index for names in NAMES.values() for index in names.values()}
+
+
+@BY_FILE
+def test_values_that_code_relies_on_are_those_of_the_file(product: int, file: Path) -> None:
+    entries = variables(product_dictionary(product, NODE))
+    identity = {
+        objects.IDENTITY_VENDOR: objects.VENDOR_ID,
+        objects.IDENTITY_PRODUCT: product,
+        objects.IDENTITY_REVISION: objects.REVISION,
+    }
+    wanted = DEFAULTS[product] | {(objects.IDENTITY, sub): v for sub, v in identity.items()}
+    wanted |= {
+        (objects.SYNC_COB_ID, 0): objects.COB_SYNC,
+        (objects.EMCY_COB_ID, 0): objects.COB_EMCY + NODE,
+        (objects.SDO_SERVER, 1): objects.COB_SDO_TO_SERVER + NODE,
+        (objects.SDO_SERVER, 2): objects.COB_SDO_FROM_SERVER + NODE,
+        (objects.HEARTBEAT_PRODUCER, 0): round(objects.HEARTBEAT_PERIOD_S * 1e3),
+        (objects.HEARTBEAT_CONSUMER, 1): objects.OPERATOR_NODE << 16
+        | round(objects.HEARTBEAT_TIMEOUT_S * 1e3),
+    }
+    assert {key: entries[key].default for key in wanted} == wanted
+    history = [sub for index, sub in entries if index == objects.ERROR_FIELD and sub > 0]
+    assert history == list(range(1, objects.ERROR_HISTORY + 1))
+    info = _file(file)["DeviceInfo"]
+    assert int(info["VendorNumber"], 0) == objects.VENDOR_ID
+    assert int(info["ProductNumber"], 0) == product
+    assert int(info["RevisionNumber"], 0) == objects.REVISION
+    assert info["ProductName"] == entries[objects.DEVICE_NAME, 0].default
+
+
+def test_ranges_are_those_of_the_codes() -> None:
+    joint = variables(node_dictionary(NODE))
+    period = (
+        joint[objects.CONTROL_PERIOD, 1].default * 10.0 ** joint[objects.CONTROL_PERIOD, 2].default
+    )
+    assert period == pytest.approx(objects.CONTROL_PERIOD_S, rel=1e-15)
+    assert (joint[objects.TARGET_TORQUE, 0].min, joint[objects.TARGET_TORQUE, 0].max) == (0, 0)
+    supervisor = variables(node_dictionary(objects.SUPERVISOR_NODE))
+    command = supervisor[objects.COMMAND, 0]
+    assert [*range(command.min, command.max + 1)] == [*objects.ParameterCommand]
+    token = supervisor[objects.TOKEN, 0]
+    assert (token.min, token.max) == (0, objects.OPERATOR_NODE)
+
+
+@BY_FILE
+def test_every_section_is_listed_once_where_it_belongs(product: int, file: Path) -> None:
+    read = _file(file)
+    makers = range(0x2000, 0x6000)
+    mandatory = {0x1000, 0x1001, 0x1018}
+    present = {int(name, 16) for name in read.sections() if len(name) == 4}
+    lists = {
+        "MandatoryObjects": present & mandatory,
+        "OptionalObjects": {i for i in present - mandatory if i not in makers},
+        "ManufacturerObjects": {i for i in present if i in makers},
+    }
+    for name, indices in lists.items():
+        listed = [
+            int(read[name][str(k)], 0) for k in range(1, int(read[name]["SupportedObjects"]) + 1)
+        ]
+        assert listed == sorted(indices)
+    assert read["FileInfo"]["FileName"] == file.name
 
 
 @pytest.mark.parametrize(
@@ -87,19 +246,35 @@ def test_every_section_is_listed_once(device: Device) -> None:
     ],
 )
 def test_pdo_layout_matches_the_mapped_objects(mapping, layout, index) -> None:  # type: ignore[no-untyped-def]
-    variables = _variables(object_dictionary(JOINT, NODE))
+    entries = variables(node_dictionary(NODE))
+    signed = {datatypes.INTEGER8: "b", datatypes.INTEGER16: "h", datatypes.INTEGER32: "i"}
+    codes = signed | {
+        datatypes.UNSIGNED8: "B",
+        datatypes.UNSIGNED16: "H",
+        datatypes.UNSIGNED32: "I",
+    }
     assert layout.size * 8 == sum(bits for _, _, bits in mapping)
+    assert entries[index, 0].default == len(mapping)
     for number, (object_index, sub, bits) in enumerate(mapping, start=1):
-        mapped = variables[object_index, sub]
+        mapped = entries[object_index, sub]
         assert len(mapped) == bits
         assert mapped.pdo_mappable
-        assert variables[index, number].default == object_index << 16 | sub << 8 | bits
+        assert codes[mapped.data_type] == layout.format[number]
+        assert entries[index, number].default == object_index << 16 | sub << 8 | bits
 
 
 def test_node_numbers_reach_the_cob_ids() -> None:
-    variables = _variables(node_dictionary(5))
-    assert variables[objects.TPDO1_COMMUNICATION, 1].default == 0x185
-    assert variables[objects.RPDO1_COMMUNICATION, 1].default == 0x205
-    assert variables[objects.EMCY_COB_ID, 0].default == 0x85
-    assert (objects.TOKEN, 0) in _variables(node_dictionary(objects.SUPERVISOR_NODE))
-    assert (objects.TOKEN, 0) not in variables
+    entries = variables(node_dictionary(5))
+    assert entries[objects.TPDO1_COMMUNICATION, 1].default == 0x185
+    assert entries[objects.RPDO1_COMMUNICATION, 1].default == 0x205
+    assert entries[objects.EMCY_COB_ID, 0].default == 0x85
+    assert (objects.TOKEN, 0) in variables(node_dictionary(objects.SUPERVISOR_NODE))
+    assert (objects.TOKEN, 0) not in entries
+
+
+def test_nodes_do_not_share_what_they_are_given() -> None:
+    first = node_dictionary(NODE)
+    entry = first[objects.MAX_TORQUE]
+    assert isinstance(entry, ODVariable)
+    entry.default = 1
+    assert variables(node_dictionary(NODE))[objects.MAX_TORQUE, 0].default == 1000

@@ -9,9 +9,9 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -36,7 +36,9 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
-from operator_app.session.opening import Choices, Opening
+from operator_app.session.opening import Choices, Opening, Rig, open_session
+from operator_app.session.workflow import Session
+from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
@@ -50,20 +52,6 @@ SERIAL_NUMBER = "SDA-0001"
 """Of every virtual arm."""
 
 _channels = count(1)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rig:
-    """An arm ready to be connected, and the procedure for the arm that is really there.
-
-    `choices` are the operator's, completed by what the environment and the defaults chose: what the
-    journal keeps, so that nobody who reads it later depends on them.
-    """
-
-    arm: CanopenArm
-    procedure: Procedure
-    choices: Choices
-    simulated: bool
 
 
 @cache
@@ -117,12 +105,39 @@ def open_arm(
             timing=Timing(speed=speed if embedded else 1.0),
         )
         stack.callback(arm.close)
+        choices = _completed(opening.choices, bus, embedded=embedded)
         yield Rig(
             arm=arm,
-            procedure=procedure,
-            choices=_completed(opening.choices, bus, embedded=embedded),
+            opening=replace(opening, procedure=procedure, choices=choices),
             simulated=embedded,
         )
+
+
+@contextmanager
+def unattended(
+    opening: Opening,
+    *,
+    record_to: Path | None = None,
+    cut_short: Callable[[Session, str], None] = lambda _session, _reason: None,
+) -> Iterator[Session]:
+    """Open a session for a command: whatever ends it, the arm is held and the journal whole afterwards.
+
+    `cut_short` is told then of a session that did not come to its end, and why.
+    """
+    with ending_signals_interrupt(), open_arm(opening, record_to=record_to) as rig:
+        session = open_session(rig)
+        reason = "failed"
+        try:
+            yield session
+            reason = "done"
+        except KeyboardInterrupt:
+            reason = "interrupted"
+            raise
+        finally:
+            with ending_signals_wait():
+                session.close(reason)
+            if reason != "done":
+                cut_short(session, reason)
 
 
 def carried_procedure(opening: Opening) -> Procedure:

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, NoReturn
 
 from operator_app.commands.options import (
@@ -18,7 +19,7 @@ from operator_app.commands.options import (
 from operator_app.exit_codes import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from operator_app.source import ComposedSource
+    from operator_app.session.sessions import Sessions
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,14 +55,15 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError("--speed: between 0 and 50 times real time")
     if not args.plain and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError("the terminal app needs a terminal: use --plain, or `sarcal run`")
-    made: list[ComposedSource] = []
+    made: list[Sessions] = []
 
-    def make_source() -> ComposedSource:
-        from operator_app.source import ComposedSource
+    def make_source() -> Sessions:
+        from hardware.control_loop import Pace
+        from operator_app.composition import open_arm
+        from operator_app.session.sessions import Sessions
 
-        made.append(
-            ComposedSource(args.procedure, choices_from(args), root=args.sessions, speed=args.speed)
-        )
+        join = partial(open_arm, pace=Pace.REAL_TIME, speed=args.speed)
+        made.append(Sessions(args.procedure, choices_from(args), root=args.sessions, join=join))
         return made[0]
 
     reason = _plain(args, make_source()) if args.plain else _full_screen(args, make_source)
@@ -81,7 +83,7 @@ def _tell(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
-def _full_screen(args: argparse.Namespace, make_source: Callable[[], ComposedSource]) -> str:
+def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) -> str:
     from operator_app.tui.app import run
     from operator_app.tui.look import DARK, LIGHT
 
@@ -97,7 +99,7 @@ class _Ended(BaseException):
     """A signal that asks this process to end, unwinding it in order."""
 
 
-def _plain(args: argparse.Namespace, source: ComposedSource) -> str:
+def _plain(args: argparse.Namespace, source: Sessions) -> str:
     from operator_app.headless.plain import Plain
     from operator_app.headless.plain_terminal import StandardTerminal
     from operator_app.signals import ending_signals_wait

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from operator_app.commands.options import (
@@ -23,6 +22,7 @@ from operator_app.exit_codes import ExitCode
 if TYPE_CHECKING:
     from operator_app.headless.runner import RunResult
     from operator_app.session.workflow import Session
+    from solver.errors import UnidentifiableError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,13 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run, report, and leave the arm held whatever happens."""
-    from operator_app.composition import open_arm
+    from operator_app.composition import unattended
     from operator_app.headless.console import ConsoleListener
     from operator_app.headless.runner import run
-    from operator_app.session.journal import Journal
     from operator_app.session.opening import begin, resume
-    from operator_app.session.workflow import Session
-    from operator_app.signals import ending_signals_interrupt, ending_signals_wait
     from solver.errors import UnidentifiableError
 
     choices = choices_from(args)
@@ -68,59 +65,17 @@ def execute(args: argparse.Namespace) -> int:
     )
     listener = ConsoleListener()
     record_to = opening.folder / "bus.blf" if args.record else None
-    with ending_signals_interrupt(), open_arm(opening, record_to=record_to) as rig:
-        journal = (
-            Journal.resume(opening.folder) if opening.resumed else Journal.create(opening.folder)
-        )
-        session = Session(journal=journal, arm=rig.arm, procedure=rig.procedure)
-        reason = "failed"
-        try:
+    try:
+        with unattended(opening, record_to=record_to, cut_short=listener.cut_short) as session:
             if opening.resumed:
-                _say_resumed(listener, session)
-                session.record("resumed", {"settings": asdict(rig.choices)})
-            else:
-                session.open(opening.sources, asdict(rig.choices))
+                listener.resumed(session)
             result = run(session, listener)
-            reason = "done"
-        except KeyboardInterrupt:
-            reason = "interrupted"
-            raise
-        except UnidentifiableError as error:
-            _report_unidentifiable(args, session, error)
-            return ExitCode.NOT_IDENTIFIABLE
-        finally:
-            listener.close()
-            with ending_signals_wait():
-                session.close(reason)
-            if reason != "done":
-                _say_kept(listener, session, reason)
+    except UnidentifiableError as error:
+        # Only an open session calibrates.
+        _report_unidentifiable(args, session, error)
+        return ExitCode.NOT_IDENTIFIABLE
     _report(args, session, result)
     return ExitCode.ACCEPTED if result.solution.accepted else ExitCode.NOT_ACCEPTED
-
-
-def _say_resumed(listener: object, session: Session) -> None:
-    from operator_app.headless.console import ConsoleListener
-
-    if isinstance(listener, ConsoleListener):
-        if session.journal.contents.torn:
-            listener.say(f"{session.journal.contents.torn}.")
-        listener.say(f"Going on after {len(session.state.used_poses)} poses.")
-
-
-def _say_kept(listener: object, session: Session, reason: str) -> None:
-    from operator_app.headless.console import ConsoleListener
-
-    folder = session.journal.path.parent
-    if isinstance(listener, ConsoleListener):
-        said = "The run was interrupted" if reason == "interrupted" else "The run has ended early"
-        held = "; the arm is held" if session.state.serial_number else ""
-        kept = len(session.state.poses)
-        listener.say(
-            f"{said}{held}. {kept} poses are kept in {folder}. "
-            f"Go on with: sarcal run --resume {folder}"
-            if kept
-            else f"{said}{held}; no pose was taken."
-        )
 
 
 def _report(args: argparse.Namespace, session: Session, result: RunResult) -> None:
@@ -212,13 +167,12 @@ def _capture_text(result: RunResult) -> str:
     return "\n".join(lines)
 
 
-def _report_unidentifiable(args: argparse.Namespace, session: Session, error: Exception) -> None:
+def _report_unidentifiable(
+    args: argparse.Namespace, session: Session, error: UnidentifiableError
+) -> None:
     from operator_app.report.json_result import unidentifiable_json
     from operator_app.report.text import unidentifiable_text
-    from solver.errors import UnidentifiableError
 
-    if not isinstance(error, UnidentifiableError):
-        raise TypeError("only an UnidentifiableError has directions")
     if not args.json:
         print(unidentifiable_text(error.directions), file=sys.stdout)
         return

@@ -92,32 +92,27 @@ def _new_poses(opening: Opening, count: int) -> PoseSet:
     """Take `count` poses in a session of their own, at other waypoints."""
     from dataclasses import replace
 
-    from operator_app.composition import open_arm
+    from operator_app.composition import unattended
     from operator_app.session.drives import drives_of
     from operator_app.session.folder import new_folder
-    from operator_app.session.journal import Journal, utc_now
-    from operator_app.session.workflow import Session
-    from operator_app.signals import ending_signals_interrupt, ending_signals_wait
+    from operator_app.session.journal import utc_now
 
     if count < 1:
         raise UsageError("--poses: take at least 1")
-    capture = replace(
-        opening.procedure.capture, poses=count, seed=opening.procedure.capture.seed + 1
+    own = opening.procedure
+    capture = replace(own.capture, poses=count, seed=own.capture.seed + 1)
+    folder = new_folder(opening.folder.parent, f"{own.name}-verify", utc_now())
+    again = replace(
+        opening,
+        folder=folder,
+        resumed=False,
+        procedure=replace(own, capture=capture),
+        verifies=str(opening.folder),
     )
-    again = replace(opening, procedure=replace(opening.procedure, capture=capture))
-    folder = new_folder(opening.folder.parent, f"{opening.procedure.name}-verify", utc_now())
-    with ending_signals_interrupt(), open_arm(again) as rig:
-        session = Session(journal=Journal.create(folder), arm=rig.arm, procedure=rig.procedure)
-        reason = "failed"
-        try:
-            session.open(opening.sources, {**opening.settings, "verifies": str(opening.folder)})
-            session.connect()
-            session.set_modes(drives_of(session))
-            session.run_plan()
-            reason = "done"
-        finally:
-            with ending_signals_wait():
-                session.close(reason)
+    with unattended(again) as session:
+        session.connect()
+        session.set_modes(drives_of(session))
+        session.run_plan()
     print(f"Took {count} new poses: {folder}", file=sys.stderr)
     return session.state.pose_set()
 

@@ -12,6 +12,7 @@ from hardware.arm import ArmIdentity
 from operator_app.calibration.solve import Solution
 from operator_app.planning.drives import DriveChoice, names
 from operator_app.session.state import SessionState
+from operator_app.session.workflow import Session
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
 
@@ -26,6 +27,25 @@ class ConsoleListener:
     def say(self, text: str) -> None:
         """Write one line of progress."""
         self._console.print(text, markup=False)
+
+    def resumed(self, session: Session) -> None:
+        """Say what the session goes on with."""
+        if session.journal.contents.torn:
+            self.say(f"{session.journal.contents.torn}.")
+        self.say(f"Going on after {len(session.state.used_poses)} poses.")
+
+    def cut_short(self, session: Session, reason: str) -> None:
+        """Say what is left of a run that did not come to its end; the arm is held by now."""
+        self.close()
+        folder, kept = session.journal.path.parent, len(session.state.poses)
+        said = "The run was interrupted" if reason == "interrupted" else "The run has ended early"
+        held = "; the arm is held" if session.state.serial_number else ""
+        self.say(
+            f"{said}{held}. {kept} poses are kept in {folder}. "
+            f"Go on with: sarcal run --resume {folder}"
+            if kept
+            else f"{said}{held}; no pose was taken."
+        )
 
     def connected(self, identity: ArmIdentity) -> None:
         """Say which arm answered."""

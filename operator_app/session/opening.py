@@ -1,7 +1,8 @@
 """Where sessions come from: a procedure file with overrides, or the journal of an earlier run.
 
-A journal carries the arm, fixture and procedure documents it was opened with, so that resuming does
-not depend on files that may have changed since.
+A journal carries the arm, fixture and procedure documents it was opened with, and the bus that was
+really opened, so that resuming does not depend on files and an environment that may have changed
+since. The only place that makes a `Session`; which arm it gets is the composition's affair.
 """
 
 from __future__ import annotations
@@ -11,14 +12,16 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from hardware.arm import Arm
 from operator_app.config.procedure import CapturePlan, Procedure
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.errors import SessionError
 from operator_app.planning.task import require_closed_chain
 from operator_app.session.folder import find_session, new_folder
-from operator_app.session.journal import Clock, read_journal, utc_now
+from operator_app.session.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.state import replay
+from operator_app.session.workflow import Session
 from solver.estimators.estimate import require_enough_poses
 
 KINDS: tuple[Kind, Kind, Kind] = ("procedure", "arm", "fixture")
@@ -61,18 +64,63 @@ class Choices:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opening:
-    """A session that is about to begin or go on, before anything was written."""
+    """A session that is about to begin or go on, before anything was written.
+
+    `verifies` names the session that its poses are to verify; empty for one of its own.
+    """
 
     folder: Path
     resumed: bool
     procedure: Procedure
     choices: Choices
     sources: Mapping[str, str]
+    verifies: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rig:
+    """An arm ready to be connected, and the opening as it came to be.
+
+    Attributes
+    ----------
+    opening
+        For the arm that is really there, its choices completed by what the environment and the
+        defaults chose: what the journal keeps.
+    simulated
+        Whether nothing real can move.
+    """
+
+    arm: Arm
+    opening: Opening
+    simulated: bool
 
     @property
-    def settings(self) -> Mapping[str, Any]:
-        """The choices as the journal keeps them."""
-        return asdict(self.choices)
+    def bus(self) -> str:
+        """The bus in words."""
+        if self.simulated:
+            return "the virtual bus of this program"
+        chosen = self.opening.choices
+        bitrate = f"{chosen.bitrate} bit/s" if chosen.bitrate else ""
+        return " ".join(p for p in (chosen.interface, chosen.channel, bitrate) if p)
+
+
+def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
+    """Make the session of a rig, its journal begun or gone on with; raises JournalError."""
+    opening = rig.opening
+    settings = asdict(opening.choices)
+    if opening.verifies:
+        settings["verifies"] = opening.verifies
+    journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
+    try:
+        session = Session(journal=journal, arm=rig.arm, procedure=opening.procedure, clock=clock)
+        if opening.resumed:
+            session.record("resumed", {"settings": settings})
+        else:
+            session.record("opened", {"sources": dict(opening.sources), "settings": settings})
+    except BaseException:
+        journal.close()
+        raise
+    return session
 
 
 def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:

@@ -67,10 +67,6 @@ class Session:
         event = self.journal.append(name, data, clock=self._clock)
         self.state = apply(self.state, event.name, event.data, event.utc)
 
-    def open(self, sources: Mapping[str, str], settings: Mapping[str, Any]) -> None:
-        """Record what this session is about; the first event of a new journal."""
-        self.record("opened", {"sources": dict(sources), "settings": dict(settings)})
-
     # -- 1 Connect -------------------------------------------------------------------------------
 
     def connect(self) -> ArmIdentity:

@@ -34,8 +34,8 @@ from operator_app.tui.start_screen import StartScreen
 
 if TYPE_CHECKING:
     from operator_app.session.desk import Desk
+    from operator_app.session.sessions import Sessions
     from operator_app.session.snapshot import SessionSnapshot
-    from operator_app.source import Source
     from operator_app.tui.actions import Actions
     from operator_app.tui.main_screen import MainScreen
 
@@ -56,7 +56,7 @@ class SarcalApp(App[str]):
 
     def __init__(
         self,
-        make_source: Callable[[], Source],
+        make_source: Callable[[], Sessions],
         *,
         theme: str = DARK,
         ascii_only: bool = False,
@@ -80,7 +80,7 @@ class SarcalApp(App[str]):
         self._source_lock = threading.Lock()
         self._stopped_at_the_door: list[events.Key] = []
         self._make_source = make_source
-        self.source: Source
+        self.source: Sessions
         self.main: MainScreen
         self.actions: Actions
 
@@ -286,7 +286,7 @@ def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], Actions]]:
 
 
 def run(
-    make_source: Callable[[], Source],
+    make_source: Callable[[], Sessions],
     *,
     theme: str = DARK,
     ascii_only: bool = False,

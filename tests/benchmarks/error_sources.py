@@ -15,8 +15,7 @@ from pathlib import Path
 from hardware.virtual.scenarios import STIFF, Scenario, scenario
 from operator_app.calibration.solve import calibrate
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.journal import Journal
-from operator_app.session.workflow import Session
+from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
 
 ALL = scenario("as_reported")
@@ -34,11 +33,7 @@ def closure_sigmas(chosen: Scenario) -> tuple[float, float, float]:
     """sigma_pos (mm) and sigma_ori (mrad), rms, and the scaled condition number."""
     procedure = load_procedure("hinge")
     with tempfile.TemporaryDirectory() as folder:
-        session = Session(
-            journal=Journal.create(Path(folder)),
-            arm=PlantArm(procedure, chosen),
-            procedure=procedure,
-        )
+        session = opened(Path(folder), PlantArm(procedure, chosen), procedure)
         session.connect()
         session.set_modes(procedure.position_joints or ())
         session.run_plan()

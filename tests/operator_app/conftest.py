@@ -12,8 +12,8 @@ import pytest
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.journal import Journal
 from operator_app.session.workflow import Session
+from oracles.opened import opened
 from oracles.plant_arm import SERIAL, PlantArm
 
 
@@ -52,16 +52,8 @@ def make_session(tmp_path: Path) -> MakeSession:
         resume: bool = False,
         serial: str = SERIAL,
     ) -> Session:
+        arm = PlantArm(procedure, scenario_name, serial)
         folder = tmp_path / "session"
-        journal = Journal.resume(folder) if resume else Journal.create(folder)
-        session = Session(
-            journal=journal,
-            arm=PlantArm(procedure, scenario_name, serial),
-            procedure=procedure,
-            clock=Ticking(),
-        )
-        if not resume:
-            session.open(sources={}, settings={})
-        return session
+        return opened(folder, arm, procedure, resumed=resume, clock=Ticking())
 
     return make

@@ -18,7 +18,6 @@ import numpy as np
 from hardware.arm import ArmSnapshot, DriveState
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.desk import Desk
-from operator_app.session.journal import Journal
 from operator_app.session.motion import Motion
 from operator_app.session.snapshot import (
     DataState,
@@ -27,8 +26,8 @@ from operator_app.session.snapshot import (
     Task,
     TaskKind,
 )
-from operator_app.session.workflow import Session
 from oracles.live_arm import LiveArm
+from oracles.opened import opened
 
 POSES = 16
 NOW_S = 1000.0
@@ -76,13 +75,7 @@ def story() -> Mapping[str, SessionSnapshot]:
     clock = Ticking()
     with TemporaryDirectory() as root:
         arm = StillArm(procedure, "datasheet")
-        session = Session(
-            journal=Journal.create(Path(root) / "session"),
-            arm=arm,
-            procedure=procedure,
-            clock=clock,
-        )
-        session.open(sources={}, settings={})
+        session = opened(Path(root) / "session", arm, procedure, clock=clock)
         desk = Desk(
             session,
             simulated=True,

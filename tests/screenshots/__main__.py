@@ -12,14 +12,17 @@ import asyncio
 import re
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from textual.pilot import Pilot
 
+from hardware.control_loop import Pace
+from operator_app.composition import open_arm
 from operator_app.session.opening import Choices
+from operator_app.session.sessions import Sessions
 from operator_app.session.steps import Step
-from operator_app.source import ComposedSource
 from operator_app.tui.app import SarcalApp
 
 HERE = Path(__file__).parent
@@ -33,8 +36,9 @@ POSES_SHOWN = 12
 async def main() -> None:
     """Walk through, and write the two pictures."""
     with TemporaryDirectory() as root:
-        source = ComposedSource(
-            "hinge_planned", Choices(seed=SEED), root=Path(root) / "sessions", speed=SPEED
+        join = partial(open_arm, pace=Pace.REAL_TIME, speed=SPEED)
+        source = Sessions(
+            "hinge_planned", Choices(seed=SEED), root=Path(root) / "sessions", join=join
         )
         app = SarcalApp(lambda: source)
         try:

@@ -21,6 +21,7 @@ from operator_app.session.drives import choose
 from operator_app.session.journal import Event, Journal, read_journal
 from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.workflow import Session
+from oracles.opened import opened
 from oracles.plant_arm import PlantArm
 
 MakeSession = Callable[..., Session]
@@ -65,12 +66,9 @@ def named(session: Session, name: str) -> list[dict]:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """A planned capture from start to end on the exact arm."""
     wanted = procedure(4)
-    session = Session(
-        journal=Journal.create(tmp_path_factory.mktemp("whole") / "session"),
-        arm=PlantArm(wanted, "exact"),
-        procedure=wanted,
+    session = opened(
+        tmp_path_factory.mktemp("whole") / "session", PlantArm(wanted, "exact"), wanted
     )
-    session.open(sources={}, settings={})
     told = Told(session)
     heard: list[int] = []
     end = told.run(on_pose=lambda state: heard.append(len(state.used_poses)))

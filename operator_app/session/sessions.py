@@ -1,0 +1,104 @@
+"""The sessions a face can open, one desk at a time. Knows no screen; which arm there is, `join` decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.config.resources import builtin_names
+from operator_app.session.desk import Desk
+from operator_app.session.folder import SessionEntry, list_sessions
+from operator_app.session.journal import JOURNAL_NAME
+from operator_app.session.opening import Choices, Opening, Rig, begin, open_session, resume
+
+
+class Sessions:
+    """Sessions of one folder.
+
+    Parameters
+    ----------
+    procedure
+        Built-in name or path.
+    choices
+        What the command line says beside it.
+    root
+        Folder of session folders.
+    join
+        Joins the arm that an opening asks for.
+
+    Attributes
+    ----------
+    last
+        Folder of the session closed last; None when it held nothing.
+    """
+
+    def __init__(
+        self,
+        procedure: str,
+        choices: Choices,
+        *,
+        root: Path,
+        join: Callable[[Opening], AbstractContextManager[Rig]],
+    ) -> None:
+        self._procedure, self._choices, self._root, self._join = procedure, choices, root, join
+        self._stack = ExitStack()
+        self._desk: Desk | None = None
+        self.last: Path | None = None
+
+    def new(self, procedure: str | None = None) -> Desk:
+        """Begin a session; a procedure that is named stays chosen."""
+        named = procedure or self._procedure
+        desk = self._open(begin(named, self._choices, root=self._root), "another session was begun")
+        self._procedure = named
+        return desk
+
+    def procedures(self) -> tuple[Procedure, ...]:
+        """The packaged procedures, one of which a session can follow."""
+        return tuple(load_procedure(name) for name in builtin_names("procedure"))
+
+    def resumed(self, reference: str) -> Desk:
+        """Go on with a session, named by its folder."""
+        opening = resume(reference, self._choices, root=self._root)
+        return self._open(opening, "another session was resumed")
+
+    def sessions(self) -> tuple[SessionEntry, ...]:
+        """All sessions there are, newest first."""
+        return list_sessions(self._root)[::-1]
+
+    def close(self, reason: str) -> None:
+        """Close the desk that is open: arm held, journal whole. Safe to call twice."""
+        desk, self._desk = self._desk, None
+        if desk is not None:
+            try:
+                desk.close(reason)
+            finally:
+                self._stack.close()
+                kept = not _removed_if_empty(desk)
+                self.last = desk.session.journal.path.parent if kept else None
+
+    def _open(self, opening: Opening, farewell: str) -> Desk:
+        """Open a session; the one that was open is closed when nothing can go wrong any more."""
+        with ExitStack() as stack:
+            rig = stack.enter_context(self._join(opening))
+            session = open_session(rig)
+            stack.callback(session.journal.close)
+            desk = Desk(session, simulated=rig.simulated, bus=rig.bus)
+            opened = stack.pop_all()
+        self.close(farewell)
+        self._desk, self._stack = desk, opened
+        return desk
+
+
+def _removed_if_empty(desk: Desk) -> bool:
+    """Take away the folder of a session in which no arm was ever connected: it holds nothing."""
+    folder = desk.session.journal.path.parent
+    if not folder.is_dir():
+        return True
+    if desk.session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:
+        return False
+    (folder / JOURNAL_NAME).unlink()
+    folder.rmdir()
+    return True

@@ -1,0 +1,74 @@
+"""Which bus a session is on is decided once: what was really opened is journalled, and resumed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from hardware.control_loop import Pace
+from operator_app.cli import main
+from operator_app.composition import open_arm
+from operator_app.session.folder import read_session
+from operator_app.session.opening import Choices
+from operator_app.session.sessions import Sessions
+
+CHANNEL = f"test-opening-{os.getpid()}"
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Iterator[Sessions]:
+    """The sessions of the terminal app and of plain mode, without options."""
+    join = partial(open_arm, pace=Pace.REAL_TIME)
+    made = Sessions("hinge", Choices(), root=tmp_path / "sessions", join=join)
+    yield made
+    made.close("end of the test")
+
+
+@pytest.fixture
+def loopback(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Another bus than the default, named by the environment only."""
+    monkeypatch.setenv("CAN_INTERFACE", "loopback")
+    monkeypatch.setenv("CAN_CHANNEL", CHANNEL)
+    return monkeypatch
+
+
+def test_what_the_terminal_app_journals_is_the_bus_it_opened(
+    source: Sessions, loopback: pytest.MonkeyPatch
+) -> None:
+    begun = source.new()
+    folder = begun.session.journal.path.parent
+    assert begun.session.state.settings["interface"] == "loopback"
+    assert begun.session.state.settings["channel"] == CHANNEL
+    assert begun.snapshot().bus == f"loopback {CHANNEL}"
+    assert not begun.snapshot().simulated
+    begun.session.record("connected", {"serial_number": "SDA-0001"})
+    source.close("left")
+    assert read_session(folder).state is not None
+
+    loopback.delenv("CAN_INTERFACE")
+    loopback.delenv("CAN_CHANNEL")
+    again = source.resumed(folder.name)
+    assert again.snapshot().bus == f"loopback {CHANNEL}"
+    assert not again.snapshot().simulated
+
+
+def test_a_run_journals_the_same(
+    tmp_path: Path, loopback: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "hinge", "--sessions", str(tmp_path / "sessions")]) == 3
+    assert "no pose was taken" in capsys.readouterr().err
+    (folder,) = (tmp_path / "sessions").iterdir()
+    state = read_session(folder).state
+    assert state is not None
+    assert (state.settings["interface"], state.settings["channel"]) == ("loopback", CHANNEL)
+
+
+def test_the_embedded_arm_is_journalled_by_scenario_and_seed(source: Sessions) -> None:
+    settings = source.new().session.state.settings
+    assert (settings["interface"], settings["scenario"], settings["seed"]) == (
+        "virtual", "datasheet", 0,
+    )  # fmt: skip

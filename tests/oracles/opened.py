@@ -1,0 +1,21 @@
+"""A session on an arm that a test brings, made as the product makes one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hardware.arm import Arm
+from operator_app.config.procedure import Procedure
+from operator_app.session.journal import Clock, utc_now
+from operator_app.session.opening import Choices, Opening, Rig, open_session
+from operator_app.session.workflow import Session
+
+
+def opened(
+    folder: Path, arm: Arm, procedure: Procedure, *, resumed: bool = False, clock: Clock = utc_now
+) -> Session:
+    """Begin a session in `folder`, or go on with the one in it."""
+    opening = Opening(
+        folder=folder, resumed=resumed, procedure=procedure, choices=Choices(), sources={}
+    )
+    return open_session(Rig(arm=arm, opening=opening, simulated=True), clock=clock)

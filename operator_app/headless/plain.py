@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
@@ -145,7 +145,7 @@ class Plain:
         return items
 
     def _confirm_stop_test(self) -> None:
-        self._desk.publish(stop_tested=True)
+        self._desk.publish(lambda s: replace(s, stop_tested=True))
         self._submit(TaskKind.NOTE, lambda o: o.confirm("hardware stop", "tested"))
 
     def _fixture(self, s: SessionSnapshot) -> list[_Item]:
@@ -164,7 +164,7 @@ class Plain:
 
     def _tick(self, k: int) -> None:
         s = self._look()
-        self._desk.publish(ticked=s.ticked | {k})
+        self._desk.publish(lambda s: replace(s, ticked=s.ticked | {k}))
         text = s.procedure.fixture.checklist[k]
         self._submit(TaskKind.NOTE, lambda o: o.confirm(f"check list {k + 1}", text))
 
@@ -261,7 +261,7 @@ class Plain:
             ),
             _Item(
                 label=f"Use the {other} estimator",
-                do=lambda: self._desk.publish(estimator=other),
+                do=lambda: self._desk.publish(lambda s: replace(s, estimator=other)),
             ),
         ]
 

@@ -13,9 +13,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import UTC
-from typing import Any
 
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.errors import HardwareError
@@ -25,6 +24,7 @@ from operator_app.session.operations import Cancelled, Operations
 from operator_app.session.snapshot import (
     LOST_S,
     STALE_S,
+    Change,
     DataState,
     Level,
     Message,
@@ -40,7 +40,6 @@ WATCH_PERIOD_S = 0.05
 MESSAGES_KEPT = 100
 UNSEEN_S = 1.5
 """A motion that nobody has looked at for so long is ended: any key ends a motion, if it is read."""
-FIELDS = frozenset(f.name for f in fields(SessionSnapshot))
 
 MOVING = frozenset({TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.VERIFY})
 """Tasks that any key ends."""
@@ -113,22 +112,21 @@ class Desk:
 
     # -- the board ---------------------------------------------------------------------------------
 
-    def publish(self, **changes: Any) -> None:
-        """Replace fields of the snapshot, from any thread."""
+    def publish(self, change: Change) -> None:
+        """Put the changed snapshot in the place of the present one, from any thread."""
         with self._publishing:
-            known = {k: v for k, v in changes.items() if k in FIELDS}
-            self._base = replace(self._base, **known)
+            self._base = change(self._base)
 
     def say(self, level: Level, text: str) -> None:
         """Add a message, from any thread."""
-        now = self._clock()
-        with self._publishing:
-            earlier = self._base.messages
-            number = earlier[-1].number + 1 if earlier else 1
-            message = Message(
-                number=number, time=f"{now.astimezone(UTC):%H:%M:%S}", level=level, text=text
-            )
-            self._base = replace(self._base, messages=(*earlier, message)[-MESSAGES_KEPT:])
+        time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
+
+        def add(s: SessionSnapshot) -> SessionSnapshot:
+            number = s.messages[-1].number + 1 if s.messages else 1
+            message = Message(number=number, time=time_utc, level=level, text=text)
+            return replace(s, messages=(*s.messages, message)[-MESSAGES_KEPT:])
+
+        self.publish(add)
 
     def cancelled(self) -> bool:
         """Whether the work in hand should end."""
@@ -210,15 +208,14 @@ class Desk:
             problem = str(error) or repr(error)
         self.cancel()
         sent = self._monotonic() - asked
-        self.publish(
-            stop=StopReport(
-                asked_s=asked,
-                sent_after_s=sent,
-                acknowledged_after_s=None,
-                drives_stopped=0,
-                problem=problem,
-            )
+        report = StopReport(
+            asked_s=asked,
+            sent_after_s=sent,
+            acknowledged_after_s=None,
+            drives_stopped=0,
+            problem=problem,
         )
+        self.publish(lambda s: replace(s, stop=report))
         if problem:
             self.say(Level.ALARM, f"STOP could not be sent: {problem}. Use the hardware stop")
         elif not again:
@@ -239,9 +236,8 @@ class Desk:
     # -- threads -----------------------------------------------------------------------------------
 
     def _show_task(self, kind: TaskKind, text: str) -> None:
-        self.publish(
-            task=Task(kind=kind, text=text, moves=kind in MOVING, started_s=self._monotonic())
-        )
+        task = Task(kind=kind, text=text, moves=kind in MOVING, started_s=self._monotonic())
+        self.publish(lambda s: replace(s, task=task))
 
     def _work(self) -> None:
         with self._supervised():
@@ -269,7 +265,7 @@ class Desk:
                 self.say(Level.INFO, f"{job.text}: ended by the operator before it began")
             self._hand.popleft()
             self._current = None
-            self.publish(task=None)
+            self.publish(lambda s: replace(s, task=None))
 
     def _do(self, job: _Job) -> None:
         try:
@@ -285,7 +281,7 @@ class Desk:
             self.defect = error
             self.say(Level.ALARM, f"a defect of this program: {error!r}")
         finally:
-            self.publish(task=None)
+            self.publish(lambda s: replace(s, task=None))
 
     def _recover(self) -> None:
         """Publish what counts after something was cut short."""
@@ -321,10 +317,11 @@ class Desk:
 
     def _look_at_motion(self, now: SessionSnapshot) -> None:
         if now.arm is not None and now.data is DataState.FRESH:
-            self.publish(motion=self._motion.see(now.now_s, now.arm))
+            motion = self._motion.see(now.now_s, now.arm)
+            self.publish(lambda s: replace(s, motion=motion))
         elif now.motion is not None:
             self._motion.forget()
-            self.publish(motion=None)
+            self.publish(lambda s: replace(s, motion=None))
 
     def _end_what_nobody_sees(self, now: SessionSnapshot) -> None:
         """A screen that hangs, on a terminal that is not read any more, takes no key that stops."""
@@ -356,10 +353,8 @@ class Desk:
             drives_stopped=resting,
             acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
         )
-        with self._publishing:
-            # A newer STOP, or a reset, has been said meanwhile: that stands.
-            if self._base.stop is report:
-                self._base = replace(self._base, stop=counted)
+        # A newer STOP, or a reset, may have been said meanwhile: that stands.
+        self.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)
 
 
 def _all_is_heard(s: SessionSnapshot) -> bool:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from operator_app.planning.live import LiveQuality, live_quality
 from operator_app.session.drives import choose_by_prediction
 from operator_app.session.parameter_diff import diff_rows
 from operator_app.session.planned_capture import PlannedCapture
-from operator_app.session.snapshot import Iteration, Level, Verification, Written
+from operator_app.session.snapshot import Change, Iteration, Level, Verification, Written
 from operator_app.session.state import SessionState
 from operator_app.session.workflow import Session
 from solver.arrays import FloatArray
@@ -45,8 +46,8 @@ class Cancelled(SessionError):
 class Board(Protocol):
     """Where operations put what they found, and hear that they should end."""
 
-    def publish(self, **changes: Any) -> None:
-        """Replace fields of the snapshot."""
+    def publish(self, change: Change) -> None:
+        """Put the changed snapshot in the place of the present one."""
         ...
 
     def say(self, level: Level, text: str) -> None:
@@ -77,11 +78,11 @@ class Operations:
         try:
             identity = self._session.connect()
         finally:
-            self._board.publish(identity=self._session.identity)
-        self._board.publish(stop=None, at_waypoint=None)
+            self._board.publish(lambda s: replace(s, identity=self._session.identity))
+        self._board.publish(lambda s: replace(s, stop=None, at_waypoint=None))
         if all("virtual" in node.device_name for node in identity.nodes):
             # On whatever bus: these nodes say themselves that nothing real moves.
-            self._board.publish(simulated=True)
+            self._board.publish(lambda s: replace(s, simulated=True))
         self._board.say(
             Level.INFO,
             f"connected to {identity.model}, serial {identity.serial_number}, "
@@ -100,7 +101,7 @@ class Operations:
         if joints is None:
             choice = choose_by_prediction(session)
             joints, ranked = choice.drives, choice.ranked
-        self._board.publish(checks=checks, ranked=ranked)
+        self._board.publish(lambda s: replace(s, checks=checks, ranked=ranked))
         start = session.state.start_rad
         if start is not None and len(session.position_joints) == session.mobility:
             # The plan that is followed, not one that would begin here.
@@ -128,7 +129,7 @@ class Operations:
 
     def wiggle(self) -> None:
         """Move each drive joint a little, there and back, and say what followed."""
-        self._board.publish(at_waypoint=None)
+        self._at(None)
         session, said = self._session, []
         for joint in session.position_joints:
             before = session.arm.snapshot().positions_rad
@@ -147,17 +148,17 @@ class Operations:
                 f"J{j} {moved[j - 1]:+.1f}" for j in range(1, len(moved) + 1) if j != joint
             )
             said.append(f"J{joint} {moved[joint - 1]:+.1f} deg moved {followed} deg")
-        self._board.publish(wiggle="; ".join(said))
+        self._board.publish(lambda s: replace(s, wiggle="; ".join(said)))
         self._board.say(Level.INFO, "trial wiggle done: " + "; ".join(said))
 
     # -- 4 Capture ---------------------------------------------------------------------------------
 
     def go(self, waypoint: int) -> None:
         """Move to a waypoint; any key ends it."""
-        self._board.publish(at_waypoint=None)
+        self._at(None)
         reached = self._session.visit(waypoint, self._ends)
         self._raise_if_cancelled()
-        self._board.publish(at_waypoint=waypoint if reached else None)
+        self._at(waypoint if reached else None)
         if reached:
             self._board.say(Level.INFO, f"at waypoint {waypoint + 1}: capture when still")
         else:
@@ -191,9 +192,9 @@ class Operations:
                     f"Only {len(session.state.used_poses)} of {wanted} poses could be reached",
                     "Drive another pair of joints, or calibrate from what there is",
                 )
-            self._board.publish(at_waypoint=None)
+            self._at(None)
             if session.visit(waypoint, self._ends):
-                self._board.publish(at_waypoint=waypoint)
+                self._at(waypoint)
                 self._raise_if_cancelled()
                 self.capture(waypoint)
             self._raise_if_cancelled()
@@ -206,16 +207,16 @@ class Operations:
             session,
             session.position_joints,
             say=lambda text: self._board.say(Level.INFO, text),
-            on_move=lambda move: self._board.publish(heading=move),
+            on_move=lambda move: self._board.publish(lambda s: replace(s, heading=move)),
         )
         drives = capture.ready()
         if drives != session.position_joints:
             session.set_modes(drives)
-        self._board.publish(at_waypoint=None)
+        self._at(None)
         try:
             end = capture.run(on_pose=self._captured, ended=self._ends)
         finally:
-            self._board.publish(heading=None)
+            self._board.publish(lambda s: replace(s, heading=None))
         self.refresh()
         self._raise_if_cancelled()
         if end is not None:
@@ -248,13 +249,13 @@ class Operations:
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         """Calibrate; each iteration is published, and cancelling ends it at the next one."""
-        self._board.publish(iterations=())
+        self._board.publish(lambda s: replace(s, iterations=()))
         steps: list[Iteration] = []
 
         def progress(number: int, cost: float) -> None:
             self._raise_if_cancelled()
             steps.append(Iteration(number=number, cost=cost))
-            self._board.publish(iterations=tuple(steps))
+            self._board.publish(lambda s: replace(s, iterations=tuple(steps)))
 
         solution = self._session.calibrate(
             progress, estimator=estimator, unsensed_joints=unsensed_joints
@@ -262,8 +263,10 @@ class Operations:
         self._solution = solution
         # All at once, and only now: what was said of an earlier calibration does not hold for this one.
         self._board.publish(
-            solution=solution, checks_of_it=None, written=None, diff=(), receipt=None,
-            verification=None, report=None,
+            lambda s: replace(
+                s, solution=solution, checks_of_it=None, written=None, diff=(), receipt=None,
+                verification=None, report=None,
+            )
         )  # fmt: skip
         self.refresh()
         verdict = "accepted" if solution.accepted else "not accepted"
@@ -276,7 +279,7 @@ class Operations:
             poses = self._session.state.pose_set()
             session = self._session
             found = check(solution, session.model, session.fixture, poses)
-            self._board.publish(checks_of_it=found)
+            self._board.publish(lambda s: replace(s, checks_of_it=found))
         if solution.accepted:
             self._compare()
 
@@ -287,7 +290,8 @@ class Operations:
         session, solution = self._session, self._judged()
         active_bytes = session.arm.active_parameters() if session.identity is not None else b""
         active = parse_parameters(active_bytes, "active parameters") if active_bytes else None
-        self._board.publish(diff=diff_rows(session.document(solution), active))
+        rows = diff_rows(session.document(solution), active)
+        self._board.publish(lambda s: replace(s, diff=rows))
 
     def write(self) -> None:
         """Write the session's files."""
@@ -302,19 +306,18 @@ class Operations:
     def _export(self, *, upload_too: bool) -> None:
         exported = self._session.export(self._judged(), upload_too=upload_too)
         digest = hashlib.sha256(exported.parameters.read_bytes()).hexdigest()
-        self._board.publish(
-            written=Written(
-                folder=exported.folder,
-                parameters=exported.parameters,
-                poses=exported.poses,
-                sha256=digest,
-            )
+        written = Written(
+            folder=exported.folder,
+            parameters=exported.parameters,
+            poses=exported.poses,
+            sha256=digest,
         )
+        self._board.publish(lambda s: replace(s, written=written))
         self.refresh()
         if exported.receipt is None:
             self._board.say(Level.INFO, f"written: {exported.parameters}")
         else:
-            self._board.publish(receipt=exported.receipt)
+            self._board.publish(lambda s: replace(s, receipt=exported.receipt))
             self._compare()
             self._board.say(
                 Level.INFO,
@@ -324,7 +327,7 @@ class Operations:
 
     def verify(self, poses: int) -> None:
         """Take new poses beyond the plan's and judge them by the parameters as they are."""
-        self._board.publish(at_waypoint=None)
+        self._at(None)
         session, solution = self._session, self._judged()
         plan, readings = session.plan(), []
         for waypoint in [k for k in range(len(plan)) if k not in session.state.visited][:poses]:
@@ -354,7 +357,7 @@ class Operations:
             "verified",
             {"poses": found.poses, "position_m": found.position_m, "orientation_rad": found.orientation_rad},
         )  # fmt: skip
-        self._board.publish(verification=found)
+        self._board.publish(lambda s: replace(s, verification=found))
         self._board.say(
             Level.INFO,
             f"verified with {found.poses} new poses: {1e3 * found.position_m:.2f} mm rms",
@@ -365,12 +368,12 @@ class Operations:
     def reset(self) -> None:
         """Clear STOP; the drives stay disabled."""
         self._session.arm.reset_stop()
-        self._board.publish(stop=None)
+        self._board.publish(lambda s: replace(s, stop=None))
         self._board.say(Level.INFO, "STOP reset: nothing moves; apply the modes again (step 3)")
 
     def hold(self) -> None:
         """All joints to position mode where they are."""
-        self._board.publish(at_waypoint=None)
+        self._at(None)
         self._session.hold()
         self.refresh()
 
@@ -400,11 +403,14 @@ class Operations:
                 open_waypoints=left,
             )
         self._board.publish(
-            state=state,
-            live=self._live,
-            next_waypoint=left[0] if left else None,
-            best_waypoint=best,
-            solution=self._solution,
+            lambda s: replace(
+                s,
+                state=state,
+                live=self._live,
+                next_waypoint=left[0] if left else None,
+                best_waypoint=best,
+                solution=self._solution,
+            )
         )
 
     # -- inside ------------------------------------------------------------------------------------
@@ -421,7 +427,11 @@ class Operations:
             plan=plan,
             poses=session.procedure.capture.poses,
         )
-        self._board.publish(plan=plan, forecast=self._forecast)
+        self._board.publish(lambda s: replace(s, plan=plan, forecast=self._forecast))
+
+    def _at(self, waypoint: int | None) -> None:
+        """Say at which waypoint the arm is; None before it moves."""
+        self._board.publish(lambda s: replace(s, at_waypoint=waypoint))
 
     @property
     def _model(self) -> ClosureModel:

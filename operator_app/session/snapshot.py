@@ -5,7 +5,7 @@ Polled, never awaited. Knows no thread, no screen and no bus.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -247,3 +247,7 @@ class SessionSnapshot:
                 for joint, mode in zip(self.arm.joints, self.modes, strict=True)
             )
         )
+
+
+Change = Callable[[SessionSnapshot], SessionSnapshot]
+"""How something is published: ``lambda s: replace(s, field=value)``, whose fields the type checker knows."""

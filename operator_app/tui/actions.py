@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hardware.arm import JointMode
 from operator_app.session import guards
 from operator_app.session.next_thing import next_thing
@@ -39,7 +41,7 @@ class Actions(Navigation):
     def do_stop_tested(self) -> None:
         """Confirm that the hardware stop was pressed and every drive dropped out."""
         if self.app.desk is not None:
-            self.app.desk.publish(stop_tested=True)
+            self.app.desk.publish(lambda s: replace(s, stop_tested=True))
             self._note_down("hardware stop", "tested")
 
     def do_check_fixture(self) -> None:
@@ -71,7 +73,7 @@ class Actions(Navigation):
             ticked = frozenset(range(len(items)))
         else:
             ticked = s.ticked | {marked if marked in left else left[0]}
-        self.app.desk.publish(ticked=frozenset(ticked))
+        self.app.desk.publish(lambda s: replace(s, ticked=ticked))
         for k in sorted(ticked - s.ticked):
             self._note_down(f"check list {k + 1}", items[k])
         still = [k for k in range(len(items)) if k not in ticked]
@@ -214,7 +216,7 @@ class Actions(Navigation):
         s = self._look()
         if s is not None and self.app.desk is not None and not self._refused(guards.idle(s)):
             other = "paper" if s.estimator == "implicit" else "implicit"
-            self.app.desk.publish(estimator=other)
+            self.app.desk.publish(lambda s: replace(s, estimator=other))
 
     def do_unsensed(self) -> None:
         """Change which joints count as unsensed: none, each RVDT joint, all of them."""
@@ -226,7 +228,8 @@ class Actions(Navigation):
         if len(bent) > 1:
             choices.append(tuple(bent))
         at = choices.index(s.unsensed_joints) if s.unsensed_joints in choices else 0
-        self.app.desk.publish(unsensed_joints=choices[(at + 1) % len(choices)])
+        unsensed = choices[(at + 1) % len(choices)]
+        self.app.desk.publish(lambda s: replace(s, unsensed_joints=unsensed))
 
     def do_write(self) -> None:
         """Write parameters.yaml and poses.csv into the session folder."""
@@ -259,7 +262,7 @@ class Actions(Navigation):
             from operator_app.tui.reporting import write_report
 
             target = write_report(desk.session, s.estimator, s.unsensed_joints)
-            desk.publish(report=target)
+            desk.publish(lambda s: replace(s, report=target))
             desk.say(Level.INFO, f"report written: {target}")
 
         self._hand(guards.may_report, TaskKind.EXPORT, "writing the report", work)

@@ -10,7 +10,7 @@ from typing import Any
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.folder import SessionEntry
-from operator_app.session.snapshot import Level, Message, SessionSnapshot, TaskKind
+from operator_app.session.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
 
 
 class StillDesk:
@@ -36,13 +36,13 @@ class StillDesk:
     def submit(self, kind: TaskKind, text: str, work: Any) -> None:
         self.asked.append((kind, text))
 
-    def publish(self, **changes: Any) -> None:
-        self.picture = replace(self.picture, **changes)
+    def publish(self, change: Change) -> None:
+        self.picture = change(self.picture)
 
     def say(self, level: Level, text: str) -> None:
         number = len(self.picture.messages) + 1
         said = Message(number=number, time="12:00:00", level=level, text=text)
-        self.publish(messages=(*self.picture.messages, said))
+        self.publish(lambda s: replace(s, messages=(*s.messages, said)))
 
     def stop(self) -> None:
         self.stops += 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ import pytest
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.operations import Cancelled, Operations
-from operator_app.session.snapshot import Level, SessionSnapshot
+from operator_app.session.snapshot import Change, Level, SessionSnapshot
 from operator_app.session.workflow import Session
 from solver.design.actions import GoTo
 
@@ -22,23 +21,36 @@ MakeSession = Callable[..., Session]
 class Board:
     """Keeps what is published, and asks to end after so many poses."""
 
-    def __init__(self) -> None:
-        self.fields: dict[str, Any] = {}
+    def __init__(self, session: Session) -> None:
+        self.shown = snapshot(session)
         self.said: list[tuple[Level, str]] = []
         self.headings: list[GoTo | None] = []
         self.end_after: int | None = None
 
-    def publish(self, **changes: Any) -> None:
-        self.fields |= changes
-        if "heading" in changes:
-            self.headings.append(changes["heading"])
+    def publish(self, change: Change) -> None:
+        before, self.shown = self.shown.heading, change(self.shown)
+        if self.shown.heading is not before:
+            self.headings.append(self.shown.heading)
 
     def say(self, level: Level, text: str) -> None:
         self.said.append((level, text))
 
     def cancelled(self) -> bool:
-        state = self.fields.get("state")
-        return self.end_after is not None and len(state.poses) >= self.end_after
+        return self.end_after is not None and len(self.shown.state.poses) >= self.end_after
+
+
+def snapshot(session: Session) -> SessionSnapshot:
+    return SessionSnapshot(
+        now_s=0.0,
+        procedure=session.procedure,
+        folder=session.journal.path.parent,
+        state=session.state,
+        simulated=True,
+        bus="",
+        mobility=2,
+        estimator="implicit",
+        unsensed_joints=(),
+    )
 
 
 @pytest.fixture
@@ -54,26 +66,15 @@ def session(make_session: MakeSession) -> Session:
 
 
 def wanted_poses(session: Session) -> int:
-    shown = SessionSnapshot(
-        now_s=0.0,
-        procedure=session.procedure,
-        folder=session.journal.path.parent,
-        state=session.state,
-        simulated=True,
-        bus="",
-        mobility=2,
-        estimator="implicit",
-        unsensed_joints=(),
-    )
-    return shown.wanted_poses
+    return snapshot(session).wanted_poses
 
 
 def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -> None:
-    board = Board()
+    board = Board(session)
     work = Operations(session, board)
     work.connect()
-    assert board.fields["ranked"][0].drives == (1, 5)
-    assert "reaches" in board.fields["ranked"][0].reasons[0]
+    assert board.shown.ranked[0].drives == (1, 5)
+    assert "reaches" in board.shown.ranked[0].reasons[0]
     assert session.state.modes == ()
     work.set_modes(session.state.drives)
     assert wanted_poses(session) == 2

@@ -1,0 +1,43 @@
+"""What is published is typed: a misspelt field, or a wrong value, is refused before anything runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mypy import api
+
+ROOT = Path(__file__).parents[3]
+SNIPPET = """
+from dataclasses import replace
+
+from operator_app.session.desk import Desk
+from operator_app.session.operations import Board
+
+
+def publish(desk: Desk, board: Board) -> None:
+    desk.publish(lambda s: replace(s, stop_tested=True))
+    board.publish(lambda s: replace(s, stop_tested=True))
+    desk.publish(lambda s: replace(s, stop_testd=True))
+    board.publish(lambda s: replace(s, stop_testd=True))
+    desk.publish(lambda s: replace(s, estimator=("paper",)))
+    board.publish(lambda s: replace(s, estimator=("paper",)))
+"""
+
+
+def test_a_misspelt_or_mistyped_field_is_a_type_error_and_a_right_one_is_not(tmp_path) -> None:
+    file = tmp_path / "snippet.py"
+    file.write_text(SNIPPET, "utf-8")
+    # The cache of the type check itself, where there is one: all of the project read anew takes long.
+    options = [
+        "--strict",
+        "--config-file",
+        ROOT / "pyproject.toml",
+        "--cache-dir",
+        ROOT / ".mypy_cache",
+    ]
+    report, problems, _ = api.run([str(word) for word in (*options, file)])
+    assert not problems
+    errors = [row for row in report.splitlines() if "snippet.py" in row and " error: " in row]
+    assert [int(row.split(":")[1]) for row in errors] == [11, 12, 13, 14]
+    assert all('Unexpected keyword argument "stop_testd"' in row for row in errors[:2])
+    assert all('"estimator"' in row and 'expected "str"' in row for row in errors[2:])

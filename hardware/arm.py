@@ -95,7 +95,8 @@ class ArmSnapshot:
     """Everything about the arm at one moment, immutable.
 
     `stopped` is the latch of the software STOP; `heartbeat_age_s` maps node numbers to the age of
-    their last heartbeat; `token` is the node that holds the control token, 0 if nobody.
+    their last heartbeat; `token` is the node that holds the control token, 0 if nobody. `late_s` is how
+    much of the oldest joint's age is the receiver's own lateness, not the arm's silence.
     """
 
     sync_count: int
@@ -105,6 +106,7 @@ class ArmSnapshot:
     faults: tuple[Fault, ...]
     stopped: bool
     moving: bool
+    late_s: float = 0.0
 
     @property
     def positions_rad(self) -> FloatArray:

@@ -158,7 +158,9 @@ class Connection:
 
     def other_operator(self) -> bool:
         """Whether another operator's heartbeat is on the bus."""
-        return self.loop.nodes.other_operator(self._clock(), self._timing.heartbeat_timeout_s)
+        return self.loop.nodes.other_operator(
+            self.loop.attention.listened_s, self._timing.heartbeat_timeout_s
+        )
 
     def read_modes(self) -> None:
         """Read 6061h of every drive."""
@@ -184,6 +186,7 @@ class Connection:
             moving=self.loop.moving,
             period_s=self._timing.period_s,
             now_s=self._clock(),
+            attention=self.loop.attention,
         )
 
     def _allow(self, sample: Sample, before: Commands | None, commands: Commands) -> None:

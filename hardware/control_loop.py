@@ -26,6 +26,7 @@ from enum import Enum
 from typing import Any, Protocol
 
 from hardware.alarms import find_alarm
+from hardware.attention import Attention
 from hardware.cyclic import Abandoned, Command, Commands, Sample
 from hardware.errors import BusError, HardwareError
 from hardware.node_watch import NodeWatch
@@ -127,6 +128,8 @@ class ControlLoop:
 
     Attributes
     ----------
+    attention
+        How late this loop itself has been: silences of the nodes are measured without that.
     commands
         Sent last, or None before control was taken.
     latch
@@ -157,6 +160,7 @@ class ControlLoop:
         self._wire, self._joints, self._pace = wire, joints, pace
         self._on_sdo, self._allow, self._quick_stop = on_sdo, allow, quick_stop
         self._timing, self._clock = timing, clock
+        self.attention = Attention(clock)
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(joints, patience=timing.misses(pace), now_s=clock())
         self._sent: list[Command | None] = [None] * joints
@@ -227,7 +231,7 @@ class ControlLoop:
             self.nodes,
             stop_latched=self.stop_latched,
             lost_joints=self._sampler.lost(),
-            now_s=self._clock(),
+            now_s=self.attention.listened_s,
             heartbeat_timeout_s=self._timing.heartbeat_timeout_s,
             despite=() if task is None else task.despite,
         )
@@ -320,15 +324,20 @@ class ControlLoop:
     def _receive_one(self, timeout_s: float) -> bool:
         """Take one frame off the bus and see to it; false if there was none."""
         message = self._wire.receive(timeout_s)
+        self.attention.look()
         if message is None:
             return False
         identifier: int = message.arbitration_id
         if COB_TPDO1 < identifier <= COB_TPDO1 + self._joints:
-            self._sampler.note(identifier - COB_TPDO1, message.data, self._clock())
+            self._sampler.note(
+                identifier - COB_TPDO1, message.data, self._clock(), self.attention.late_s
+            )
         elif COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
             self._on_sdo(identifier, bytes(message.data))
         else:
-            self.nodes.note(identifier, message.data, self._clock(), self.sample.sync_count)
+            self.nodes.note(
+                identifier, message.data, self.attention.listened_s, self.sample.sync_count
+            )
         return True
 
     def _beat(self) -> None:

@@ -1,6 +1,7 @@
 """Heartbeats and emergencies of the nodes, and other operators. Bookkeeping: knows no bus and no command.
 
-Written by the thread that receives; its public attributes may be read from any thread.
+Written by the thread that receives; its public attributes may be read from any thread. Times are those
+of a clock that stands still while nobody listens (`hardware.attention`).
 """
 
 from __future__ import annotations

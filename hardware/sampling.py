@@ -13,11 +13,15 @@ SPEED_SYNCS = 5
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What other threads see of the cyclic traffic, replaced as a whole after every sample."""
+    """What other threads see of the cyclic traffic, replaced as a whole after every sample.
+
+    `late_at_s` is how late the loop had been in all when each joint answered.
+    """
 
     sample: Sample
     earlier: Sample
     answered_at_s: tuple[float, ...]
+    late_at_s: tuple[float, ...]
 
 
 class Sampler:
@@ -40,6 +44,7 @@ class Sampler:
         self._counts = [0] * joints
         self._torques = [0] * joints
         self._answered_at_s = [now_s] * joints
+        self._late_at_s = [0.0] * joints
         self._answers = [0] * joints
         self._missed = [0] * joints
         blank = Sample(
@@ -50,7 +55,7 @@ class Sampler:
             missing=tuple(range(1, joints + 1)),
         )
         self._history: deque[Sample] = deque(maxlen=SPEED_SYNCS)
-        self.view = View(blank, blank, tuple(self._answered_at_s))
+        self.view = View(blank, blank, tuple(self._answered_at_s), tuple(self._late_at_s))
         self.waiting = 0
 
     def open(self) -> None:
@@ -58,14 +63,18 @@ class Sampler:
         self._answers = [0] * self._joints
         self.waiting = sum(missed < self._patience for missed in self._missed)
 
-    def note(self, joint: int, data: bytes | bytearray, now_s: float) -> None:
-        """Take in a joint's TPDO1; one of another length is not looked at."""
+    def note(self, joint: int, data: bytes | bytearray, now_s: float, late_s: float = 0.0) -> None:
+        """Take in a joint's TPDO1; one of another length is not looked at.
+
+        `late_s` is how late the loop has been in all.
+        """
         status = unpack_status(data)
         if status is None:
             return
         at = joint - 1
         self._status[at], self._counts[at], self._torques[at] = status
         self._answered_at_s[at] = now_s
+        self._late_at_s[at] = late_s
         self._answers[at] += 1
         if self._missed[at] >= self._patience:
             # It was not waited for: this answer may come after its sample was closed, and counts.
@@ -87,7 +96,7 @@ class Sampler:
         )
         earlier = self._history[0] if self._history else sample
         self._history.append(sample)
-        self.view = View(sample, earlier, tuple(self._answered_at_s))
+        self.view = View(sample, earlier, tuple(self._answered_at_s), tuple(self._late_at_s))
 
     def lost(self) -> tuple[int, ...]:
         """Joints that are no longer waited for."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from types import MappingProxyType
 
 from hardware.arm import ArmSnapshot, JointMode, JointState
+from hardware.attention import Attention
 from hardware.node_watch import NodeWatch
 from hardware.sampling import View
 from hardware.scale import JointScale
@@ -24,8 +25,10 @@ def build_snapshot(
     moving: bool,
     period_s: float,
     now_s: float,
+    attention: Attention,
 ) -> ArmSnapshot:
     """Snapshot at a time. Speeds are means over the last few control periods."""
+    listened_s = attention.listened_s
     sample, earlier = view.sample, view.earlier
     elapsed_s = (sample.sync_count - earlier.sync_count) * period_s
     joints = tuple(
@@ -46,8 +49,9 @@ def build_snapshot(
     return ArmSnapshot(
         sync_count=sample.sync_count,
         joints=joints,
+        late_s=max(0.0, attention.late_s - min(view.late_at_s, default=0.0)),
         heartbeat_age_s=MappingProxyType(
-            {node: now_s - heard for node, heard in dict(nodes.heard_at_s).items()}
+            {node: listened_s - heard for node, heard in dict(nodes.heard_at_s).items()}
         ),
         token=token,
         faults=nodes.faults,

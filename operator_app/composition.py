@@ -25,6 +25,7 @@ from hardware.description import (
     JointDescription,
     RvdtDescription,
 )
+from hardware.objects import HEARTBEAT_TIMEOUT_S
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
@@ -42,6 +43,8 @@ from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
+EMBEDDED_PATIENCE_S = 10.0
+"""An embedded arm and its operator share a processor: either may wait for it, and neither is lost."""
 SWITCH_INTERVAL_S = 0.0005
 """How long one thread may keep the interpreter: a SYNC must not wait for a solver or a repaint."""
 
@@ -96,13 +99,26 @@ def open_arm(
         if embedded:
             channel = f"sarcal-{os.getpid()}-{next(_channels)}"
             settings = BusSettings(interface="virtual", channel=channel)
-            stack.enter_context(run_controller(opening.procedure.arm, opening.choices, settings))
+            stack.enter_context(
+                run_controller(
+                    opening.procedure.arm,
+                    opening.choices,
+                    settings,
+                    heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
+                )
+            )
         arm = CanopenArm(
             describe(procedure.arm),
             settings,
             pace=pace or (Pace.FAST_FORWARD if embedded else Pace.REAL_TIME),
             record_to=record_to,
-            timing=Timing(speed=speed if embedded else 1.0),
+            timing=Timing(
+                speed=speed,
+                heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
+                lost_after_s=EMBEDDED_PATIENCE_S,
+            )
+            if embedded
+            else Timing(),
         )
         stack.callback(arm.close)
         choices = _completed(opening.choices, bus, embedded=embedded)
@@ -162,7 +178,12 @@ def scenario_of(choices: Choices) -> Scenario:
 
 @contextmanager
 def run_controller(
-    arm: ArmModel, choices: Choices, settings: BusSettings, *, slots: Path | None = None
+    arm: ArmModel,
+    choices: Choices,
+    settings: BusSettings,
+    *,
+    slots: Path | None = None,
+    heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
 ) -> Iterator[VirtualController]:
     """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory."""
     chosen = scenario_of(choices)
@@ -182,6 +203,7 @@ def run_controller(
         arm=ArmLabel(model=arm.name, serial_number=SERIAL_NUMBER),
         validate=validated_parameters,
         store=ParameterStore(MemoryDisk() if slots is None else FolderDisk(slots)),
+        heartbeat_timeout_s=heartbeat_timeout_s,
     )
     controller.start()
     try:

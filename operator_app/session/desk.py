@@ -22,6 +22,7 @@ from operator_app.session.journal import Clock, utc_now
 from operator_app.session.motion import MotionWatch
 from operator_app.session.operations import Cancelled, Operations
 from operator_app.session.snapshot import (
+    HUNG_S,
     LOST_S,
     STALE_S,
     Change,
@@ -153,7 +154,9 @@ class Desk:
         self._seen_s = now - oldest
         state = DataState.FRESH
         if oldest > STALE_S:
-            state = DataState.LOST if oldest > LOST_S else DataState.STALE
+            # Our own lateness is not the arm's silence; but a loop that hangs for good is found as well.
+            silent = oldest - arm.late_s > LOST_S or oldest > HUNG_S
+            state = DataState.LOST if silent else DataState.STALE
         return replace(
             base,
             now_s=now,

@@ -25,7 +25,9 @@ from solver.design.drive_joints import RankedDrives
 STALE_S = 0.1
 """Older data are marked, what is derived from them is blanked, and nothing is captured."""
 LOST_S = 1.0
-"""Older data are an alarm: the arm is stopped."""
+"""Silence of the arm for longer is an alarm: the arm is stopped."""
+HUNG_S = 10.0
+"""So are data this old although it is we who are late."""
 
 
 class DataState(Enum):

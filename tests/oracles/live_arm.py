@@ -135,7 +135,8 @@ class LiveArm(PlantArm):
     def snapshot(self) -> ArmSnapshot:
         with self.lock if not self._moving else _nothing():
             found = super().snapshot()
-        age = time.monotonic() - self._stamp
+        # One that speaks has just spoken: that its ticker waits for a processor is not its silence.
+        age = 0.0 if self._silent_since is None else time.monotonic() - self._stamp
         drive = self._drives
         joints = tuple(
             replace(

@@ -38,7 +38,7 @@ from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.session.opening import Choices, Opening, Rig, open_session
-from operator_app.session.workflow import Session
+from operator_app.session.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt

@@ -21,7 +21,7 @@ from operator_app.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from operator_app.headless.runner import RunResult
-    from operator_app.session.workflow import Session
+    from operator_app.session.session import Session
     from solver.errors import UnidentifiableError
 
 

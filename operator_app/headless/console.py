@@ -11,8 +11,8 @@ from fixtures.base import SetupCheck, Severity
 from hardware.arm import ArmIdentity
 from operator_app.calibration.solve import Solution
 from operator_app.planning.drives import DriveChoice, names
+from operator_app.session.session import Session
 from operator_app.session.state import SessionState
-from operator_app.session.workflow import Session
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
 

@@ -17,8 +17,8 @@ from operator_app.planning.drives import DriveChoice
 from operator_app.session.drives import choose, drives_of
 from operator_app.session.export import Exported
 from operator_app.session.planned_capture import CampaignEnd, PlannedCapture
+from operator_app.session.session import Session
 from operator_app.session.state import SessionState
-from operator_app.session.workflow import Session
 
 
 class Listener(Protocol):

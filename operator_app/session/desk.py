@@ -21,6 +21,7 @@ from hardware.errors import HardwareError
 from operator_app.session.journal import Clock, utc_now
 from operator_app.session.motion import MotionWatch
 from operator_app.session.operations import Cancelled, Operations
+from operator_app.session.session import Session
 from operator_app.session.snapshot import (
     HUNG_S,
     LOST_S,
@@ -35,7 +36,6 @@ from operator_app.session.snapshot import (
     TaskKind,
 )
 from operator_app.session.wording import EXPECTED, words
-from operator_app.session.workflow import Session
 
 WATCH_PERIOD_S = 0.05
 MESSAGES_KEPT = 100

@@ -19,7 +19,7 @@ from operator_app.planning.drives import (
     predict_drives,
     worth_trying,
 )
-from operator_app.session.workflow import Session
+from operator_app.session.session import Session
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import RankedDrives, TrialWiggles
 

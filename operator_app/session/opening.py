@@ -20,8 +20,8 @@ from operator_app.errors import SessionError
 from operator_app.planning.task import require_closed_chain
 from operator_app.session.folder import find_session, new_folder
 from operator_app.session.journal import Clock, Journal, read_journal, utc_now
+from operator_app.session.session import Session
 from operator_app.session.state import replay
-from operator_app.session.workflow import Session
 from solver.estimators.estimate import require_enough_poses
 
 KINDS: tuple[Kind, Kind, Kind] = ("procedure", "arm", "fixture")

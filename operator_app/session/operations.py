@@ -23,9 +23,9 @@ from operator_app.planning.live import LiveQuality, live_quality
 from operator_app.session.drives import choose_by_prediction
 from operator_app.session.parameter_diff import diff_rows
 from operator_app.session.planned_capture import PlannedCapture
+from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, Iteration, Level, Verification, Written
 from operator_app.session.state import SessionState
-from operator_app.session.workflow import Session
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet

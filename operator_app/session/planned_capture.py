@@ -25,8 +25,8 @@ from operator_app.session.campaign_replay import (
     replayed,
     still_fits,
 )
+from operator_app.session.session import Session
 from operator_app.session.state import SessionState
-from operator_app.session.workflow import Session
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
 from solver.design.campaign_settings import Phase

@@ -8,7 +8,7 @@ from operator_app.config.atomic import write_atomically
 from operator_app.report.html import report_html
 from operator_app.report.subject import subject_of_session
 from operator_app.session.journal import read_journal
-from operator_app.session.workflow import Session
+from operator_app.session.session import Session
 
 REPORT_NAME = "report.html"
 

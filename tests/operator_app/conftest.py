@@ -12,7 +12,7 @@ import pytest
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.workflow import Session
+from operator_app.session.session import Session
 from oracles.opened import opened
 from oracles.plant_arm import SERIAL, PlantArm
 

@@ -8,7 +8,7 @@ from hardware.arm import Arm
 from operator_app.config.procedure import Procedure
 from operator_app.session.journal import Clock, utc_now
 from operator_app.session.opening import Choices, Opening, Rig, open_session
-from operator_app.session.workflow import Session
+from operator_app.session.session import Session
 
 
 def opened(

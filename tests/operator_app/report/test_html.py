@@ -18,7 +18,7 @@ from operator_app.headless.runner import run
 from operator_app.report.html import report_html
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.session.journal import JOURNAL_NAME, read_journal
-from operator_app.session.workflow import Session
+from operator_app.session.session import Session
 
 MakeSession = Callable[..., Session]
 HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'

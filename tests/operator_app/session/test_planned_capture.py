@@ -20,7 +20,7 @@ from operator_app.session.campaign_replay import same
 from operator_app.session.drives import choose
 from operator_app.session.journal import Event, Journal, read_journal
 from operator_app.session.planned_capture import PlannedCapture
-from operator_app.session.workflow import Session
+from operator_app.session.session import Session
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm
 

@@ -11,8 +11,8 @@ import pytest
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.operations import Cancelled, Operations
+from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, Level, SessionSnapshot
-from operator_app.session.workflow import Session
 from solver.design.actions import GoTo
 
 MakeSession = Callable[..., Session]

@@ -19,7 +19,7 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
 from operator_app.headless.runner import run
 from operator_app.session.journal import read_journal
-from operator_app.session.workflow import Session
+from operator_app.session.session import Session
 from solver.errors import TooFewPosesError
 from solver.loops.closure import DhLoop
 

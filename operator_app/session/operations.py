@@ -13,7 +13,6 @@ from typing import Protocol
 import numpy as np
 
 from hardware.arm import ArmSnapshot
-from operator_app.calibration.checks import check
 from operator_app.calibration.solve import Solution
 from operator_app.calibration.verify import fixed_by, judge_poses
 from operator_app.config.parameters_file import parse_parameters
@@ -276,9 +275,7 @@ class Operations:
         )
         if solution.estimate.corrections is not None:
             # Five smaller calibrations and one per pose: seconds, so the verdict is shown before.
-            poses = self._session.state.pose_set()
-            session = self._session
-            found = check(solution, session.model, session.fixture, poses)
+            found = self._session.check(solution)
             self._board.publish(lambda s: replace(s, checks_of_it=found))
         if solution.accepted:
             self._compare()

@@ -16,6 +16,8 @@ import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Reading, Watch
+from operator_app.calibration.checks import Checks, check
+from operator_app.calibration.record import to_dict
 from operator_app.calibration.solve import FixtureRefusedError, Solution, calibrate
 from operator_app.config.atomic import write_atomically
 from operator_app.config.degrees import degrees_for_file
@@ -317,9 +319,16 @@ class Session:
                 },
                 "scaled_condition_number": solution.seen.scaled_condition_number,
                 "accepted": solution.accepted,
+                "record": to_dict(solution),
             },
         )
         return solution
+
+    def check(self, solution: Solution) -> Checks:
+        """Ask for second opinions on the last calibration, and keep them."""
+        found = check(solution, self.model, self.fixture, self.state.pose_set())
+        self.record("checked", {"record": to_dict(found)})
+        return found
 
     # -- 7 Export --------------------------------------------------------------------------------
 

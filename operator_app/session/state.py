@@ -74,6 +74,9 @@ class SessionState:
         The planned capture.
     solved, exported
         Summary data of the last solve and export, empty until there is one.
+    solution, checks
+        Records (`operator_app.calibration.record`) of the last solve and of the second opinions on
+        it; empty until there is one, and in journals of earlier versions.
     """
 
     opened_utc: str = ""
@@ -89,6 +92,8 @@ class SessionState:
     drive_sets: tuple[tuple[int, ...], ...] = ()
     campaign: CampaignLog = field(default_factory=CampaignLog)
     solved: Mapping[str, Any] = field(default_factory=dict)
+    solution: Mapping[str, Any] = field(default_factory=dict)
+    checks: Mapping[str, Any] = field(default_factory=dict)
     exported: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -114,6 +119,10 @@ class SessionState:
             utc=tuple(p.utc for p in used),
             notes=tuple(p.note for p in used),
         )
+
+
+_UNSOLVED: Mapping[str, Any] = {"solved": {}, "solution": {}, "checks": {}}
+"""Of other poses nothing was concluded yet."""
 
 
 def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> SessionState:
@@ -153,7 +162,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 captured=pose.number,
                 visited=state.visited | {pose.waypoint},
                 campaign=log.step(name, data) if "planned" in data else log,
-                solved={},
+                **_UNSOLVED,
             )
         case "pose_undone":
             kept = tuple(p for p in state.poses if p.number != data["number"])
@@ -165,7 +174,10 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
         case "pose_noted":
             return replace(state, poses=_edit(state, data["number"], note=data["text"]))
         case "solved":
-            return replace(state, solved=dict(data))
+            summary = {k: v for k, v in data.items() if k != "record"}
+            return replace(state, solved=summary, solution=data.get("record", {}), checks={})
+        case "checked":
+            return replace(state, checks=data["record"])
         case "exported":
             return replace(state, exported=dict(data))
         case _:
@@ -191,7 +203,7 @@ def _apply_planning(state: SessionState, name: str, data: Mapping[str, Any]) -> 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
     """State in which other poses count: what was concluded from those before no longer holds."""
     campaign = replace(state.campaign, ended={})
-    return replace(state, poses=poses, campaign=campaign, solved={})
+    return replace(state, poses=poses, campaign=campaign, **_UNSOLVED)
 
 
 def _edit(

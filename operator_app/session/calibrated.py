@@ -1,0 +1,162 @@
+"""The calibration of a session as its journal has it: read back, never solved again without need.
+
+Journals of earlier versions hold no solution, and a reader may ask for other options than the session
+was solved with: only then the poses are solved, and `Calibrated.solved_again` says why. Knows no arm
+and no renderer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from fixtures.errors import FixtureError
+from operator_app.calibration.checks import Checks, check
+from operator_app.calibration.record import RecordError, from_dict
+from operator_app.calibration.solve import Solution, calibrate
+from operator_app.config.procedure import Procedure
+from operator_app.errors import SessionError
+from operator_app.session.state import SessionState
+from solver.errors import SolverError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibrated:
+    """A session's calibration.
+
+    Attributes
+    ----------
+    checks
+        Second opinions; None where the journal has none for this solution.
+    solved_again
+        Why it was not read from the journal; empty when it was.
+    """
+
+    solution: Solution
+    checks: Checks | None
+    solved_again: str
+
+
+def calibrated(
+    state: SessionState,
+    procedure: Procedure,
+    *,
+    estimator: str | None = None,
+    unsensed_joints: tuple[int, ...] | None = None,
+) -> Calibrated:
+    """Return the calibration of the poses that count.
+
+    Parameters
+    ----------
+    procedure
+        The one the session follows, with the arm that was really there.
+    estimator, unsensed_joints
+        None: as the session was solved, or as the procedure says where it was not.
+
+    Raises
+    ------
+    SessionError, SolverError, FixtureError
+        There is no pose, or what the poses cannot give has to be solved after all.
+    """
+    if not state.used_poses:
+        raise SessionError("this session has no pose that counts", "capture poses first")
+    read = recorded(state)
+    if isinstance(read, Calibrated):
+        then = read.solution.estimate.estimator, read.solution.model.unsensed_joints
+        asked = (
+            then[0] if estimator is None else estimator,
+            then[1] if unsensed_joints is None else _blind(procedure, unsensed_joints),
+        )
+        if asked == then:
+            return read
+        why = f"the session was solved by {then[0]}, joints {list(then[1])} unsensed"
+    else:
+        why = read
+    before = _as_solved(state, procedure)
+    solution = solve(
+        state,
+        procedure,
+        estimator=estimator or before.estimator,
+        unsensed_joints=before.unsensed_joints if unsensed_joints is None else unsensed_joints,
+    )
+    return Calibrated(solution=solution, checks=None, solved_again=why)
+
+
+def solve(
+    state: SessionState,
+    procedure: Procedure,
+    *,
+    estimator: str,
+    unsensed_joints: tuple[int, ...],
+) -> Solution:
+    """Calibrate from the poses that count, with the limits and tolerances of the procedure."""
+    if unsensed_joints and estimator == "paper":
+        raise SessionError(
+            "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
+            "use --estimator implicit with --unsensed",
+        )
+    return calibrate(
+        procedure.arm,
+        procedure.fixture.fixture,
+        state.pose_set(),
+        estimator=estimator,
+        unsensed_joints=unsensed_joints,
+        length_tolerance_m=procedure.length_tolerance_m,
+        limits=procedure.acceptance,
+    )
+
+
+def second_opinions(found: Calibrated, state: SessionState, procedure: Procedure) -> Checks:
+    """Return those of the journal, or make them; there are none on the paper's estimator."""
+    if found.checks is not None:
+        return found.checks
+    if found.solution.estimate.corrections is None:
+        return Checks()
+    return check(found.solution, procedure.arm, procedure.fixture.fixture, state.pose_set())
+
+
+def implicit_beside(
+    found: Calibrated, state: SessionState, procedure: Procedure
+) -> Solution | None:
+    """Return the implicit solution of the same poses beside one by the paper's estimator."""
+    if found.solution.estimate.estimator == "implicit":
+        return None
+    try:
+        beside = solve(
+            state,
+            procedure,
+            estimator="implicit",
+            unsensed_joints=found.solution.model.unsensed_joints,
+        )
+    except (SolverError, FixtureError):
+        # It is shown for comparison only; the report says that there is none.
+        return None
+    return beside if beside.dropped_flipped == found.solution.dropped_flipped else None
+
+
+def recorded(state: SessionState) -> Calibrated | str:
+    """Return what the journal has of the poses that count, or why it has nothing."""
+    if not state.solution:
+        return "its journal holds poses and no solution of them"
+    try:
+        solution = from_dict(Solution, state.solution)
+        checks = from_dict(Checks, state.checks) if state.checks else None
+    except RecordError:
+        return "the solution in its journal is of another version of this program"
+    return Calibrated(solution=solution, checks=checks, solved_again="")
+
+
+def _as_solved(state: SessionState, procedure: Procedure) -> Procedure:
+    """Return the procedure with the options that the session was solved with, as far as it says."""
+    solved: Mapping[str, object] = state.solved
+    match solved.get("estimator"):
+        case "paper" | "implicit" as estimator:
+            procedure = replace(procedure, estimator=estimator)
+    unsensed = solved.get("unsensed_joints")
+    if isinstance(unsensed, list | tuple):
+        procedure = replace(procedure, unsensed_joints=tuple(unsensed))
+    return procedure
+
+
+def _blind(procedure: Procedure, joints: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(sorted({*joints, *procedure.arm.unsensed_joints}))

@@ -239,7 +239,7 @@ def validated_parameters(data: bytes) -> ValidatedParameters:
         raise ValueError(str(error)) from error
     counts = [joint.home_offset_counts for joint in document.joints]
     return ValidatedParameters(
-        arm_serial=document.arm_serial,
+        arm_serial=document.arm.serial,
         home_offset_counts=tuple(0 if c is None else c for c in counts),
         theta_off_rad=tuple(document.theta_off_rad.tolist()),
     )

@@ -137,7 +137,7 @@ def compare(
         raise ValueError("a level lies between 0 and 1")
     if reasons := _different_arms(before, after):
         raise IncomparableError(reasons)
-    other_fixture = (before.fixture, before.fixture_kind) != (after.fixture, after.fixture_kind)
+    other_fixture = before.fixture != after.fixture
     loop = _loop(before)
     names = [e.entry for e in before.calibrated]
     later = {e.entry: e.sigma for e in after.calibrated}
@@ -194,13 +194,13 @@ def compare(
 
 def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, ...]:
     reasons = []
-    if a.arm_model != b.arm_model:
-        reasons.append(f"A is of a {a.arm_model}, B of a {b.arm_model}")
+    if a.arm.model != b.arm.model:
+        reasons.append(f"A is of a {a.arm.model}, B of a {b.arm.model}")
     elif len(a.joints) != len(b.joints):
         reasons.append(f"A has {len(a.joints)} joints, B {len(b.joints)}")
-    if a.arm_serial != b.arm_serial:
+    if a.arm.serial != b.arm.serial:
         reasons.append(
-            f"A is of the arm with serial {a.arm_serial}, B of {b.arm_serial}: drift is of one arm"
+            f"A is of the arm with serial {a.arm.serial}, B of {b.arm.serial}: drift is of one arm"
         )
     return tuple(reasons)
 
@@ -217,7 +217,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
     return DhLoop(
         table=document.table,
         entries=entries,
-        hinge=document.fixture_kind == "hinge",
+        hinge=document.fixture.kind == "hinge",
         unsensed_joints=tuple(j for j in sorted({1, n}) if f"theta_off_{j}" not in known),
     )
 

@@ -28,10 +28,10 @@ def notices(
     if a.pose_set_sha256 == b.pose_set_sha256:
         text = "both are of the same poses: any difference is the estimator's or the program's"
         found.append(("SAME_POSES", text))
-    if a.fixture_kind != b.fixture_kind:
-        found.append(("FIXTURE_KIND", f"A used a {a.fixture_kind} fixture, B a {b.fixture_kind}"))
-    elif a.fixture != b.fixture:
-        found.append(("FIXTURE", f"A used fixture {a.fixture}, B {b.fixture}"))
+    if a.fixture.kind != b.fixture.kind:
+        found.append(("FIXTURE_KIND", f"A used a {a.fixture.kind} fixture, B a {b.fixture.kind}"))
+    elif a.fixture.name != b.fixture.name:
+        found.append(("FIXTURE", f"A used fixture {a.fixture.name}, B {b.fixture.name}"))
     if a.estimator != b.estimator:
         text = (
             f"A was estimated by {a.estimator}, B by {b.estimator}: systematic errors of the sensors "

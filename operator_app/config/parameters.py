@@ -1,26 +1,95 @@
-"""The result of a calibration as a document: what the controller is given. Knows no file format.
+"""The result of a calibration (``sarcal/parameters/1``): what the controller is given. Knows no YAML.
 
-A document lives at the edge: its numbers are in the units of its file (degrees, metres, millimetres,
+The document is what its file holds, in the units of the file (degrees, metres, millimetres,
 milliradians), so that writing and reading it changes no bit. `ParametersDocument.table` gives SI.
+What is made here in a program is checked as it is written, what is read as it is read.
 """
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    StringConstraints,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+)
 
 from operator_app.config.degrees import degrees_for_file
+from operator_app.config.quantities import (
+    Count,
+    ExactText,
+    LengthM,
+    NonNegativeNumber,
+    Number,
+    TurnDeg,
+    Whole,
+    refuse,
+)
+from operator_app.config.schema import StrictRecord, check_numbered, report
 from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry
 from solver.chain.sensors import NoSensor
+
+CHANGED_IN_ONE_PLACE = "the document was changed in one place only"
+UTC_FORM = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z"
+
+
+def _time_from_text(value: Any) -> datetime:
+    if isinstance(value, str) and re.fullmatch(UTC_FORM, value):
+        try:
+            return datetime.fromisoformat(value).astimezone(UTC)
+        except (ValueError, OverflowError):
+            pass
+    shown = repr(value)[:42]
+    raise refuse(f"{shown} is no UTC time", "write for example 2026-01-31T12:00:00Z")
+
+
+def _time_in_text(value: datetime) -> str:
+    return value.astimezone(UTC).replace(tzinfo=None).isoformat() + "Z"
+
+
+Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
+Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+Sha256 = Annotated[str, StringConstraints(strict=True, pattern=r"^[0-9a-f]{64}$")]
+UtcTime = Annotated[
+    datetime,
+    BeforeValidator(_time_from_text),
+    PlainSerializer(_time_in_text),
+    WithJsonSchema({"type": "string", "pattern": f"^{UTC_FORM}$"}),
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JointParameters:
+class WhichArm(StrictRecord):
+    """Model, e.g. ``sarcos_dextrous``, and serial number of an arm."""
+
+    model: ExactText
+    serial: ExactText
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WhichFixture(StrictRecord):
+    """What the operator calls the fixture that closed the loop, and its kind."""
+
+    name: ExactText
+    kind: ExactText
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointParameters(StrictRecord):
     """One joint.
 
     Attributes
@@ -33,92 +102,108 @@ class JointParameters:
         The offset in counts of the joint's sensor, for 607Ch; None for a joint without a sensor.
     """
 
-    joint: int
-    theta_off_deg: float
-    sigma_deg: float | None
-    home_offset_counts: int | None
+    joint: Count
+    theta_off_deg: TurnDeg
+    sigma_deg: NonNegativeNumber | None
+    home_offset_counts: Int32 | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DhRow:
+class DhRow(StrictRecord):
     """One D-H row, 0 (the fixture) to n."""
 
-    row: int
-    theta_off_deg: float
-    s_m: float
-    a_m: float
-    alpha_deg: float
+    row: Whole
+    theta_off_deg: TurnDeg
+    s_m: LengthM
+    a_m: LengthM
+    alpha_deg: TurnDeg
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CalibratedEntry:
-    """An entry that was calibrated, with its standard deviation in deg (angles) or m (lengths)."""
+class CalibratedEntry(StrictRecord):
+    """An entry that was calibrated, with its standard deviation: an angle's in deg, a length's in m."""
 
-    entry: str
-    sigma: float
+    entry: ExactText
+    sigma_deg: NonNegativeNumber | None = None
+    sigma_m: NonNegativeNumber | None = None
+
+    @classmethod
+    def of(cls, entry: str, sigma: float) -> CalibratedEntry:
+        """Entry with `sigma` in its unit, deg or m."""
+        if DhEntry.parse(entry).kind.is_angle:
+            return cls(entry=entry, sigma_deg=sigma)
+        return cls(entry=entry, sigma_m=sigma)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation, deg or m."""
+        return self.sigma_deg if self.sigma_deg is not None else self.sigma_m or 0.0
+
+    @field_validator("entry")
+    @classmethod
+    def _is_entry(cls, value: str) -> str:
+        try:
+            entry = DhEntry.parse(value)
+        except ValueError as error:
+            raise refuse(str(error), "write for example theta_off_1") from error
+        if entry.name != value:
+            raise refuse(f"{value} has a leading zero", f"write {entry.name}")
+        return value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TwoFigures:
+class TwoFigures(StrictRecord):
     """A figure in both readings of eqs. 14 and 15."""
 
-    rms: float
-    as_printed: float
+    rms: NonNegativeNumber
+    as_printed: NonNegativeNumber
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Quality:
+class Quality(StrictRecord):
     """How good the calibration is."""
 
-    poses: int
-    rank: int
-    scaled_condition_number: float
+    poses: Count
+    rank: Whole
+    scaled_condition_number: Annotated[Number, Field(ge=1.0)]
     sigma_pos_mm: TwoFigures
     sigma_ori_mrad: TwoFigures
-    chi2_per_dof: float | None
+    chi2_per_dof: NonNegativeNumber | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DocumentWarning:
+class DocumentWarning(StrictRecord):
     """A warning, as the operator saw it."""
 
-    code: str
-    text: str
+    code: Code
+    text: ExactText
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ParametersDocument:
+class ParametersDocument(StrictRecord):
     """Parameters of one arm from one calibration.
 
     Attributes
     ----------
-    arm_model, arm_serial
-        Which arm.
-    joints, dh, calibrated
-        Offsets, the whole D-H table (rows 0..n), and which of its entries were calibrated.
-    fixture, fixture_kind
-        The fixture that closed the loop.
-    quality, warnings, estimator
-        How it went.
-    pose_set_sha256
-        `solver.chain.poses.PoseSet.sha256` of the poses.
     software_version, utc
         What made the document, and when (aware, UTC).
+    joints, dh, calibrated
+        Offsets, the whole D-H table (rows 0..n), and which of its entries were calibrated.
+    pose_set_sha256
+        `solver.chain.poses.PoseSet.sha256` of the poses.
     """
 
-    arm_model: str
-    arm_serial: str
-    joints: tuple[JointParameters, ...]
+    arm: WhichArm
+    utc: UtcTime
+    software_version: ExactText
+    estimator: Literal["paper", "implicit"]
+    fixture: WhichFixture
+    joints: Annotated[tuple[JointParameters, ...], Field(min_length=1, max_length=32)]
     dh: tuple[DhRow, ...]
     calibrated: tuple[CalibratedEntry, ...]
-    fixture: str
-    fixture_kind: str
     quality: Quality
     warnings: tuple[DocumentWarning, ...]
-    estimator: str
-    pose_set_sha256: str
-    software_version: str
-    utc: datetime
+    pose_set_sha256: Sha256
 
     def __post_init__(self) -> None:
         if len(self.dh) != len(self.joints) + 1:
@@ -140,6 +225,82 @@ class ParametersDocument:
     def theta_off_rad(self) -> FloatArray:
         """Offsets of joints 1..n, shape (n,), rad."""
         return np.deg2rad([joint.theta_off_deg for joint in self.joints])
+
+    @field_validator("joints")
+    @classmethod
+    def _joints_in_order(
+        cls, value: tuple[JointParameters, ...], info: ValidationInfo
+    ) -> tuple[JointParameters, ...]:
+        check_numbered(info, value, 1, "joint")
+        return value
+
+    @field_validator("dh")
+    @classmethod
+    def _table_fits(cls, value: tuple[DhRow, ...], info: ValidationInfo) -> tuple[DhRow, ...]:
+        check_numbered(info, value, 0, "row")
+        joints = info.data.get("joints")
+        if joints is None:
+            return value
+        if len(value) != len(joints) + 1:
+            text = f"has {len(value)} rows for {len(joints)} joints"
+            report(info, ("dh",), text, "write rows 0 to n")
+            return value
+        for k, (row, joint) in enumerate(zip(value[1:], joints, strict=True), 1):
+            if row.theta_off_deg != joint.theta_off_deg:
+                text = (
+                    f"{row.theta_off_deg!r} is not the {joint.theta_off_deg!r} of joint {k} above"
+                )
+                report(info, ("dh", k, "theta_off_deg"), text, CHANGED_IN_ONE_PLACE)
+        return value
+
+    @field_validator("calibrated")
+    @classmethod
+    def _calibrated_fits(
+        cls, value: tuple[CalibratedEntry, ...], info: ValidationInfo
+    ) -> tuple[CalibratedEntry, ...]:
+        joints = info.data.get("joints")
+        names = [part.entry for part in value]
+        for k, part in enumerate(value):
+            for text, remedy in _entry_complaints(part, names[:k], joints):
+                report(info, ("calibrated", k), text, remedy)
+        for k, joint in enumerate(joints or ()):
+            if joint.sigma_deg is not None and f"theta_off_{joint.joint}" not in names:
+                report(
+                    info,
+                    ("joints", k, "sigma_deg"),
+                    f"theta_off_{joint.joint} is not listed as calibrated",
+                    "an entry that was not calibrated has no sigma: write null",
+                )
+        return value
+
+    @field_validator("quality")
+    @classmethod
+    def _rank_fits(cls, value: Quality, info: ValidationInfo) -> Quality:
+        calibrated = info.data.get("calibrated")
+        if calibrated is not None and value.rank > len(calibrated):
+            text = f"rank {value.rank} for {len(calibrated)} calibrated entries"
+            report(info, ("quality", "rank"), text, CHANGED_IN_ONE_PLACE)
+        return value
+
+
+def _entry_complaints(
+    part: CalibratedEntry, before: list[str], joints: tuple[JointParameters, ...] | None
+) -> Iterator[tuple[str, str]]:
+    """Yield text and remedy of the first thing that is wrong with one calibrated entry."""
+    entry = DhEntry.parse(part.entry)
+    key, other = ("sigma_deg", "sigma_m") if entry.kind.is_angle else ("sigma_m", "sigma_deg")
+    if part.entry in before:
+        yield "is listed twice", "keep one of them"
+    elif getattr(part, key) is None or getattr(part, other) is not None:
+        yield f"has no {key} or has a {other}", f"write {key} and nothing else"
+    elif joints is not None and entry.row > len(joints):
+        yield f"there is no row {entry.row}", f"the arm has rows 0 to {len(joints)}"
+    elif joints is not None and entry.name.startswith("theta_off_") and entry.row > 0:
+        stated = joints[entry.row - 1].sigma_deg
+        if stated != part.sigma_deg:
+            shown = "null" if stated is None else repr(stated)
+            text = f"{part.sigma_deg!r} is not the {shown} of joint {entry.row} above"
+            yield text, CHANGED_IN_ONE_PLACE
 
 
 def rows_from_table(table: DhTable) -> tuple[DhRow, ...]:
@@ -163,7 +324,6 @@ def joints_from_table(
 ) -> tuple[JointParameters, ...]:
     """Per-joint part of a document: offsets of rows 1..n of `table`, their sigmas and counts."""
     sigma = {entry.entry: entry.sigma for entry in calibrated}
-    rows = rows_from_table(table)[1:]
     return tuple(
         JointParameters(
             joint=row.row,
@@ -171,7 +331,7 @@ def joints_from_table(
             sigma_deg=sigma.get(f"theta_off_{row.row}"),
             home_offset_counts=home_offset_counts(arm, row.row, math.radians(row.theta_off_deg)),
         )
-        for row in rows
+        for row in rows_from_table(table)[1:]
     )
 
 

@@ -1,13 +1,36 @@
-"""Numbers with a unit, and what size of number that unit makes plausible. Knows no file and no kind."""
+"""Numbers with a unit, what size of number that makes plausible, and the way to SI. Knows no file and no kind."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Annotated
+import re
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, StringConstraints
 from pydantic_core import PydanticCustomError
+
+UNITS = {
+    "m": "metres",
+    "mm": "millimetres",
+    "deg": "degrees",
+    "rad": "radians",
+    "mrad": "milliradians",
+    "s": "seconds",
+    "counts": "counts",
+    "deg_per_s": "degrees per second",
+    "rad_per_s": "radians per second",
+    "nm": "newton metres",
+}
+"""Units as keys end in them."""
+UNIT = re.compile(rf"(.+)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
+
+TO_SI: Mapping[str, tuple[str, Callable[[float], float]]] = {
+    "mm": ("m", lambda value: value / 1e3),
+    "mrad": ("rad", lambda value: value / 1e3),
+    "deg": ("rad", math.radians),
+    "deg_per_s": ("rad_per_s", math.radians),
+}
 
 LONGEST_M = 10.0
 """No arm or fixture here is longer; a larger number of metres is an angle or millimetres."""
@@ -19,6 +42,21 @@ LARGEST_DEG = 3600.0
 def refuse(text: str, remedy: str = "") -> PydanticCustomError:
     """Build the error with which a schema refuses a value, in words for the operator."""
     return PydanticCustomError("refused", "{what}", {"what": text, "remedy": remedy})
+
+
+def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Bring numbers, and tuples of them, to the units of the program, and rename them: a_mm to a_m."""
+    found = {}
+    for key, value in values.items():
+        match = UNIT.fullmatch(key)
+        unit, convert = TO_SI.get(match[2], ("", float)) if match is not None else ("", float)
+        if match is None or not unit:
+            found[key] = value
+        elif isinstance(value, tuple):
+            found[f"{match[1]}_{unit}"] = tuple(convert(item) for item in value)
+        else:
+            found[f"{match[1]}_{unit}"] = convert(value)
+    return found
 
 
 def length_doubt(value_m: float) -> str:

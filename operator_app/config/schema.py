@@ -1,42 +1,28 @@
 """From a strict YAML document to a checked model, complaining about everything at once. Knows no kind.
 
 Wraps pydantic: its errors become `Problem`s with file, line and key, unknown keys get the key that
-was probably meant, and a misspelt key does not also count as a missing one.
+was probably meant, and a misspelt key does not also count as a missing one. A model is a `StrictModel`
+that makes something else, or a dataclass below `StrictRecord` that is what the program works with:
+made in a program it is believed, read from a file or written to one it is checked.
 """
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, TypeVar, cast, get_args
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, ClassVar, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, ValidationInfo
 from pydantic_core import ErrorDetails
 
 from operator_app.config.errors import ConfigError, Problem
-from operator_app.config.quantities import length_doubt
+from operator_app.config.quantities import UNIT, UNITS, length_doubt
 from operator_app.config.schema_words import is_near_option, value_in_words, words_for
 from operator_app.config.strict_yaml import load_strict
 from operator_app.config.yaml_document import Path, YamlDocument
 
-M = TypeVar("M", bound="StrictModel")
-
-UNITS = {
-    "m": "metres",
-    "mm": "millimetres",
-    "deg": "degrees",
-    "rad": "radians",
-    "mrad": "milliradians",
-    "s": "seconds",
-    "counts": "counts",
-    "deg_per_s": "degrees per second",
-    "rad_per_s": "radians per second",
-    "nm": "newton metres",
-    "n_per_m": "newtons per metre",
-    "nm_per_rad": "newton metres per radian",
-}
-UNIT = re.compile(rf"(.+)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
+UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 
 
 class StrictModel(BaseModel):
@@ -45,12 +31,45 @@ class StrictModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class StrictRecord:
+    """The same for frozen dataclasses."""
+
+    __slots__ = ()
+    __pydantic_config__: ClassVar = ConfigDict(extra="forbid")
+
+
+M = TypeVar("M", bound=StrictModel | StrictRecord)
+
+
+_ADAPTERS: dict[Any, TypeAdapter[Any]] = {}
+
+
+def adapter(model: type[M]) -> TypeAdapter[M]:
+    """Pydantic's view of a model: reading, writing, JSON Schema. Built once, when first needed."""
+    if model not in _ADAPTERS:
+        _ADAPTERS[model] = TypeAdapter(model)
+    return _ADAPTERS[model]
+
+
 def report(info: ValidationInfo, path: Path, text: str, remedy: str = "") -> None:
     """Note a problem at `path` from inside a validator, without stopping the validation.
 
     For checks between fields: they can name several places, and pydantic's own exceptions cannot.
     """
     cast("list[tuple[Path, str, str]]", info.context).append((path, text, remedy))
+
+
+def check_numbered(info: ValidationInfo, items: Sequence[Any], first: int, key: str) -> None:
+    """Report every item of a list whose own number, under `key`, is not its place from `first`."""
+    for k, item in enumerate(items):
+        number, place = getattr(item, key), k + first
+        if number != place:
+            report(
+                info,
+                (str(info.field_name), k, key),
+                f"{key} {number} stands where {key} {place} belongs",
+                f"list {key}s {first} to n in order, each once",
+            )
 
 
 def read_model(model: type[M], data: bytes, *, kind: str, file: str) -> M:
@@ -90,9 +109,9 @@ def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -
     notes: list[tuple[Path, str, str]] = []
     checked: M | None = None
     try:
-        checked = model.model_validate(body, context=notes)
+        checked = adapter(model).validate_python(body, context=notes)
     except ValidationError as error:
-        problems += _problems(document, model, error.errors(include_url=False))
+        problems += _problems(document, model, error.errors(include_url=False), noted=bool(notes))
     problems += [document.problem(path, text, remedy) for path, text, remedy in notes]
     if problems or checked is None:
         raise ConfigError(problems)
@@ -128,20 +147,23 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
 
 
 def _problems(
-    document: YamlDocument, model: type[BaseModel], errors: Iterable[ErrorDetails]
+    document: YamlDocument, model: type[M], errors: Iterable[ErrorDetails], *, noted: bool
 ) -> Iterator[Problem]:
     placed = _without_alternatives(document, [(_path(document, error), error) for error in errors])
+    if noted:
+        # What a record refuses as a whole has been noted with its place.
+        placed = [(path, error) for path, error in placed if error["type"] != "value_error"]
     missing = {path for path, error in placed if error["type"] == "missing"}
     meant: set[Path] = set()
     for path, error in placed:
-        if error["type"] != "extra_forbidden":
+        if error["type"] not in UNKNOWN_KEY:
             continue
         text, remedy, instead = _unknown_key(document, model, path, missing - meant)
         if instead is not None:
             meant.add(instead)
         yield document.problem(path, text, remedy)
     for path, error in placed:
-        if error["type"] == "extra_forbidden" or path in meant:
+        if error["type"] in UNKNOWN_KEY or path in meant:
             continue
         if any(path[: len(bad)] == bad for bad in document.unreadable):
             continue
@@ -185,7 +207,7 @@ def _path(document: YamlDocument, error: ErrorDetails) -> Path:
 
 
 def _unknown_key(
-    document: YamlDocument, model: type[BaseModel], path: Path, missing: set[Path]
+    document: YamlDocument, model: type[M], path: Path, missing: set[Path]
 ) -> tuple[str, str, Path | None]:
     """Text, remedy, and the missing key that was probably meant."""
     key, parent = str(path[-1]), path[:-1]
@@ -213,35 +235,34 @@ def _unknown_key(
     return text, f"known here: {', '.join(known)}" if known else "remove it", None
 
 
-def _keys(document: YamlDocument, model: type[BaseModel], path: Path) -> list[str]:
+def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
     """Keys the schema knows in the mapping at `path`."""
-    found: type[BaseModel] | None = model
-    here: Path = ()
-    for part in path:
-        here = (*here, part)
-        if isinstance(part, int) or found is None:
-            continue
-        if part not in found.model_fields:
-            return []
-        choices = list(_models(found.model_fields[part].annotation))
-        found = choices[0] if len(choices) == 1 else _by_kind(choices, document.at(here))
-    names = [] if found is None else [f.alias or n for n, f in found.model_fields.items()]
+    whole = adapter(model).json_schema()
+    found = [whole]
+    for depth, part in enumerate(path, 1):
+        inside = "items" if isinstance(part, int) else part
+        found = [
+            choice
+            for node in found
+            for child in [
+                (node if isinstance(part, int) else node.get("properties", {})).get(inside)
+            ]
+            if child is not None
+            for choice in _choices(child, whole, document.at(path[:depth]))
+        ]
+    names = [name for node in found for name in node.get("properties", {})]
     return ["schema", *names] if not path else names
 
 
-def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Every model an annotation mentions."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-        return
-    for argument in get_args(annotation):
-        yield from _models(argument)
-
-
-def _by_kind(choices: list[type[BaseModel]], value: Any) -> type[BaseModel] | None:
+def _choices(node: dict[str, Any], whole: dict[str, Any], value: Any) -> list[dict[str, Any]]:
+    """What a node of a JSON Schema stands for; of several kinds only the one that `value` names."""
+    if "$ref" in node:
+        return [whole["$defs"][node["$ref"].rpartition("/")[2]]]
+    found = [
+        choice
+        for option in node.get("anyOf", node.get("oneOf", ()))
+        for choice in _choices(option, whole, value)
+    ]
     kind = value.get("kind") if isinstance(value, dict) else None
-    for choice in choices:
-        tag = choice.model_fields.get("kind")
-        if tag is not None and kind in get_args(tag.annotation):
-            return choice
-    return None
+    named = [n for n in found if n.get("properties", {}).get("kind", {}).get("const", kind) == kind]
+    return named if found else [node]

@@ -86,7 +86,7 @@ def _verdict(found: Comparison) -> str:
 
 def _whose(name: str, document: ParametersDocument) -> str:
     return (
-        f"{name}  {document.arm_model} {document.arm_serial}, fixture {document.fixture}, "
+        f"{name}  {document.arm.model} {document.arm.serial}, fixture {document.fixture.name}, "
         f"{document.utc:%Y-%m-%d %H:%M} UTC\n   {document.estimator}, "
         f"{document.quality.poses} poses, sarcal {document.software_version}"
     )
@@ -143,10 +143,10 @@ def _in_file_units(drift: Drift, value: float) -> float:
 
 def _document_json(document: ParametersDocument, scale: float) -> dict[str, Any]:
     return {
-        "arm_model": document.arm_model,
-        "arm_serial": document.arm_serial,
-        "fixture": document.fixture,
-        "fixture_kind": document.fixture_kind,
+        "arm_model": document.arm.model,
+        "arm_serial": document.arm.serial,
+        "fixture": document.fixture.name,
+        "fixture_kind": document.fixture.kind,
         "utc": document.utc.isoformat().replace("+00:00", "Z"),
         "estimator": document.estimator,
         "poses": document.quality.poses,

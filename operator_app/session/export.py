@@ -20,6 +20,8 @@ from operator_app.config.parameters import (
     ParametersDocument,
     Quality,
     TwoFigures,
+    WhichArm,
+    WhichFixture,
     joints_from_table,
     rows_from_table,
 )
@@ -63,17 +65,15 @@ def parameters_document(
     stacked = model.tables(estimate.x)
     table = DhTable(theta_off_rad=stacked[0], s_m=stacked[1], a_m=stacked[2], alpha_rad=stacked[3])
     calibrated = tuple(
-        CalibratedEntry(entry=p.name, sigma=math.degrees(s) if p.is_angle else float(s))
+        CalibratedEntry.of(p.name, math.degrees(s) if p.is_angle else float(s))
         for p, s in zip(estimate.parameters, estimate.standard_deviation, strict=True)
     )
     return ParametersDocument(
-        arm_model=arm.name,
-        arm_serial=serial_number,
+        arm=WhichArm(model=arm.name, serial=serial_number),
         joints=joints_from_table(arm, table, calibrated),
         dh=rows_from_table(table),
         calibrated=calibrated,
-        fixture=fixture.name,
-        fixture_kind=fixture.kind,
+        fixture=WhichFixture(name=fixture.name, kind=fixture.kind),
         quality=Quality(
             poses=solution.poses,
             rank=solution.seen.rank,

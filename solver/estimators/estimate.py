@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -44,7 +45,7 @@ class Estimate:
         How the iteration went.
     """
 
-    estimator: str
+    estimator: Literal["paper", "implicit"]
     parameters: tuple[Parameter, ...]
     x: FloatArray
     covariance: FloatArray

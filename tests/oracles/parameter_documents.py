@@ -12,6 +12,8 @@ from operator_app.config.parameters import (
     ParametersDocument,
     Quality,
     TwoFigures,
+    WhichArm,
+    WhichFixture,
 )
 
 VALUES: Mapping[str, float] = {
@@ -64,7 +66,7 @@ def make_document(
     for name, change in (changes or {}).items():
         table[name] += change
     calibrated = tuple(
-        CalibratedEntry(entry=name, sigma=sigma * (SIGMA_DEG if is_angle(name) else SIGMA_M))
+        CalibratedEntry.of(name, sigma * (SIGMA_DEG if is_angle(name) else SIGMA_M))
         for name in VALUES
         if name not in without
     )
@@ -79,8 +81,7 @@ def make_document(
         for j in range(1, 8)
     )
     return ParametersDocument(
-        arm_model="sarcos_dextrous",
-        arm_serial="SDA-0001",
+        arm=WhichArm(model="sarcos_dextrous", serial="SDA-0001"),
         joints=joints,
         dh=tuple(
             DhRow(
@@ -93,8 +94,7 @@ def make_document(
             for row in range(8)
         ),
         calibrated=calibrated,
-        fixture="hinge",
-        fixture_kind="hinge",
+        fixture=WhichFixture(name="hinge", kind="hinge"),
         quality=Quality(
             poses=40,
             rank=len(calibrated),

@@ -167,8 +167,8 @@ class PlantArm:
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         parsed = parse_parameters(document)
-        if parsed.arm_serial != self._serial:
-            raise UploadRefused(f"these parameters belong to arm {parsed.arm_serial}")
+        if parsed.arm.serial != self._serial:
+            raise UploadRefused(f"these parameters belong to arm {parsed.arm.serial}")
         self._document = document
         return UploadReceipt(
             slot="A",

@@ -73,7 +73,7 @@ def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(
     folder = Path(found["session"]["folder"])
     document = (folder / "parameters.yaml").read_bytes()
     assert found["session"]["uploaded"]
-    assert parse_parameters(document).arm_serial == found["session"]["serial_number"]
+    assert parse_parameters(document).arm.serial == found["session"]["serial_number"]
     assert {"journal.jsonl", "poses.csv", "parameters.yaml"} <= {p.name for p in folder.iterdir()}
     assert not read_journal(folder).torn
 

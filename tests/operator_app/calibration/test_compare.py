@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.compare import IncomparableError, Side, compare
+from operator_app.config.parameters import WhichFixture
 from operator_app.report.comparison_result import comparison_json, comparison_text
 from oracles.parameter_documents import VALUES, make_document
 
@@ -135,7 +136,10 @@ def test_a_fixture_mounted_anew_moves_its_own_parameters_only() -> None:
 
 
 def test_another_fixture_leaves_the_arms_own() -> None:
-    later = replace(make_document({"theta_off_4": 1.0}, poses="b"), fixture="hinge_b")
+    later = replace(
+        make_document({"theta_off_4": 1.0}, poses="b"),
+        fixture=WhichFixture(name="hinge_b", kind="hinge"),
+    )
     found = compare(make_document(), later)
     assert [d.name for d in found.drifts] == sorted(ARM_SIDE)
     assert [d.name for d in found.drifted] == ["theta_off_4"]
@@ -171,12 +175,13 @@ def test_differences_are_said() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"arm_serial": "SDA-0002"}, "serial SDA-0001, B of SDA-0002"),
-        ({"arm_model": "franka_panda"}, "of a sarcos_dextrous, B of a franka_panda"),
+        ({"serial": "SDA-0002"}, "serial SDA-0001, B of SDA-0002"),
+        ({"model": "franka_panda"}, "of a sarcos_dextrous, B of a franka_panda"),
     ],
 )
 def test_other_arms_are_not_compared(changes: dict[str, str], words: str) -> None:
-    other = replace(make_document(), **changes)
+    document = make_document()
+    other = replace(document, arm=replace(document.arm, **changes))
     with pytest.raises(IncomparableError, match=words):
         compare(make_document(), other)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from operator_app.cli import main
-from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameters import ParametersDocument, WhichArm
 from operator_app.config.parameters_file import save_parameters
 from operator_app.session.journal import Journal
 from oracles.parameter_documents import VALUES, make_document
@@ -75,7 +75,7 @@ def test_what_cannot_be_compared_ends_in_2_with_words(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one = saved(tmp_path / "a.yaml", make_document())
-    other_arm = replace(make_document(), arm_serial="SDA-0002")
+    other_arm = replace(make_document(), arm=WhichArm(model="sarcos_dextrous", serial="SDA-0002"))
     other = saved(tmp_path / "b.yaml", other_arm)
     broken = tmp_path / "c.yaml"
     broken.write_text("schema: sarcal/parameters/1\n")

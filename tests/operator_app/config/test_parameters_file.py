@@ -27,6 +27,8 @@ from operator_app.config.parameters import (
     ParametersDocument,
     Quality,
     TwoFigures,
+    WhichArm,
+    WhichFixture,
     joints_from_table,
     rows_from_table,
 )
@@ -43,17 +45,14 @@ def document() -> ParametersDocument:
     arm = load_arm("sarcos_dextrous")
     loop = load_fixture("hinge").fixture.model(arm)
     calibrated = tuple(
-        CalibratedEntry(entry=entry.name, sigma=0.001 * (k + 1))
-        for k, entry in enumerate(loop.entries)
+        CalibratedEntry.of(entry.name, 0.001 * (k + 1)) for k, entry in enumerate(loop.entries)
     )
     return ParametersDocument(
-        arm_model=arm.name,
-        arm_serial="SDA-0007",
+        arm=WhichArm(model=arm.name, serial="SDA-0007"),
         joints=joints_from_table(arm, loop.table, calibrated),
         dh=rows_from_table(loop.table),
         calibrated=calibrated,
-        fixture="hinge",
-        fixture_kind="hinge",
+        fixture=WhichFixture(name="hinge", kind="hinge"),
         quality=Quality(
             poses=40,
             rank=14,
@@ -127,12 +126,11 @@ def documents(draw: st.DrawFn) -> ParametersDocument:
     )
     names = [f"{kind}_{k}" for kind in ("theta_off", "s", "a", "alpha") for k in range(n + 1)]
     chosen = draw(st.lists(st.sampled_from(names), unique=True))
-    calibrated = tuple(CalibratedEntry(entry=name, sigma=draw(SIGMA)) for name in chosen)
+    calibrated = tuple(CalibratedEntry.of(name, draw(SIGMA)) for name in chosen)
     sigma = {item.entry: item.sigma for item in calibrated}
     figures = st.builds(TwoFigures, rms=SIGMA, as_printed=SIGMA)
     return ParametersDocument(
-        arm_model=draw(WORD),
-        arm_serial=draw(WORD),
+        arm=WhichArm(model=draw(WORD), serial=draw(WORD)),
         joints=tuple(
             JointParameters(
                 joint=k,
@@ -144,8 +142,7 @@ def documents(draw: st.DrawFn) -> ParametersDocument:
         ),
         dh=rows,
         calibrated=calibrated,
-        fixture=draw(WORD),
-        fixture_kind=draw(WORD),
+        fixture=WhichFixture(name=draw(WORD), kind=draw(WORD)),
         quality=Quality(
             poses=draw(st.integers(1, 10**6)),
             rank=draw(st.integers(0, len(chosen))),

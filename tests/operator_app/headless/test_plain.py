@@ -82,7 +82,7 @@ def test_from_connect_to_uploaded_parameters(source):
     assert script.reason == "left"
     assert "ACCEPTED: the calibration meets its limits." in script.said
     written = source.root / "session-1" / "parameters.yaml"
-    assert load_parameters(written).arm_serial == "SDA-0001"
+    assert load_parameters(written).arm.serial == "SDA-0001"
     assert source.arm.active_parameters() == written.read_bytes()
     assert any("uploaded to slot A" in row for row in script.said)
 

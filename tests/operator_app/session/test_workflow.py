@@ -76,7 +76,7 @@ def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
 
     assert result.exported is not None
     document = load_parameters(result.exported.parameters)
-    assert document.arm_serial == "SDA-0001"
+    assert document.arm.serial == "SDA-0001"
     poses = load_poses(result.exported.poses, joint_count=7).poses
     assert len(poses) == 20
     assert document.pose_set_sha256 == session.state.pose_set().sha256() == poses.sha256()

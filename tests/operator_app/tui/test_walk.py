@@ -31,7 +31,7 @@ async def test_following_the_footer_alone_ends_with_uploaded_parameters(drive, s
         assert d.pressed <= MOST_KEYS
         assert d.s.receipt is not None
         written = load_parameters(d.s.written.parameters)
-        assert written.arm_serial == "SDA-0001"
+        assert written.arm.serial == "SDA-0001"
         assert source.arm.active_parameters() == d.s.written.parameters.read_bytes()
 
 

@@ -1,7 +1,18 @@
-"""Closing loops: the smallest joint corrections that make measured poses fit a model exactly.
+"""Closed loops, and what is left of a loop's equations once the unsensed angles are gone.
 
-Used wherever something must be judged on the manifold itself and not beside it: rank and condition,
-planned poses, the plant's start. Knows a `ClosureModel`, no estimator.
+Every loop error is linear in small changes of parameters, joint angles and unsensed angles,
+
+    c + C dphi + J_q dq + N du = 0,
+
+with the paper's unknowns phi and their Jacobian C (eqs. 5 and 6); `LoopError` calls c ``residual``, C
+``jac_x``, J_q ``jac_q`` and N ``jac_u``. Nobody reads u, so only what does not ask for it says anything:
+with E an orthonormal basis of the left null space of N,
+
+    E' c + E' C dphi + E' J_q dq = 0,     and afterwards     du = -N+ (c + C dphi + J_q dq).
+
+This is the one reduction of the whole solver (`reduced_equations`). Its one closer, `close_loops`, is
+Newton's iteration on it with dphi = 0: the smallest dq in a given measure. The estimators are the same
+equations with dphi unknown. Knows a `ClosureModel`, no estimator.
 """
 
 from __future__ import annotations
@@ -11,7 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, LoopError
+
+SINGULAR = 1e-7
+"""Singular values below this share of the largest belong to directions that no free joint moves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,14 +35,44 @@ class ClosedPoses:
     Attributes
     ----------
     q, u
-        Joint angles (..., m, n) and unsensed angles (..., m, U), rad.
+        Joint angles (m, n) and unsensed angles (m, U), rad.
     closed
-        (..., m) bool: whether the loop error fell below the tolerance.
+        (m,) bool: whether the loop error fell below the tolerance.
     """
 
     q: FloatArray
     u: FloatArray
     closed: BoolArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReducedEquations:
+    """Loop equations of every pose without the unsensed angles: ``w + A dphi + B dq = 0``.
+
+    Attributes
+    ----------
+    E
+        (..., m, k, r): orthonormal, ``E' N = 0``.
+    w, A, B
+        ``E' c`` (..., m, r), ``E' C`` (..., m, r, P) and ``E' J_q`` (..., m, r, n).
+    """
+
+    E: FloatArray
+    w: FloatArray
+    A: FloatArray
+    B: FloatArray
+
+
+def reduced_equations(error: LoopError) -> ReducedEquations:
+    """Multiply the linearised loop of every pose by E'."""
+    E = left_null_space(error.jac_u)
+    Et = np.swapaxes(E, -1, -2)
+    return ReducedEquations(
+        E=E,
+        w=(Et @ error.residual[..., None])[..., 0],
+        A=Et @ error.jac_x,
+        B=Et @ error.jac_q,
+    )
 
 
 def close_loops(
@@ -42,7 +86,7 @@ def close_loops(
     tolerance: float = 1e-12,
     max_step_rad: float = 0.5,
 ) -> ClosedPoses:
-    """Project poses onto the loops that parameters `x` describe, by Gauss-Newton.
+    """Project poses onto the loops that parameters `x` describe, by Newton's iteration.
 
     Parameters
     ----------
@@ -54,53 +98,110 @@ def close_loops(
         Standard deviation of each joint (n,): the correction is the smallest in this measure
         (default: all joints alike). A joint with 0 stays where it is.
     u
-        First values of the unsensed angles (m, U); by default the model's own.
+        First values of the unsensed angles (m, U); by default the model's own. They move freely.
     max_step_rad
         Longest correction of a joint in one iteration.
     """
     q = np.array(q, dtype=np.float64)
     u = np.array(model.initial_unsensed(x, q) if u is None else u, dtype=np.float64)
-    weight = np.ones(q.shape[-1]) if sigma_rad is None else np.asarray(sigma_rad)
-    # Unsensed angles move freely: give them a weight far above every sensed joint's.
-    free = 1e3 * float(np.max(weight))
-    error = model.loop(x, q, u)
-    for _ in range(max_iterations):
-        size = np.abs(error.residual).max(-1, initial=0.0)
-        if bool(np.all(size < tolerance)):
+    sigma = np.ones(q.shape[-1]) if sigma_rad is None else np.asarray(sigma_rad)
+    size = np.empty(len(q))
+    going, here = np.arange(len(q)), model
+    for iteration in range(max_iterations + 1):
+        error = here.loop(x, q[going], u[going])
+        size[going] = np.abs(error.residual).max(-1, initial=0.0)
+        open_still = size[going] >= tolerance
+        if iteration == max_iterations or not open_still.any():
             break
-        J = np.concatenate((error.jac_q * weight, error.jac_u * free), axis=-1)
-        step = -(np.linalg.pinv(J, rcond=1e-10) @ error.residual[..., None])[..., 0]
-        dq, du = step[..., : q.shape[-1]] * weight, step[..., q.shape[-1] :] * free
+        if not open_still.all():
+            going, error = going[open_still], _of_poses(error, open_still)
+            here = model.at_poses(going)
+        dq, du = newton_step(error, sigma)
         longest = np.concatenate((np.abs(dq), np.abs(du)), axis=-1).max(-1, keepdims=True)
         shrink = np.minimum(1.0, max_step_rad / np.maximum(longest, 1e-300))
-        q += dq * shrink
-        u += du * shrink
-        error = model.loop(x, q, u)
-    closed = np.abs(error.residual).max(-1, initial=0.0) < max(100.0 * tolerance, 1e-9)
-    return ClosedPoses(q=q, u=u, closed=closed)
+        q[going] += dq * shrink
+        u[going] += du * shrink
+    return ClosedPoses(q=q, u=u, closed=size < max(100.0 * tolerance, 1e-9))
+
+
+def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Smallest joint corrections (m, n) in the measure `sigma` (n,) that close linearised loops.
+
+    With ``B = E' J_q S`` the weighted correction is ``-B' (B B')^-1 E' c``, and the unsensed angles
+    (m, U) follow. Where B has not full rank, what no free joint can close is left open.
+    """
+    reduced = reduced_equations(error)
+    w, B = reduced.w[..., None], reduced.B * sigma
+    Bt = np.swapaxes(B, -1, -2)
+    V = B @ Bt
+    largest = np.diagonal(V, axis1=-2, axis2=-1).max(-1, initial=0.0)
+    V += (SINGULAR**2 * largest + 1e-300)[..., None, None] * np.eye(V.shape[-1])
+    dq = -(Bt @ np.linalg.solve(V, w))[..., 0]
+    # A ridge at the size of rounding keeps solve quiet; pivots as small as it say what rank there is.
+    pivots = np.diagonal(np.linalg.cholesky(V), axis1=-2, axis2=-1) ** 2
+    weak = pivots.min(-1, initial=np.inf) < 10.0 * SINGULAR**2 * largest + 1e-290
+    if weak.any():
+        dq[weak] = -(np.linalg.pinv(B[weak], rcond=SINGULAR) @ w[weak])[..., 0]
+    dq *= sigma
+    return dq, unsensed_step(error, (error.jac_q @ dq[..., None])[..., 0])
+
+
+def unsensed_step(error: LoopError, moved: FloatArray | None = None) -> FloatArray:
+    """Change of the unsensed angles (..., m, U) when all else moves the loops by `moved` (..., m, k)."""
+    rest = error.residual if moved is None else error.residual + moved
+    return -(left_inverse(error.jac_u) @ rest[..., None])[..., 0]
 
 
 def reduced_jacobian(
     model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Parameter and joint Jacobians with the unsensed freedoms projected out.
-
-    Returns
-    -------
-    A, B
-        (..., m, r, P) and (..., m, r, n): ``E' J_x`` and ``E' J_q`` with E the left null space of
-        the columns of the unsensed joints (method, section 3).
-    """
-    error = model.loop(x, q, u)
-    E = left_null_space(error.jac_u)
-    Et = np.swapaxes(E, -1, -2)
-    return Et @ error.jac_x, Et @ error.jac_q
+    """Return ``E' C`` (..., m, r, P) and ``E' J_q`` (..., m, r, n) of a model at given angles."""
+    reduced = reduced_equations(model.loop(x, q, u))
+    return reduced.A, reduced.B
 
 
 def left_null_space(N: FloatArray) -> FloatArray:
-    """Orthonormal E (..., k, k - U) with ``E' N = 0`` for N of shape (..., k, U) and rank U."""
+    """Orthonormal E (..., k, k - U) with ``E' N = 0`` for N of shape (..., k, U) and rank U.
+
+    Column after column is turned into the first axis by Householder's reflection, whose other axes
+    are then at right angles to it: for a unit column (a, b') with s = sign(a),
+
+        H = [-s a  -s b'; -s b  1 - b b' / (1 + |a|)],      E = H without its first column.
+
+    A hinge has one column, so its E is written down and not computed.
+    """
     k, unsensed = N.shape[-2:]
-    if unsensed == 0:
-        return np.broadcast_to(np.eye(k), (*N.shape[:-1], k))
-    Q = np.linalg.qr(N, mode="complete").Q
-    return Q[..., unsensed:]
+    E = None
+    for _ in range(min(k, unsensed)):
+        first = N[..., 0]
+        length = np.sqrt((first * first).sum(-1, keepdims=True))
+        # A column of zeros asks for no direction; the first axis is as good as any.
+        unit = np.where(
+            length > 0.0, first / np.where(length > 0.0, length, 1.0), np.eye(N.shape[-2])[0]
+        )
+        a, b = unit[..., :1], unit[..., 1:]
+        H = np.empty((*unit.shape, unit.shape[-1] - 1))
+        H[..., 0, :] = -np.where(a < 0.0, -1.0, 1.0) * b
+        H[..., 1:, :] = (
+            np.eye(b.shape[-1]) - b[..., :, None] * (b / (1.0 + np.abs(a)))[..., None, :]
+        )
+        N = np.swapaxes(H, -1, -2) @ N[..., 1:]
+        E = H if E is None else E @ H
+    return np.broadcast_to(np.eye(k), (*N.shape[:-1], k)) if E is None else E
+
+
+def left_inverse(N: FloatArray) -> FloatArray:
+    """Return ``N+`` (..., U, k): the least-squares answer of the unsensed angles."""
+    if N.shape[-1] != 1:
+        return np.asarray(np.linalg.pinv(N)) if N.shape[-1] else np.swapaxes(N, -1, -2)
+    square = (N * N).sum(-2, keepdims=True)
+    return np.swapaxes(N, -1, -2) / np.where(square > 0.0, square, np.inf)
+
+
+def _of_poses(error: LoopError, poses: BoolArray) -> LoopError:
+    return LoopError(
+        residual=error.residual[poses],
+        jac_x=error.jac_x[poses],
+        jac_q=error.jac_q[poses],
+        jac_u=error.jac_u[poses],
+    )

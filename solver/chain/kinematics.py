@@ -10,11 +10,13 @@ broadcast, so one parameter row serves many poses and many starts are evaluated 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from solver.arrays import FloatArray, frozen
+from solver.chain.parameters import DhKind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,25 +89,41 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
         Actual joint angles theta' (rad), offsets (m), lengths (m) and twists (rad), shapes that
         broadcast to (..., links).
     """
-    theta, s, a, alpha = np.broadcast_arrays(theta, s, a, alpha)
-    *lead, links = theta.shape
-    c_theta, s_theta = np.cos(theta)[..., None], np.sin(theta)[..., None]
-    c_alpha, s_alpha = np.cos(alpha)[..., None], np.sin(alpha)[..., None]
-    axes = np.empty((*lead, links + 1, 3, 3))
-    origins = np.empty((*lead, links + 1, 3))
-    axes[..., 0, :, :] = np.eye(3)
-    origins[..., 0, :] = 0.0
+    lead = np.broadcast_shapes(*(np.shape(v)[:-1] for v in (theta, s, a, alpha)))
+    c_theta, s_theta = _links_first(np.cos(theta)), _links_first(np.sin(theta))
+    c_alpha, s_alpha = _links_first(np.cos(alpha)), _links_first(np.sin(alpha))
+    s, a = _links_first(s), _links_first(a)
+    links = max(len(c_theta), len(s), len(a), len(c_alpha))
+    axes = np.empty((links + 1, 3, 3, *lead))
+    origins = np.empty((links + 1, 3, *lead))
+    axes[0] = np.eye(3).reshape(3, 3, *(1 for _ in lead))
+    origins[0] = 0.0
     # A loop over links (eight of them), never over poses.
     for j in range(links):
-        x, y, z = (axes[..., j, :, k] for k in range(3))
-        c, sn, ca, sa = (v[..., j, :] for v in (c_theta, s_theta, c_alpha, s_alpha))
-        x_j = c * x + sn * y
+        x, y, z = axes[j]
+        x_j, y_j, z_j = axes[j + 1]
+        c, sn, ca, sa = c_theta[j], s_theta[j], c_alpha[j], s_alpha[j]
+        np.add(c * x, sn * y, out=x_j)
         y_mid = c * y - sn * x
-        axes[..., j + 1, :, 0] = x_j
-        axes[..., j + 1, :, 1] = ca * y_mid + sa * z
-        axes[..., j + 1, :, 2] = ca * z - sa * y_mid
-        origins[..., j + 1, :] = origins[..., j, :] + s[..., j, None] * z + a[..., j, None] * x_j
-    return Frames(axes=axes, origins_m=origins)
+        np.add(ca * y_mid, sa * z, out=y_j)
+        np.subtract(ca * z, sa * y_mid, out=z_j)
+        np.add(origins[j], s[j] * z + a[j] * x_j, out=origins[j + 1])
+    return _seen(axes, origins)
+
+
+def turned(frames: Frames, angle: FloatArray) -> Frames:
+    """Frames of a chain whose first joint stood at zero, with that joint at `angle` (...), rad.
+
+    All that comes after the joint turns about its z; frame 0 is where it is seen from (paper, eqs. 11 and 13).
+    """
+    before, places = _stored(frames)
+    axes, origins = before.copy(), places.copy()
+    c, s = np.cos(angle), np.sin(angle)
+    for whole, out in ((before[1:], axes[1:]), (places[1:, None], origins[1:, None])):
+        x, y = whole[:, :, 0], whole[:, :, 1]
+        np.subtract(c * x, s * y, out=out[:, :, 0])
+        np.add(s * x, c * y, out=out[:, :, 1])
+    return _seen(axes, origins)
 
 
 def jacobian(frames: Frames) -> FloatArray:
@@ -121,20 +139,49 @@ def jacobian(frames: Frames) -> FloatArray:
     theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j);
     alpha_j: (x_j, x_j x (p_e - p_j)).
     """
-    z = frames.axes[..., :-1, :, 2]
-    x = frames.axes[..., 1:, :, 0]
-    p = frames.origins_m
-    end = p[..., -1:, :]
-    columns = np.zeros((*z.shape[:-2], 6, 4, z.shape[-2]))
+    axes, p = _stored(frames)
+    z, x = axes[:-1, 2], axes[1:, 0]
+    columns = np.zeros((4, len(z), 6, *z.shape[2:]))
+    columns[DhKind.THETA_OFF, :, :3] = z
+    _cross(z, p[-1] - p[:-1], out=columns[DhKind.THETA_OFF, :, 3:])
+    columns[DhKind.S, :, 3:] = z
+    columns[DhKind.A, :, 3:] = x
+    columns[DhKind.ALPHA, :, :3] = x
+    _cross(x, p[-1] - p[1:], out=columns[DhKind.ALPHA, :, 3:])
+    return np.moveaxis(columns, (0, 1, 2), (-2, -1, -3))
 
-    def put(rows: slice, kind: int, values: FloatArray) -> None:
-        columns[..., rows, kind, :] = np.swapaxes(values, -1, -2)
 
-    rotation, translation = slice(0, 3), slice(3, 6)
-    put(rotation, 0, z)
-    put(translation, 0, np.cross(z, end - p[..., :-1, :]))
-    put(translation, 1, z)
-    put(translation, 2, x)
-    put(rotation, 3, x)
-    put(translation, 3, np.cross(x, end - p[..., 1:, :]))
-    return columns
+def picked(columns: FloatArray, kinds: Sequence[int], rows: Sequence[int]) -> FloatArray:
+    """Columns of `jacobian` (..., k, 4, links) of the entries `kinds`, `rows` (C,): (..., k, C)."""
+    first = np.moveaxis(columns, (-2, -1, -3), (0, 1, 2))[list(kinds), list(rows)]
+    return np.ascontiguousarray(np.moveaxis(first, (0, 1), (-1, -2)))
+
+
+# Poses are last in memory: every step of a chain is one pass over contiguous numbers, several times as
+# fast as over (..., 3, 3). What is handed out are views of that with the poses first.
+
+
+def _links_first(values: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(np.moveaxis(values, -1, 0))
+
+
+def _seen(axes: FloatArray, origins: FloatArray) -> Frames:
+    return Frames(
+        axes=np.moveaxis(axes, (0, 1, 2), (-3, -1, -2)),
+        origins_m=np.moveaxis(origins, (0, 1), (-2, -1)),
+    )
+
+
+def _stored(frames: Frames) -> tuple[FloatArray, FloatArray]:
+    """Axes [link, which axis, component, ...] and origins [link, component, ...]."""
+    return (
+        np.moveaxis(frames.axes, (-3, -1, -2), (0, 1, 2)),
+        np.moveaxis(frames.origins_m, (-2, -1), (0, 1)),
+    )
+
+
+def _cross(u: FloatArray, v: FloatArray, *, out: FloatArray) -> None:
+    """Cross products of vectors whose components are on the second axis."""
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        np.subtract(u[:, i] * v[:, j], u[:, j] * v[:, i], out=out[:, k])

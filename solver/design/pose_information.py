@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.closing import left_null_space
-from solver.estimators.implicit import NoiseModel
+from solver.estimators.implicit import NoiseModel, linearise
 from solver.loops.closure import ClosureModel
 
 CURVE_SHARE = 0.5
@@ -60,21 +59,15 @@ def pose_information(
     ValueError
         If a closure component has no noise at all (exact joints and a stiff fixture).
     """
-    error = model.loop(x, q, u)
-    E = left_null_space(error.jac_u)
-    Et = np.swapaxes(E, -1, -2)
-    A, B = Et @ error.jac_x, Et @ error.jac_q
     variance = np.broadcast_to(noise.joint_variance, q.shape)
-    V = B @ (variance[..., :, None] * np.swapaxes(B, -1, -2))
-    if noise.fixture_variance is not None:
-        give = np.asarray(noise.fixture_variance)[..., : E.shape[-2], None]
-        V = V + Et @ (give * E)
+    give = np.zeros(6) if noise.fixture_variance is None else np.asarray(noise.fixture_variance)
+    system = linearise(model.loop(x, q, u), np.zeros_like(q), variance, give)
     try:
-        L = np.linalg.cholesky(V)
+        L = np.linalg.cholesky(system.V)
     except np.linalg.LinAlgError as error:
         raise ValueError("joints without noise leave closure components without any") from error
     return PoseInformation(
-        parameters=tuple(p.name for p in model.parameters), root=np.linalg.solve(L, A)
+        parameters=tuple(p.name for p in model.parameters), root=np.linalg.solve(L, system.A)
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.closing import unsensed_step
 from solver.loops.closure import ClosureModel, ReducedError
 from solver.loops.placements import Placements
 
@@ -72,7 +73,7 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
     u = model.initial_unsensed(x, q)
     error = model.loop(x, q, u)
     for _ in range(50):
-        step = -(np.linalg.pinv(error.jac_u) @ error.residual[..., None])[..., 0]
+        step = unsensed_step(error)
         longest = float(np.abs(step).max(initial=0.0))
         u = u + step * min(1.0, 0.5 / max(longest, 1e-300))
         error = model.loop(x, q, u)

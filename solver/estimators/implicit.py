@@ -24,13 +24,13 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.chain.pose_order import back_to_caller, canonical_order
-from solver.closing import close_loops, left_null_space
+from solver.closing import close_loops, reduced_equations, unsensed_step
 from solver.errors import PosesDoNotFitError
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress, column_scale
 from solver.estimators.paper import estimate_paper
-from solver.loops.closure import ClosureModel, nearest_equivalent
+from solver.loops.closure import ClosureModel, LoopError, nearest_equivalent
 
 STEP_TOLERANCE = 1e-12
 MAX_ITERATIONS = 60
@@ -149,21 +149,12 @@ def fit_implicit(
     iterations, converged = 0, False
     for iterations in range(1, max_iterations + 1):
         error = model.loop(x, q + e, u)
-        system = linearise(error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give)
+        system = linearise(error, e, variance, give)
         step, multipliers, chi2 = _solve(system, x, prior)
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers[..., None])[..., 0]
         slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers[..., None])[..., 0]
-        rest = (
-            error.residual
-            + (error.jac_x @ step)
-            + (error.jac_q @ (e_new - e)[..., None])[..., 0]
-            + slack
-        )
-        du = (
-            -(np.linalg.pinv(error.jac_u) @ rest[..., None])[..., 0]
-            if u.shape[-1]
-            else np.zeros_like(u)
-        )
+        moved = error.jac_x @ step + (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack
+        du = unsensed_step(error, moved)
         largest = max(
             float(np.abs(step).max(initial=0.0)),
             float(np.abs(e_new - e).max(initial=0.0)),
@@ -180,7 +171,7 @@ def fit_implicit(
             converged = True
             break
     error = model.loop(x, q + e, u)
-    system = linearise(error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give)
+    system = linearise(error, e, variance, give)
     pose_chi2 = np.einsum(
         "mi,mi->m", system.w, np.linalg.solve(system.V, system.w[..., None])[..., 0]
     )
@@ -263,22 +254,17 @@ def information(system: LinearisedPoses) -> FloatArray:
 
 
 def linearise(
-    c: FloatArray,
-    jac_x: FloatArray,
-    jac_q: FloatArray,
-    jac_u: FloatArray,
-    e: FloatArray,
-    variance: FloatArray,
-    give: FloatArray,
+    error: LoopError, e: FloatArray, variance: FloatArray, give: FloatArray
 ) -> LinearisedPoses:
-    """Reduce the linearised loops of all poses to equations without unsensed angles."""
-    E = left_null_space(jac_u)
-    Et = np.swapaxes(E, -1, -2)
-    B = Et @ jac_q
-    Bt = np.swapaxes(B, -1, -2)
-    F = Et @ (give[-c.shape[-1] :, None] * E)
-    w = (Et @ (c - (jac_q @ e[..., None])[..., 0])[..., None])[..., 0]
-    return LinearisedPoses(w=w, A=Et @ jac_x, B=B, V=B @ (variance[..., :, None] * Bt) + F, E=E)
+    """Reduce the loops of all poses, linearised at corrections `e` (m, n), and weigh them."""
+    reduced = reduced_equations(error)
+    E, B = reduced.E, reduced.B
+    Bt, Et = np.swapaxes(B, -1, -2), np.swapaxes(E, -1, -2)
+    V = B @ (variance[..., :, None] * Bt)
+    if give.any():
+        V = V + Et @ (give[..., -E.shape[-2] :, None] * E)
+    w = reduced.w - (B @ e[..., None])[..., 0]
+    return LinearisedPoses(w=w, A=reduced.A, B=B, V=V, E=E)
 
 
 def _root(V: FloatArray) -> FloatArray:

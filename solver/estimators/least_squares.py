@@ -3,23 +3,74 @@
 Minimises ``|r(x)|^2`` (paper, eqs. 5 and 6, iterated). Columns are scaled to unit norm [13], which
 makes the damping independent of units and is where the scaled condition number comes from. The
 undamped step is tried first and taken whenever it descends; damping (Levenberg-Marquardt) only
-steps in when it does not, so the iteration never diverges.
+steps in when it does not, so the iteration never diverges. Of the equations only the triangle of
+their QR factors is kept (`triangle_of`): its size and what is done with it do not grow with the poses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from solver.arrays import FloatArray
 
-Problem = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Parameters (P,) to residuals (R,) and Jacobian (R, P)."""
+BLOCK_ROWS = 2048
+"""Rows of a block: with some tens of columns it stays in a core's own cache."""
 
 Progress = Callable[[int, float], None]
 """Called after each iteration with its number and the cost; may raise to cancel."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Triangle:
+    """All that least squares need of residuals r (R,) and a Jacobian J (R, P), however many rows.
+
+    ``|r + J dx|^2 = |b + T dx|^2 + rest`` for every dx, and ``J' J = T' T``.
+
+    Attributes
+    ----------
+    T
+        Upper triangle of the QR factors of J, (P, P).
+    b
+        Residuals turned into its rows (P,).
+    rest
+        Square of the residuals that no dx changes.
+    """
+
+    T: FloatArray
+    b: FloatArray
+    rest: float
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squared residuals."""
+        return 0.5 * (float(self.b @ self.b) + self.rest)
+
+
+def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
+    """QR of blocks (TSQR): residuals (..., r) and Jacobians (..., r, P) of block after block.
+
+    Each block is triangularised under what is left of those before it, so that memory does not grow
+    with the number of rows, and no square of the Jacobian is formed.
+    """
+    left: FloatArray | None = None
+    for r, J in blocks:
+        rows = np.concatenate((J, r[..., None]), axis=-1).reshape(-1, J.shape[-1] + 1)
+        for first in range(0, max(len(rows), 1), BLOCK_ROWS):
+            block = rows[first : first + BLOCK_ROWS]
+            stacked = block if left is None else np.concatenate((left, block))
+            left = np.asarray(np.linalg.qr(stacked, mode="r"))
+    if left is None:
+        raise ValueError("least squares need at least one block")
+    whole = np.zeros((left.shape[1], left.shape[1]))
+    whole[: len(left)] = left
+    return Triangle(T=whole[:-1, :-1], b=whole[:-1, -1], rest=float(whole[-1, -1] ** 2))
+
+
+Problem = Callable[[FloatArray], Triangle]
+"""Parameters (P,) to residuals and Jacobian there, triangularised."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,41 +114,41 @@ def solve_damped(
     Parameters
     ----------
     problem
-        Residuals and their exact Jacobian.
+        Residuals and their exact Jacobian, as a triangle.
     step_tolerance
         Largest component of a step (rad, m) that counts as no step.
     """
     x = np.array(x0, dtype=np.float64)
-    r, J = problem(x)
-    cost = 0.5 * float(r @ r)
+    here = problem(x)
     damping = 0.0
     for iteration in range(1, max_iterations + 1):
-        scale = column_scale(J)
-        U, s, Vt = np.linalg.svd(J / scale, full_matrices=False)
+        cost = here.cost
+        scale = column_scale(here.T)
+        U, s, Vt = np.linalg.svd(here.T / scale)
         # Directions the equations do not see get no step at all, rather than a huge one.
         seen = s > 1e-12 * s[0]
-        beta = U.T @ r
+        beta = U.T @ here.b
         while True:
             gain = np.where(seen, s / np.where(seen, s**2 + damping, 1.0), 0.0)
             step = -(Vt.T @ (gain * beta)) / scale
             largest = float(np.max(np.abs(step), initial=0.0))
-            r_new, J_new = problem(x + step)
-            cost_new = 0.5 * float(r_new @ r_new)
-            if np.isfinite(cost_new) and cost_new < cost:
+            # At the floor of rounding no step can be seen to descend any more; that is the minimum.
+            predicted = 0.5 * float(((gain * s * (2.0 - gain * s)) * beta**2).sum())
+            if predicted <= 1e-14 * cost + 1e-300:
+                last = x if damping > 0.0 else x + step
+                return Fit(x=last, cost=cost, iterations=iteration, converged=True)
+            there = problem(x + step)
+            if np.isfinite(there.cost) and there.cost < cost:
                 damping = 0.0 if damping < 1e-8 else damping / 10.0
                 break
             if largest < step_tolerance:
                 return Fit(x=x, cost=cost, iterations=iteration - 1, converged=True)
-            # At the floor of rounding no step descends any more; that is the minimum.
-            predicted = 0.5 * float(((gain * s * (2.0 - gain * s)) * beta**2).sum())
-            if predicted <= 1e-14 * cost + 1e-300:
-                return Fit(x=x, cost=cost, iterations=iteration - 1, converged=True)
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e12:
                 return Fit(x=x, cost=cost, iterations=iteration - 1, converged=False)
-        x, r, J, cost = x + step, r_new, J_new, cost_new
+        x, here = x + step, there
         if progress is not None:
-            progress(iteration, cost)
+            progress(iteration, here.cost)
         if largest < step_tolerance:
-            return Fit(x=x, cost=cost, iterations=iteration, converged=True)
-    return Fit(x=x, cost=cost, iterations=max_iterations, converged=False)
+            return Fit(x=x, cost=here.cost, iterations=iteration, converged=True)
+    return Fit(x=x, cost=here.cost, iterations=max_iterations, converged=False)

@@ -6,15 +6,20 @@ It is kept as the published reference and as the start of the implicit estimator
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
-from solver.chain.pose_order import back_to_caller, canonical_order
+from solver.chain.pose_order import canonical_order
 from solver.estimators.estimate import Estimate, require_enough_poses
-from solver.estimators.goodness import closure_sigmas
-from solver.estimators.least_squares import Progress, solve_damped
+from solver.estimators.goodness import closure_at_readings, closure_sigmas
+from solver.estimators.least_squares import Progress, Triangle, solve_damped, triangle_of
 from solver.loops.closure import ClosureModel, nearest_equivalent
+
+BLOCK_POSES = 256
+"""Poses evaluated at a time: all that kinematics and Jacobian of so many need fits a core's own cache."""
 
 
 def estimate_paper(
@@ -40,27 +45,20 @@ def estimate_paper(
     nominal = nominal_vector(model.parameters)
 
     order = canonical_order(q)
-    ordered, sorted_q = model.at_poses(order), q[order]
-
-    def problem(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        error = ordered.reduced(x, sorted_q)
-        return error.residual.reshape(-1), error.jac_x.reshape(-1, len(nominal))
-
+    problem = ClosureProblem.of(model.at_poses(order), q[order])
     fit = solve_damped(problem, nominal if x0 is None else x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
-    error = ordered.reduced(x, sorted_q)
-    back = back_to_caller(order)
-    residual = error.residual[back]
-    J = error.jac_x.reshape(-1, len(nominal))
+    T = problem(x).T
+    error = closure_at_readings(model, x, q)
     return Estimate(
         estimator="paper",
         parameters=model.parameters,
         x=x,
-        covariance=np.asarray(np.linalg.pinv(J.T @ J, hermitian=True) * (2.0 * fit.cost / dof)),
-        residual=residual,
+        covariance=np.asarray(np.linalg.pinv(T.T @ T, hermitian=True) * (2.0 * fit.cost / dof)),
+        residual=error.residual,
         rotation_rows=error.rotation_rows,
         sigmas=closure_sigmas(error.residual, error.rotation_rows),
-        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
+        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped)),
         dof=dof,
         chi2=None,
         pose_chi2=None,
@@ -68,3 +66,27 @@ def estimate_paper(
         iterations=fit.iterations,
         converged=fit.converged,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosureProblem:
+    """The closure errors of all poses as a least-squares `Problem`, a block of poses at a time.
+
+    Attributes
+    ----------
+    blocks
+        Loops of some poses and their joint angles (m_k, n), rad.
+    """
+
+    blocks: tuple[tuple[ClosureModel, FloatArray], ...]
+
+    @classmethod
+    def of(cls, model: ClosureModel, q: FloatArray) -> ClosureProblem:
+        """Cut the poses `q` (m, n), rad, into blocks."""
+        cuts = np.split(np.arange(len(q)), np.arange(BLOCK_POSES, len(q), BLOCK_POSES))
+        return cls(blocks=tuple((model.at_poses(cut), q[cut]) for cut in cuts))
+
+    def __call__(self, x: FloatArray) -> Triangle:
+        """Closure error c and the paper's C = dc/dphi (eqs. 5, 6 and 13) at parameters `x` (P,)."""
+        errors = (model.reduced(x, q) for model, q in self.blocks)
+        return triangle_of((error.residual, error.jac_x) for error in errors)

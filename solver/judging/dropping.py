@@ -15,6 +15,7 @@ from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops, reduced_jacobian
 from solver.errors import UnidentifiableDirection
 from solver.estimators.least_squares import column_scale, solve_damped
+from solver.estimators.paper import ClosureProblem
 from solver.judging.identifiability import judge_jacobian
 from solver.loops.closure import ClosureModel
 
@@ -74,14 +75,8 @@ def judging_point(model: ClosureModel, q: FloatArray) -> FloatArray:
         {n for n in names if n not in fixture and not n.startswith("theta_off_")}
     )
     start = nominal_vector(plain.parameters)
-
-    def problem(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        error = plain.reduced(x, q)
-        return error.residual.reshape(-1), error.jac_x.reshape(-1, len(start))
-
-    fitted = dict(
-        zip([p.name for p in plain.parameters], solve_damped(problem, start).x, strict=True)
-    )
+    fit = solve_damped(ClosureProblem.of(plain, q), start)
+    fitted = dict(zip([p.name for p in plain.parameters], fit.x, strict=True))
     return np.array([fitted.get(p.name, p.nominal) for p in model.parameters])
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.closing import left_inverse
 from solver.estimators.implicit import NoiseModel
 from solver.judging.pose_adjustment import adjust_poses
 from solver.loops.closure import ClosureModel
@@ -57,7 +58,7 @@ def loop_angles(
     if noise.fixture_variance is not None:
         S = S + np.diag(noise.fixture_variance[-S.shape[-1] :])
     system = adjusted.system
-    inverse = np.linalg.pinv(error.jac_u)
+    inverse = left_inverse(error.jac_u)
     SE = S @ system.E
     # What the pose's other equations say of the noise is taken out of it.
     gain = np.swapaxes(np.linalg.solve(system.V, np.swapaxes(SE, -1, -2)), -1, -2)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.closing import close_loops
+from solver.closing import close_loops, unsensed_step
 from solver.estimators.implicit import LinearisedPoses, NoiseModel, linearise
 from solver.loops.closure import ClosureModel
 
@@ -52,14 +52,13 @@ def adjust_poses(
     moved = np.full(len(q), np.inf)
     for _ in range(MAX_ITERATIONS):
         error = model.loop(x, q + e, u)
-        system = linearise(error.residual, error.jac_x, error.jac_q, error.jac_u, e, variance, give)
+        system = linearise(error, e, variance, give)
         if bool(np.all(moved < STEP_TOLERANCE)):
             break
         multipliers = np.linalg.solve(system.V, system.w[..., None])
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
         slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers)[..., 0]
-        rest = error.residual + (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack
-        du = -(np.linalg.pinv(error.jac_u) @ rest[..., None])[..., 0] if u.shape[-1] else 0.0 * u
+        du = unsensed_step(error, (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack)
         moved = np.concatenate((np.abs(e_new - e), np.abs(du)), axis=-1).max(-1, initial=0.0)
         # A pose far from closing comes nearer by steps no joint would take back.
         shrink = np.minimum(1.0, 0.5 / np.maximum(moved, 1e-300))[:, None]

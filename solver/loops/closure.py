@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.chain.kinematics import DhTable, Frames, forward, jacobian
+from solver.chain.kinematics import DhTable, Frames, forward, jacobian, picked, turned
 from solver.chain.parameters import DhEntry, DhKind, Parameter, wrap_angles
 from solver.chain.rotations import rotation_vector, rotation_vector_differential, skew
 
@@ -209,19 +209,18 @@ class DhLoop:
         """Six closure components: rotation vector over position, in frame -1 (eqs. 8 and 10)."""
         frames = self.frames(x, q, u)
         r = rotation_vector(frames.R_end)
-        columns = jacobian(frames)
-        E = rotation_vector_differential(r)
-        shape = columns.shape
-        columns[..., :3, :, :] = (E @ columns[..., :3, :, :].reshape(*shape[:-3], 3, -1)).reshape(
-            *shape[:-3], 3, *shape[-2:]
-        )
-        jac_q = columns[..., DhKind.THETA_OFF, 1:].copy()
-        jac_q[..., [j - 1 for j in self.unsensed_joints]] = 0.0
+        J = self._columns(jacobian(frames))
+        J[..., :3, :] = rotation_vector_differential(r) @ J[..., :3, :]
+        jac_x, jac_theta = J[..., : len(self.entries)], J[..., len(self.entries) :]
+        jac_q = jac_theta[..., 1:]
+        if self.unsensed_joints:
+            jac_q = jac_q.copy()
+            jac_q[..., [j - 1 for j in self.unsensed_joints]] = 0.0
         return LoopError(
             residual=np.concatenate((r, frames.p_end), axis=-1),
-            jac_x=self._columns(columns),
+            jac_x=jac_x,
             jac_q=jac_q,
-            jac_u=columns[..., DhKind.THETA_OFF, :][..., list(self.unsensed_rows)],
+            jac_u=jac_theta[..., list(self.unsensed_rows)],
         )
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
@@ -253,32 +252,38 @@ class DhLoop:
             raise ValueError(
                 "eqs. 10-13 eliminate the hinge angle only; unsensed joints need `loop`"
             )
-        u = self.initial_unsensed(x, q)
         if not self.hinge:
+            u = self.initial_unsensed(x, q)
             whole = self.loop(x, q, u)
-            closed = np.zeros(whole.residual.shape[:-1], dtype=np.bool_)
             return ReducedError(
                 residual=whole.residual,
                 jac_x=whole.jac_x,
                 rotation_rows=3,
                 unsensed=u,
-                flipped=closed,
+                flipped=np.zeros(whole.residual.shape[:-1], dtype=np.bool_),
             )
-        frames = self.frames(x, q, u)
-        columns = jacobian(frames)
-        jac = self._columns(columns)
+        frames, u = self._upon_hinge(x, q)
+        J = self._columns(jacobian(frames))
+        by_hinge = J[..., len(self.entries), None]
+        jac = J[..., : len(self.entries)]
         R = frames.R_end
         # theta_0 answers to every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31.
         hinge_rate = jac[..., 0, :] * (R[..., 2, 0] / R[..., 0, 0])[..., None] - jac[..., 2, :]
-        jac = jac + columns[..., DhKind.THETA_OFF, 0][..., None] * hinge_rate[..., None, :]
+        jac = jac + by_hinge * hinge_rate[..., None, :]
         swing, by_rotation = _swing(R[..., :, 2])
         return ReducedError(
             residual=np.concatenate((swing, frames.p_end), axis=-1),
             jac_x=np.concatenate((by_rotation @ jac[..., :3, :], jac[..., 3:, :]), axis=-2),
             rotation_rows=2,
-            unsensed=u,
+            unsensed=u[..., None],
             flipped=R[..., 2, 2] < 0.0,
         )
+
+    def _upon_hinge(self, x: FloatArray, q: FloatArray) -> tuple[Frames, FloatArray]:
+        """Frames with the hinge at theta_0 (..., m) such that R21 = 0: eqs. 11 to 13."""
+        R_c = (at_zero := self.frames(x, q, np.zeros((*q.shape[:-1], 1)))).R_end
+        theta_0 = -np.arctan2(R_c[..., 1, 0], R_c[..., 0, 0])
+        return turned(at_zero, theta_0), theta_0
 
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Eight equal descriptions of a hinge loop, none of which a rigid loop has.
@@ -339,8 +344,10 @@ class DhLoop:
         return [int(e.kind) for e in self.entries], [e.row for e in self.entries]
 
     def _columns(self, columns: FloatArray) -> FloatArray:
+        """Columns of the unknown entries, then those of all links' angles: (..., 6, P + links)."""
         kinds, rows = self._indices()
-        return columns[..., kinds, rows]
+        links = self.table.links
+        return picked(columns, kinds + [DhKind.THETA_OFF] * links, rows + list(range(links)))
 
 
 def _swing(n: FloatArray) -> tuple[FloatArray, FloatArray]:

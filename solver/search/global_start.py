@@ -16,6 +16,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.estimators.estimate import require_enough_poses
 from solver.estimators.least_squares import Progress, solve_damped
+from solver.estimators.paper import ClosureProblem
 from solver.loops.closure import ClosureModel, nearest_equivalent
 from solver.search.starts import StartSearch
 
@@ -172,10 +173,7 @@ def _solve(
     nominal = nominal_vector(sensed.parameters)
     names = [p.name for p in sensed.parameters]
     here = [names.index(p.name) for p in model.parameters]
-
-    def problem(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        error = sensed.reduced(x, q)
-        return error.residual.reshape(-1), error.jac_x.reshape(-1, len(nominal))
+    problem = ClosureProblem.of(sensed, q)
 
     found: list[tuple[FloatArray, Basin]] = []
     best = np.inf

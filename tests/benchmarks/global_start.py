@@ -17,6 +17,7 @@ import numpy as np
 
 from solver.chain.parameters import wrap_angle, wrap_angles
 from solver.estimators.least_squares import solve_damped
+from solver.estimators.paper import ClosureProblem
 from solver.judging.identifiability import identifiability
 from solver.loops.closure import DhLoop, nearest_equivalent
 from solver.search.global_start import GlobalStart, global_start
@@ -32,11 +33,7 @@ def right(found: GlobalStart, offsets: np.ndarray) -> bool:
 
 
 def same_minimum(model: DhLoop, found: GlobalStart, exact: np.ndarray, q: np.ndarray) -> bool:
-    def problem(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        error = model.reduced(x, q)
-        return error.residual.reshape(-1), error.jac_x.reshape(-1, len(x))
-
-    x = nearest_equivalent(model, solve_damped(problem, exact).x, found.x)
+    x = nearest_equivalent(model, solve_damped(ClosureProblem.of(model, q), exact).x, found.x)
     return bool(np.abs(wrap_angles(model.parameters, x - found.x)).max() < 1e-4)
 
 

@@ -12,6 +12,7 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import wrap_angle, wrap_angles
 from solver.errors import TooFewPosesError
 from solver.estimators.least_squares import solve_damped
+from solver.estimators.paper import ClosureProblem
 from solver.loops.closure import DhLoop, entries, nearest_equivalent
 from solver.loops.open_arm import BASE, TIP_POINT, MeasuredClosure
 from solver.loops.placements import place
@@ -55,13 +56,10 @@ def test_real_sensors_do_not_mislead_the_search(seed):
     model = nothing_known()
     found = global_start(model, q, starts=300)
     exact = global_start(model, problem.q, starts=300).x
-
-    def residuals(x):
-        error = model.reduced(x, q)
-        return error.residual.reshape(-1), error.jac_x.reshape(-1, len(x))
-
     # The same minimum as from the true parameters.
-    from_truth = nearest_equivalent(model, solve_damped(residuals, exact).x, found.x)
+    from_truth = nearest_equivalent(
+        model, solve_damped(ClosureProblem.of(model, q), exact).x, found.x
+    )
     assert np.abs(wrap_angles(model.parameters, from_truth - found.x)).max() < 1e-6
 
 

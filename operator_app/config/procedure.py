@@ -1,104 +1,210 @@
-"""A procedure as the workflow sees it: arm, fixture, bus, capture plan, limits. Knows no file format."""
+"""A procedure (``sarcal/procedure/1``): what ``sarcal run`` does. Knows no YAML, no bus and no session.
+
+`ProcedureFile` is what the file holds, in its units, with SI beside it; what fits the arm is checked
+elsewhere. `Procedure` is that with the arm and the fixture it names, and the operator's choices.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
 
 from operator_app.config.fixture_file import FixtureSpec
+from operator_app.config.quantities import (
+    AngleDeg,
+    Count,
+    Name,
+    NonNegativeNumber,
+    PositiveNumber,
+    Text,
+    Whole,
+    Yes,
+    in_si,
+    refuse,
+)
 from operator_app.config.resources import Resource
+from operator_app.config.schema import StrictRecord
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AcceptanceLimits:
+class AcceptanceLimits(StrictRecord):
     """What a calibration must reach to be accepted; None is no limit.
 
     The sigmas are the ``rms`` reading of eqs. 14 and 15. Without a limit of its own, chi2/dof must
     lie below the upper end of its 99.9 % band.
     """
 
-    scaled_condition_number: float = 100.0
-    chi2_per_dof: float | None = None
-    sigma_pos_m: float | None = None
-    sigma_ori_rad: float | None = None
+    scaled_condition_number: Annotated[PositiveNumber, Field(ge=1.0)] = 100.0
+    chi2_per_dof: PositiveNumber | None = None
+    sigma_pos_mm: PositiveNumber | None = None
+    sigma_ori_mrad: PositiveNumber | None = None
+
+    @property
+    def sigma_pos_m(self) -> float | None:
+        """Limit of the position sigma in m."""
+        return None if self.sigma_pos_mm is None else self.sigma_pos_mm / 1e3
+
+    @property
+    def sigma_ori_rad(self) -> float | None:
+        """Limit of the orientation sigma in rad."""
+        return None if self.sigma_ori_mrad is None else self.sigma_ori_mrad / 1e3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BusSettings:
+class ProcedureBus(StrictRecord):
     """Which bus, in python-can's words; None leaves it to python-can's own configuration."""
 
-    interface: str
-    channel: str | None
-    bitrate: int | None
+    interface: Text
+    channel: Text | None = None
+    bitrate: Annotated[int, Field(strict=True, ge=10_000, le=8_000_000)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Exploration:
-    """How far one drive joint is taken from where it starts: `lower_rad` <= 0 <= `upper_rad`."""
+class Modes(StrictRecord):
+    """Drive joints, by number or chosen by the program; `trial`: by small wiggles on the arm, too."""
 
-    joint: int
-    lower_rad: float
-    upper_rad: float
+    position: Literal["auto"] | Annotated[tuple[Count, ...], Field(min_length=1)]
+    trial: Yes = False
+
+    @property
+    def listed(self) -> tuple[int, ...]:
+        """The joints that are named; none when the program chooses."""
+        return () if self.position == "auto" else self.position
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SettleRule:
+class Exploration(StrictRecord):
+    """Travel of one drive joint, relative to where it starts (checked from the arm's home)."""
+
+    joint: Count
+    from_deg: Annotated[AngleDeg, Field(le=0.0)]
+    to_deg: Annotated[AngleDeg, Field(ge=0.0)]
+
+    @property
+    def lower_rad(self) -> float:
+        """Lower end of the travel, at most 0."""
+        return math.radians(self.from_deg)
+
+    @property
+    def upper_rad(self) -> float:
+        """Upper end of the travel, at least 0."""
+        return math.radians(self.to_deg)
+
+    @field_validator("to_deg")
+    @classmethod
+    def _some_travel(cls, value: float, info: ValidationInfo) -> float:
+        low = info.data.get("from_deg")
+        if low is not None and value - low < 1.0:
+            raise refuse(f"the joint would travel {value - low:g} deg", "give it more than 1 deg")
+        return value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettleRule(StrictRecord):
     """When the arm counts as still: every joint's spread over `window_syncs` SYNCs is small.
 
     Small is `spread_sigmas` standard deviations of the joint's sensor, but never less than
-    `spread_min_rad`; after `timeout_syncs` the pose is given up.
+    `spread_min_deg`; after `timeout_syncs` the pose is given up.
     """
 
-    window_syncs: int
-    spread_sigmas: float
-    spread_min_rad: float
-    timeout_syncs: int
+    window_syncs: Annotated[int, Field(strict=True, ge=2, le=10_000)]
+    spread_sigmas: PositiveNumber
+    spread_min_deg: NonNegativeNumber = 0.0
+    timeout_syncs: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
 
     def spread_rad(self, arm: ArmModel) -> tuple[float, ...]:
         """Allowed spread of every joint of `arm`; infinite for a joint without a sensor."""
         return tuple(
             math.inf
             if isinstance(joint.sensor, NoSensor)
-            else max(self.spread_min_rad, self.spread_sigmas * joint.sensor.sigma_rad)
+            else max(math.radians(self.spread_min_deg), self.spread_sigmas * joint.sensor.sigma_rad)
             for joint in arm.joints
         )
 
+    @field_validator("timeout_syncs")
+    @classmethod
+    def _longer_than_window(cls, value: int, info: ValidationInfo) -> int:
+        window = info.data.get("window_syncs")
+        if window is not None and value < window:
+            raise refuse(f"{value} SYNCs are over before the window of {window}", "allow more")
+        return value
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CapturePlan:
+class CapturePlan(StrictRecord):
     """Which poses are taken, and how.
 
     Attributes
     ----------
+    strategy
+        ``plan`` in the file. ``explore``: visit the box as it comes; ``planned``: explore a little,
+        then plan on what was found and take `poses` chosen poses more.
     poses
         How many.
     exploration
         The box the drive joints are taken through; empty when the modes are chosen automatically.
-    speed_rad_per_s
+    speed_deg_per_s
         Command speed of the drive joints.
     samples_per_pose
         SYNC samples averaged into one pose.
     seed
         Of the sequence of poses.
-    strategy
-        ``explore``: visit the box as it comes; ``planned``: explore a little, then plan on what was
-        found and take `poses` chosen poses more.
-    requested
-        With a plan: standard deviations by parameter name (rad, m) at which it may end sooner.
+    requested_sigma
+        With a plan: standard deviations at which it may end sooner, by parameter name with unit.
     """
 
-    poses: int
-    exploration: tuple[Exploration, ...]
-    speed_rad_per_s: float
+    strategy: Annotated[Literal["explore", "planned"], Field(alias="plan")] = "explore"
+    poses: Annotated[Count, Field(le=100_000)]
+    exploration: tuple[Exploration, ...] = ()
+    speed_deg_per_s: Annotated[PositiveNumber, Field(le=360.0)]
     settle: SettleRule
-    samples_per_pose: int
-    seed: int
-    strategy: Literal["explore", "planned"] = "explore"
-    requested: Mapping[str, float] = field(default_factory=dict)
+    samples_per_pose: Annotated[Count, Field(le=100_000)]
+    seed: Annotated[Whole, Field(le=2**63 - 1)] = 0
+    requested_sigma: dict[str, PositiveNumber] = field(default_factory=dict)
+
+    @property
+    def speed_rad_per_s(self) -> float:
+        """Command speed of the drive joints."""
+        return math.radians(self.speed_deg_per_s)
+
+    @property
+    def requested(self) -> Mapping[str, float]:
+        """Requested standard deviations by parameter name, rad and m."""
+        return {key.rpartition("_")[0]: v for key, v in in_si(self.requested_sigma).items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportChoice(StrictRecord):
+    """What happens with the result."""
+
+    upload: Yes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcedureFile(StrictRecord):
+    """The whole file, without its ``schema`` line; arm and fixture by name or path."""
+
+    name: Name
+    arm: Text
+    fixture: Text
+    bus: ProcedureBus
+    modes: Literal["auto"] | Modes
+    unsensed_joints: tuple[Count, ...] = ()
+    capture: CapturePlan
+    estimator: Literal["paper", "implicit"]
+    acceptance: AcceptanceLimits
+    export: ExportChoice
+
+    @property
+    def chosen_modes(self) -> Modes:
+        """The modes, whichever way they are written."""
+        return Modes(position="auto") if self.modes == "auto" else self.modes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,7 +237,7 @@ class Procedure:
     arm: ArmModel
     fixture: FixtureSpec
     sources: tuple[Resource, Resource, Resource]
-    bus: BusSettings
+    bus: ProcedureBus
     position_joints: tuple[int, ...] | None
     unsensed_joints: tuple[int, ...]
     capture: CapturePlan

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from operator_app.config.errors import Problem
-from operator_app.config.procedure_models import ModesModel, ProcedureFile
+from operator_app.config.procedure import ProcedureFile
 from operator_app.config.yaml_document import Path as KeyPath
 from operator_app.config.yaml_document import YamlDocument
 from solver.chain.arm_model import ArmModel
@@ -18,7 +18,8 @@ def check_joints(
     found: ProcedureFile, arm: ArmModel | None, document: YamlDocument
 ) -> Iterator[Problem]:
     """Joint numbers that contradict each other or, where it is known, the arm."""
-    drives = found.modes.listed if isinstance(found.modes, ModesModel) else ()
+    modes = found.chosen_modes
+    drives = modes.listed
     lists: tuple[tuple[KeyPath, tuple[int, ...]], ...] = (
         (("modes", "position"), drives),
         (("unsensed_joints",), found.unsensed_joints),
@@ -38,7 +39,7 @@ def check_joints(
                 f"joint {joint} is in position mode and unsensed",
                 "a joint whose reading is not used cannot be driven to a position",
             )
-    if isinstance(found.modes, ModesModel) and found.modes.trial and drives:
+    if modes.trial and drives:
         yield document.problem(
             ("modes", "trial"),
             "the drive joints are named, so there is nothing to try",
@@ -62,7 +63,7 @@ def _check_exploration(
         elif joint not in drives:
             text = f"joint {joint} is not in position mode"
             yield document.problem((*here, k, "joint"), text, "explore with the drive joints only")
-    if found.capture.plan == "planned":
+    if found.capture.strategy == "planned":
         return
     for joint in sorted(set(drives) - set(named)):
         if arm is None or joint <= arm.joint_count:
@@ -89,8 +90,8 @@ def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
                     "shorten the travel",
                 )
     # Where the program chooses, any joint may come to drive.
-    chosen = found.modes == "auto" or not found.modes.listed
-    drives = range(1, arm.joint_count + 1) if chosen else [item.joint for _, item in boxes]
+    named = [item.joint for _, item in boxes]
+    drives = named if found.chosen_modes.listed else range(1, arm.joint_count + 1)
     slowest = min(drives, key=lambda j: arm.joints[j - 1].max_speed_rad_per_s, default=None)
     if slowest is not None:
         limit = math.degrees(arm.joints[slowest - 1].max_speed_rad_per_s)
@@ -105,11 +106,11 @@ def check_requested(
     """Standard deviations are asked for of parameters there are, in their unit, and with a plan."""
     here: KeyPath = ("capture", "requested_sigma")
     asked = found.capture.requested_sigma
-    if asked and found.capture.plan != "planned":
+    if asked and found.capture.strategy != "planned":
         yield document.problem(
             here, "only a planned capture knows when it is reached", "add plan: planned"
         )
-    known = {in_file(p): p for p in parameters}
+    known = {f"{p.name}_{'deg' if p.is_angle else 'mm'}": p for p in parameters}
     for key in asked:
         if key in known:
             continue
@@ -121,18 +122,3 @@ def check_requested(
         else:
             remedy = f"did you mean {meant or near[0]}?"
         yield document.problem((*here, key), "is no parameter of this calibration", remedy)
-
-
-def in_file(parameter: Parameter) -> str:
-    """Return the key of a parameter's standard deviation, with its unit."""
-    return f"{parameter.name}_{'deg' if parameter.is_angle else 'mm'}"
-
-
-def requested(found: ProcedureFile, parameters: Sequence[Parameter]) -> Mapping[str, float]:
-    """Return the standard deviations asked for by parameter name, rad and m."""
-    asked = found.capture.requested_sigma
-    return {
-        p.name: math.radians(asked[in_file(p)]) if p.is_angle else 1e-3 * asked[in_file(p)]
-        for p in parameters
-        if in_file(p) in asked
-    }

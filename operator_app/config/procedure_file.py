@@ -1,8 +1,7 @@
-"""The procedure file (``sarcal/procedure/1``): what ``sarcal run`` does. Knows no bus and no session."""
+"""The procedure file (``sarcal/procedure/1``): read with the arm and the fixture it names. Knows no bus."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -10,21 +9,12 @@ from typing import TypeVar
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import parse_fixture
-from operator_app.config.procedure import (
-    AcceptanceLimits,
-    BusSettings,
-    CapturePlan,
-    Exploration,
-    Procedure,
-    SettleRule,
-)
-from operator_app.config.procedure_checks import check_joints, check_requested, requested
-from operator_app.config.procedure_models import ModesModel, ProcedureFile
+from operator_app.config.procedure import Procedure, ProcedureFile
+from operator_app.config.procedure_checks import check_joints, check_requested
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.config.schema import check_model
 from operator_app.config.strict_yaml import load_strict
 from operator_app.config.yaml_document import YamlDocument
-from solver.chain.parameters import Parameter
 
 T = TypeVar("T")
 
@@ -49,55 +39,23 @@ def parse_procedure(
     arm = _referred("arm", document, source, known, parse=parse_arm, problems=problems)
     fixture = _referred("fixture", document, source, known, parse=parse_fixture, problems=problems)
     problems += check_joints(found, None if arm is None else arm[1], document)
-    parameters: tuple[Parameter, ...] = ()
     if not problems and arm is not None and fixture is not None:
         loop = fixture[1].fixture.model(arm[1], unsensed_joints=found.unsensed_joints)
-        parameters = loop.parameters
-        problems += check_requested(found, parameters, document)
+        problems += check_requested(found, loop.parameters, document)
     if problems or arm is None or fixture is None:
         raise ConfigError(problems)
-    capture, accept = found.capture, found.acceptance
-    modes = ModesModel(position="auto") if found.modes == "auto" else found.modes
     return Procedure(
         name=found.name,
         arm=arm[1],
         fixture=fixture[1],
         sources=(source, arm[0], fixture[0]),
-        bus=BusSettings(
-            interface=found.bus.interface, channel=found.bus.channel, bitrate=found.bus.bitrate
-        ),
-        position_joints=modes.listed or None,
-        trial=modes.trial,
+        bus=found.bus,
+        position_joints=found.chosen_modes.listed or None,
+        trial=found.chosen_modes.trial,
         unsensed_joints=found.unsensed_joints,
-        capture=CapturePlan(
-            poses=capture.poses,
-            exploration=tuple(
-                Exploration(
-                    joint=item.joint,
-                    lower_rad=math.radians(item.from_deg),
-                    upper_rad=math.radians(item.to_deg),
-                )
-                for item in capture.exploration
-            ),
-            speed_rad_per_s=math.radians(capture.speed_deg_per_s),
-            settle=SettleRule(
-                window_syncs=capture.settle.window_syncs,
-                spread_sigmas=capture.settle.spread_sigmas,
-                spread_min_rad=math.radians(capture.settle.spread_min_deg),
-                timeout_syncs=capture.settle.timeout_syncs,
-            ),
-            samples_per_pose=capture.samples_per_pose,
-            seed=capture.seed,
-            strategy=capture.plan,
-            requested=requested(found, parameters),
-        ),
+        capture=found.capture,
         estimator=found.estimator,
-        acceptance=AcceptanceLimits(
-            scaled_condition_number=accept.scaled_condition_number,
-            chi2_per_dof=accept.chi2_per_dof,
-            sigma_pos_m=None if accept.sigma_pos_mm is None else accept.sigma_pos_mm / 1e3,
-            sigma_ori_rad=None if accept.sigma_ori_mrad is None else accept.sigma_ori_mrad / 1e3,
-        ),
+        acceptance=found.acceptance,
         upload=found.export.upload,
     )
 

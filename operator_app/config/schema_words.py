@@ -34,6 +34,7 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         "tuple_type": "a list",
         "list_type": "a list",
         "dict_type": "a mapping (`key: value` lines)",
+        "dataclass_type": "a mapping (`key: value` lines)",
         "model_type": "a mapping (`key: value` lines)",
         "model_attributes_type": "a mapping (`key: value` lines)",
     }

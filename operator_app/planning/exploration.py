@@ -20,7 +20,7 @@ from solver.chain.arm_model import ArmModel
 RANGE_MARGIN_RAD = float(np.deg2rad(2.0))
 """A move ends when any joint comes this close to the end of its range."""
 
-DEFAULT_SPAN_RAD = float(np.deg2rad(25.0))
+DEFAULT_SPAN_DEG = 25.0
 """How far to either side drive joints are taken that the procedure says nothing about."""
 
 BATCH = 8
@@ -67,11 +67,11 @@ def for_joints(plan: CapturePlan, joints: tuple[int, ...]) -> CapturePlan:
     known = {box.joint: box for box in plan.exploration}
     if tuple(sorted(known)) == tuple(sorted(joints)):
         return plan
-    span = DEFAULT_SPAN_RAD
+    span = DEFAULT_SPAN_DEG
     return replace(
         plan,
         exploration=tuple(
-            known.get(j, Exploration(joint=j, lower_rad=-span, upper_rad=span)) for j in joints
+            known.get(j, Exploration(joint=j, from_deg=-span, to_deg=span)) for j in joints
         ),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -276,7 +277,9 @@ def test_more_poses_wanted_on_resuming_are_planned_beside_those_taken(
 
 
 def test_precision_asked_for_ends_it_with_words(make_session: MakeSession) -> None:
-    session = make_session(procedure(8, requested={"theta_off_1": 1e-3, "a_0": 1e-3}))
+    session = make_session(
+        procedure(8, requested_sigma={"theta_off_1_deg": math.degrees(1e-3), "a_0_mm": 1.0})
+    )
     end = Told(session).run()
     assert end.complete
     assert end.weak == ()
@@ -286,7 +289,7 @@ def test_precision_asked_for_ends_it_with_words(make_session: MakeSession) -> No
 
 
 def test_what_stays_weak_is_named(make_session: MakeSession) -> None:
-    session = make_session(procedure(2, requested={"alpha_0": 1e-12}))
+    session = make_session(procedure(2, requested_sigma={"alpha_0_deg": math.degrees(1e-12)}))
     end = Told(session).run()
     assert [w.name for w in end.weak] == ["alpha_0"]
     assert end.weak[0].sigma > end.weak[0].requested == 1e-12

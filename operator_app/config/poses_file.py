@@ -7,19 +7,31 @@ follow. Columns may stand in any order: they are found by name.
 
 from __future__ import annotations
 
-import csv
-import io
+import difflib
+import re
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from operator_app.config.atomic import write_atomically
+from operator_app.config.csv_table import (
+    BadCell,
+    number,
+    read_records,
+    read_rows,
+    whole_number,
+    write_records,
+)
 from operator_app.config.degrees import degrees_for_file
-from operator_app.config.poses_header import EXAMPLE, Header, header_names, read_header
-from operator_app.config.poses_rows import Row, read_rows
+from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.quantities import UNIT, angle_doubt, length_doubt
 from operator_app.config.resources import read_limited
 from operator_app.config.text import decode_text, only
+from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 
 LIMIT_BYTES = 16 * 1024 * 1024
@@ -27,6 +39,14 @@ LIMIT_BYTES = 16 * 1024 * 1024
 
 FEW = 5
 """Fewer poses than this are too few to suspect their unit."""
+
+KEY = ("placement", "pose")
+OPTIONAL = ("samples", "utc", "note")
+POSITION = ("x_m", "y_m", "z_m")
+ROTATION = ("rx_deg", "ry_deg", "rz_deg")
+THETA = re.compile(r"theta([1-9][0-9]{0,2})_deg")
+SD = re.compile(r"sd([1-9][0-9]{0,2})_deg")
+EXAMPLE = "the header is placement,pose,theta1_deg,theta2_deg,..."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,10 +67,8 @@ class LoadedPoses:
 
 def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPoses:
     """Read a poses file; raises as `parse_poses`."""
-    where = Path(path).expanduser()
-    return parse_poses(
-        read_limited(where, str(path), limit=LIMIT_BYTES), str(path), joint_count=joint_count
-    )
+    data = read_limited(Path(path).expanduser(), str(path), limit=LIMIT_BYTES)
+    return parse_poses(data, str(path), joint_count=joint_count)
 
 
 def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> LoadedPoses:
@@ -66,44 +84,48 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     ConfigError
         With all that is wrong (the first hundred problems of a file that is wrong all over).
     """
-    lines = _lines(decode_text(data, file), file)
-    header = read_header(lines[0][1], file, line=lines[0][0], joint_count=joint_count)
-    rows = read_rows(lines[1:], header, file)
-    poses = _pose_set(header, rows)
+    (line, header), *records = read_records(decode_text(data, file), file, example=EXAMPLE)
+    names = tuple(cell.strip() for cell in header)
+    if not any(map(_known, names)):
+        raise only(file, line, None, "this line is no header of a poses file", EXAMPLE)
+    problems = [
+        Problem(file=file, line=line, column=column, key=key, text=text, remedy=remedy)
+        for column, key, text, remedy in _complaints(names, joint_count)
+    ]
+    if problems:
+        raise ConfigError(problems)
+    if not records:
+        raise only(file, None, None, "has a header and no poses", "capture poses first")
+    rows = read_rows(
+        records,
+        {name: _reader(name) for name in names},
+        file,
+        unique=KEY,
+        unique_remedy="give every pose of a placement its own name",
+    )
+    poses = _pose_set(names, rows)
     return LoadedPoses(poses=poses, warnings=_warnings(poses))
 
 
 def format_poses(poses: PoseSet) -> bytes:
     """Write poses as CSV: every number with the digits that read back as the same double."""
-    endpoint_columns = 0 if poses.endpoint is None else int(poses.endpoint.shape[1])
-    names = header_names(
-        poses.joint_count,
-        sd=poses.sd_rad is not None,
-        samples=poses.samples is not None,
-        utc=poses.utc is not None,
-        note=poses.notes is not None,
-        endpoint=endpoint_columns,
-    )
-    lines = [",".join(names)]
-    q = degrees_for_file(poses.q_rad)
-    sd = None if poses.sd_rad is None else degrees_for_file(poses.sd_rad)
-    end = None if poses.endpoint is None else np.array(poses.endpoint)
-    if end is not None and endpoint_columns == 6:
-        end[:, 3:] = degrees_for_file(end[:, 3:])
-    for k, (placement, label) in enumerate(poses.keys):
-        cells = [str(placement), label, *(repr(float(v)) for v in q[k])]
-        if sd is not None:
-            cells += [repr(float(v)) for v in sd[k]]
-        if poses.samples is not None:
-            cells.append(str(int(poses.samples[k])))
-        if poses.utc is not None:
-            cells.append(poses.utc[k])
-        if poses.notes is not None:
-            cells.append(poses.notes[k])
-        if end is not None:
-            cells += [repr(float(v)) for v in end[k]]
-        lines.append(",".join(_quoted(cell) for cell in cells))
-    return ("\n".join(lines) + "\n").encode("utf-8")
+    joints = range(1, poses.joint_count + 1)
+    columns: dict[str, Any] = {
+        "placement": poses.placement.tolist(),
+        "pose": poses.label,
+        **_columns([f"theta{j}_deg" for j in joints], degrees_for_file(poses.q_rad)),
+    }
+    if poses.sd_rad is not None:
+        columns |= _columns([f"sd{j}_deg" for j in joints], degrees_for_file(poses.sd_rad))
+    if poses.samples is not None:
+        columns["samples"] = poses.samples.tolist()
+    columns |= {"utc": poses.utc} if poses.utc is not None else {}
+    columns |= {"note": poses.notes} if poses.notes is not None else {}
+    if poses.endpoint is not None:
+        columns |= _columns(POSITION, poses.endpoint[:, :3])
+        if poses.endpoint.shape[1] == 6:
+            columns |= _columns(ROTATION, degrees_for_file(poses.endpoint[:, 3:]))
+    return write_records([columns, *(map(str, row) for row in zip(*columns.values(), strict=True))])
 
 
 def save_poses(path: Path, poses: PoseSet) -> None:
@@ -111,62 +133,125 @@ def save_poses(path: Path, poses: PoseSet) -> None:
     write_atomically(path, format_poses(poses))
 
 
-def _quoted(cell: str) -> str:
-    # Python's csv.writer leaves a lone carriage return unquoted, which ends the line for readers.
-    if any(c in cell for c in ',"\r\n'):
-        return '"' + cell.replace('"', '""') + '"'
-    return cell
+def _columns(names: Collection[str], table: FloatArray) -> dict[str, list[float]]:
+    return dict(zip(names, table.T.tolist(), strict=True))
 
 
-def _lines(text: str, file: str) -> list[tuple[int, list[str]]]:
-    """Records with the line each starts in; blank lines are left out."""
-    if not text.strip():
-        raise only(file, None, None, "is empty", EXAMPLE)
-    first = next(line for line in text.splitlines() if line.strip())
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if mark in first and "," not in first:
-            raise only(
-                file,
-                1,
-                None,
-                f"the columns are separated by {name}",
-                "save the file with commas between columns and points as decimal marks",
+# ---- the header --------------------------------------------------------------------------------
+Complaint = tuple[int | None, str, str, str]
+"""Column from 1 (None where there is none), name, text, remedy."""
+
+
+def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Complaint]:
+    joints = {int(m[1]) for name in names if (m := THETA.fullmatch(name))}
+    last = joint_count if joint_count is not None else max(joints, default=1)
+    theta, sd = ([f"{kind}{j}_deg" for j in range(1, last + 1)] for kind in ("theta", "sd"))
+    # Columns that a misspelt one was probably meant to be: not missing as well.
+    meant: set[str] = set()
+    every = (*KEY, *theta, *sd, *OPTIONAL, *POSITION, *ROTATION)
+    for k, name in enumerate(names):
+        if name and name in names[:k]:
+            first = names.index(name) + 1
+            text = f"this column is given twice (columns {first} and {k + 1})"
+            yield k + 1, name, text, "keep one of them"
+        elif not _known(name):
+            text, remedy, instead = _unknown(name, [c for c in every if c not in names])
+            meant.add(instead)
+            yield k + 1, name or f"column {k + 1}", text, remedy
+        elif (match := THETA.fullmatch(name)) and int(match[1]) > last:
+            yield k + 1, name, f"the arm has {joint_count} joints", "is it the right arm?"
+        elif (match := SD.fullmatch(name)) and int(match[1]) > last:
+            yield k + 1, name, "there is no such joint", "give one for every joint, or none"
+    there = {*names, *meant}
+    have = f"({len(joints)} joint column{'s' if len(joints) != 1 else ''}"
+    have += f", the arm has {joint_count} joints)" if joint_count is not None else ")"
+    endpoint = "an endpoint is x_m,y_m,z_m, or that and rx_deg,ry_deg,rz_deg"
+    for group, wanted, more, remedy in (
+        (KEY, True, "", EXAMPLE),
+        (theta, True, f" {have}", ""),
+        (sd, bool(there & {*sd}), "", "give one for every joint, or none"),
+        (POSITION, bool(there & {*POSITION, *ROTATION}), "", endpoint),
+        (ROTATION, bool(there & {*ROTATION}), "", endpoint),
+    ):
+        for name in group:
+            if wanted and name not in there:
+                yield None, name, f"this column is missing{more}", remedy or f"add {name}"
+
+
+def _known(name: str) -> bool:
+    fixed = name in (*KEY, *OPTIONAL, *POSITION, *ROTATION)
+    return fixed or bool(THETA.fullmatch(name) or SD.fullmatch(name))
+
+
+def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
+    """Text, remedy and the column that was probably meant."""
+    if not name:
+        return "this column has no name", "name it or take it out", ""
+    text = "unknown column"
+    unit = UNIT.fullmatch(name)
+    for candidate in candidates:
+        if unit is not None and candidate.rpartition("_")[0] == unit[1]:
+            right = "degrees" if candidate.endswith("_deg") else "metres"
+            remedy = (
+                f"angles are in degrees, lengths in metres: give {right} and call it {candidate}"
             )
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    records: list[tuple[int, list[str]]] = []
-    start = 1
-    try:
-        for cells in reader:
-            if any(cell.strip() for cell in cells) or len(cells) > 1:
-                records.append((start, cells))
-            start = reader.line_num + 1
-    except csv.Error as error:
-        raise only(
-            file, start, None, f"is not CSV: {error}", "check the quotes in this line"
-        ) from error
-    if not records:
-        raise only(file, None, None, "is empty", EXAMPLE)
-    return records
+            return text, remedy, candidate
+    near = difflib.get_close_matches(name, candidates, n=1, cutoff=0.75)
+    if near:
+        return text, f"did you mean {near[0]}?", near[0]
+    return text, "take it out, or put the text into note", ""
 
 
-def _pose_set(header: Header, rows: list[Row]) -> PoseSet:
-    def angles(columns: tuple[str, ...]) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-        return np.deg2rad([[row.numbers[c] for c in columns] for row in rows])
+# ---- the rows ----------------------------------------------------------------------------------
+def _reader(name: str) -> Callable[[str], Any]:
+    """What reads a cell of this column."""
+    if name in ("placement", "samples"):
+        return whole_number
+    texts: dict[str, Callable[[str], str]] = {"pose": _label, "utc": str.strip, "note": str}
+    return texts.get(name) or partial(_quantity, name)
 
-    endpoint = None
-    if header.position:
-        endpoint = np.array([[row.numbers[c] for c in header.position] for row in rows])
-        if header.rotation:
-            endpoint = np.concatenate((endpoint, angles(header.rotation)), axis=1)
+
+def _label(cell: str) -> str:
+    if not cell.strip():
+        raise BadCell("the cell is empty", "give the pose a number or a name")
+    return cell.strip()
+
+
+def _quantity(name: str, cell: str) -> float:
+    value = number(cell)
+    doubt = length_doubt(value) if name.endswith("_m") else angle_doubt(value)
+    if doubt:
+        raise BadCell(doubt, "metres" if name.endswith("_m") else "degrees")
+    if name.startswith("sd") and value < 0.0:
+        raise BadCell(f"a spread of {cell.strip()} deg is negative", "correct the number")
+    return value
+
+
+def _pose_set(names: tuple[str, ...], rows: list[dict[str, Any]]) -> PoseSet:
+    count = sum(1 for name in names if THETA.fullmatch(name))
+
+    def table(columns: Collection[str]) -> FloatArray:
+        return np.array([[row[name] for name in columns] for row in rows], dtype=np.float64)
+
+    def angles(kind: str) -> FloatArray:
+        return np.deg2rad(table([f"{kind}{j}_deg" for j in range(1, count + 1)]))
+
+    def column(name: str) -> tuple[Any, ...] | None:
+        return tuple(row[name] for row in rows) if name in names else None
+
+    endpoint = table(POSITION) if POSITION[0] in names else None
+    if endpoint is not None and ROTATION[0] in names:
+        endpoint = np.concatenate((endpoint, np.deg2rad(table(ROTATION))), axis=1)
+    samples = column("samples")
     return PoseSet(
-        placement=np.array([row.placement for row in rows], dtype=np.int64),
-        label=tuple(row.label for row in rows),
-        q_rad=angles(header.theta),
-        sd_rad=angles(header.sd) if header.sd else None,
-        samples=np.array([row.samples for row in rows], dtype=np.int64) if header.samples else None,
+        placement=np.array([row["placement"] for row in rows], dtype=np.int64),
+        label=tuple(row["pose"] for row in rows),
+        q_rad=angles("theta"),
+        sd_rad=angles("sd") if "sd1_deg" in names else None,
+        samples=None if samples is None else np.array(samples, dtype=np.int64),
         endpoint=endpoint,
-        utc=tuple(row.utc for row in rows) if header.utc else None,
-        notes=tuple(row.note for row in rows) if header.note else None,
+        utc=column("utc"),
+        notes=column("note"),
     )
 
 
@@ -174,10 +259,5 @@ def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
     largest_deg = float(np.max(np.abs(np.rad2deg(poses.q_rad))))
     if len(poses) < FEW or largest_deg >= 2.0 * np.pi:
         return ()
-    return (
-        FileWarning(
-            code="RADIANS_SUSPECTED",
-            text=f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: "
-            "radians where degrees belong?",
-        ),
-    )
+    text = f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: "
+    return (FileWarning(code="RADIANS_SUSPECTED", text=f"{text}radians where degrees belong?"),)

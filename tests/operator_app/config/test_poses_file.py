@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from operator_app.config.csv_table import MOST_PROBLEMS
 from operator_app.config.errors import ConfigError
 from operator_app.config.poses_file import (
     LoadedPoses,
@@ -18,7 +19,6 @@ from operator_app.config.poses_file import (
     parse_poses,
     save_poses,
 )
-from operator_app.config.poses_rows import MOST_PROBLEMS
 from solver.chain.poses import PoseSet
 
 HEADER = "placement,pose,theta1_deg,theta2_deg,theta3_deg"

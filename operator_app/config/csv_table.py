@@ -1,0 +1,176 @@
+"""CSV read strictly: every record with its line, every cell complained about with its column. Knows no column."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.text import only
+
+MOST_PROBLEMS = 100
+NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity|#n/a|n/a|na)", re.IGNORECASE)
+
+Record = tuple[int, list[str]]
+"""Line that a record starts in, from 1, and its cells."""
+
+
+class BadCell(Exception):
+    """A cell that cannot be used: text and remedy."""
+
+    def __init__(self, text: str, remedy: str) -> None:
+        self.text = text
+        self.remedy = remedy
+        super().__init__(text)
+
+
+def read_records(text: str, file: str, *, example: str) -> list[Record]:
+    """Split a file into records, the header first; blank lines are left out.
+
+    Raises
+    ------
+    ConfigError
+        It is empty (`example` says what belongs there), or no CSV with commas.
+    """
+    if not text.strip():
+        raise only(file, None, None, "is empty", example)
+    first = next(line for line in text.splitlines() if line.strip())
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if mark in first and "," not in first:
+            remedy = "save the file with commas between columns and points as decimal marks"
+            raise only(file, 1, None, f"the columns are separated by {name}", remedy)
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    records: list[Record] = []
+    start = 1
+    try:
+        for cells in reader:
+            if any(cell.strip() for cell in cells) or len(cells) > 1:
+                records.append((start, cells))
+            start = reader.line_num + 1
+    except csv.Error as error:
+        remedy = "check the quotes in this line"
+        raise only(file, start, None, f"is not CSV: {error}", remedy) from error
+    if not records:
+        raise only(file, None, None, "is empty", example)
+    return records
+
+
+def read_rows(
+    records: Iterable[Record],
+    columns: Mapping[str, Callable[[str], Any]],
+    file: str,
+    *,
+    unique: tuple[str, ...],
+    unique_remedy: str,
+) -> list[dict[str, Any]]:
+    """Read every record below the header into a row: values by column name.
+
+    Parameters
+    ----------
+    columns
+        Names in the order of the file; what reads a cell of each, and raises `BadCell`.
+    unique
+        Columns that no two rows may have in common, and what to do if they do.
+
+    Raises
+    ------
+    ConfigError
+        With all that is wrong, up to a hundred problems: a file that is wrong all over is one
+        mistake, not a thousand.
+    """
+    problems: list[Problem] = []
+    rows: list[dict[str, Any]] = []
+    first_line: dict[tuple[Any, ...], int] = {}
+    for line, cells in records:
+        row = _read_row(line, cells, columns, file, problems)
+        if row is not None:
+            key = tuple(row[name] for name in unique)
+            if key in first_line:
+                which = ", ".join(f"{name} {row[name]}" for name in unique)
+                text = f"{which} is already in line {first_line[key]}"
+                problems.append(_problem(file, line, columns, unique[-1], text, unique_remedy))
+            first_line.setdefault(key, line)
+            rows.append(row)
+        if len(problems) >= MOST_PROBLEMS:
+            text = f"{len(problems)} problems up to here; the rest of the file was not looked at"
+            last = len(columns) + 1
+            remedy = "correct these first"
+            raise ConfigError(
+                (*problems, Problem(file=file, line=line, column=last, text=text, remedy=remedy))
+            )
+    if problems:
+        raise ConfigError(problems)
+    return rows
+
+
+def _read_row(
+    line: int,
+    cells: list[str],
+    columns: Mapping[str, Callable[[str], Any]],
+    file: str,
+    problems: list[Problem],
+) -> dict[str, Any] | None:
+    if len(cells) != len(columns):
+        commas = "; decimal commas?" if len(cells) > len(columns) else ""
+        text = f"{len(cells)} cells for the {len(columns)} columns of the header"
+        remedy = f"write one cell per column{commas}"
+        problems.append(Problem(file=file, line=line, text=text, remedy=remedy))
+        return None
+    row = {}
+    for (name, read), cell in zip(columns.items(), cells, strict=True):
+        try:
+            row[name] = read(cell)
+        except BadCell as error:
+            problems.append(_problem(file, line, columns, name, error.text, error.remedy))
+    return row if len(row) == len(columns) else None
+
+
+def _problem(
+    file: str, line: int, columns: Iterable[str], name: str, text: str, remedy: str
+) -> Problem:
+    column = list(columns).index(name) + 1
+    return Problem(file=file, line=line, column=column, key=name, text=text, remedy=remedy)
+
+
+def number(cell: str) -> float:
+    """Read a finite decimal number."""
+    cell = cell.strip()
+    if not cell:
+        raise BadCell("the cell is empty", "fill it in or take the row out")
+    if NUMBER.fullmatch(cell) and math.isfinite(float(cell)):
+        return float(cell)
+    shown = cell[:40]
+    if NOT_FINITE.fullmatch(cell) or NUMBER.fullmatch(cell):
+        raise BadCell(
+            f"{shown} is not a finite number", "measure the pose again or take the row out"
+        )
+    if re.fullmatch(r"[-+]?\d+,\d+", cell):
+        raise BadCell(f"{shown!r} has a decimal comma", "write a decimal point")
+    raise BadCell(f"{shown!r} is not a number", "correct the cell")
+
+
+def whole_number(cell: str) -> int:
+    """Read a whole number from 1."""
+    value = number(cell)
+    plain = not any(c in cell for c in ".eE")
+    if not plain or not 1 <= value <= 2**53:
+        raise BadCell(f"{cell.strip()} is not a whole number from 1", "correct the number")
+    return int(cell)
+
+
+def write_records(records: Iterable[Iterable[str]]) -> bytes:
+    """Write records, the header first, so that `read_records` gives the same cells."""
+    lines = (",".join(_quoted(cell) for cell in cells) for cells in records)
+    return ("\n".join(lines) + "\n").encode("utf-8")
+
+
+def _quoted(cell: str) -> str:
+    # Python's csv.writer leaves a lone carriage return unquoted, which ends the line for readers.
+    if any(c in cell for c in ',"\r\n'):
+        return '"' + cell.replace('"', '""') + '"'
+    return cell

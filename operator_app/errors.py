@@ -22,5 +22,12 @@ class GuardError(SessionError):
     """A step was asked for before its conditions hold; nothing was done."""
 
 
+class Cancelled(SessionError):
+    """The operator ended what was under way; the arm has come to rest."""
+
+    def __init__(self) -> None:
+        super().__init__("Ended by the operator", "The arm holds; go on when you are ready")
+
+
 class JournalError(SessionError):
     """A session's journal cannot be read, written or locked."""

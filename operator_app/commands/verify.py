@@ -20,6 +20,7 @@ from operator_app.commands.options import (
 from operator_app.exit_codes import ExitCode, UsageError
 
 if TYPE_CHECKING:
+    from operator_app.calibration.solve import Solution
     from operator_app.calibration.verify import Verdict
     from operator_app.session.opening import Opening
     from solver.chain.poses import PoseSet
@@ -71,16 +72,17 @@ def execute(args: argparse.Namespace) -> int:
         length_tolerance_m=procedure.length_tolerance_m,
         limits=procedure.acceptance,
     )
-    poses = (
-        load_poses(args.csv, joint_count=arm.joint_count).poses
-        if args.csv
-        else _new_poses(opening, NEW_POSES if wanted is None else wanted)
-    )
-    if poses.sha256() == state.pose_set().sha256():
-        raise UsageError("these are the poses the calibration was made from: they verify nothing")
-    if len(poses.placements) > 1:
-        raise UsageError("new poses must be of one placement, the one that was calibrated")
-    verdict = judge_poses(arm, fixture, poses, fixed_by(solution))
+    if args.csv:
+        poses = load_poses(args.csv, joint_count=arm.joint_count).poses
+        if poses.sha256() == state.pose_set().sha256():
+            raise UsageError(
+                "these are the poses the calibration was made from: they verify nothing"
+            )
+        if len(poses.placements) > 1:
+            raise UsageError("new poses must be of one placement, the one that was calibrated")
+        verdict = judge_poses(arm, fixture, poses, fixed_by(solution))
+    else:
+        verdict, poses = _on_the_arm(opening, solution, NEW_POSES if wanted is None else wanted)
     if args.json:
         print(json.dumps(_json(verdict, poses), indent=2, allow_nan=False))
     else:
@@ -88,33 +90,21 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if verdict.holds else ExitCode.NOT_ACCEPTED
 
 
-def _new_poses(opening: Opening, count: int) -> PoseSet:
-    """Take `count` poses in a session of their own, at other waypoints."""
-    from dataclasses import replace
-
+def _on_the_arm(opening: Opening, solution: Solution, count: int) -> tuple[Verdict, PoseSet]:
+    """Take `count` poses in the session, elsewhere than it did."""
     from operator_app.composition import unattended
     from operator_app.session.drives import drives_of
-    from operator_app.session.folder import new_folder
-    from operator_app.session.journal import utc_now
+    from operator_app.session.listener import Listener
+    from operator_app.session.workflow import verify
 
     if count < 1:
         raise UsageError("--poses: take at least 1")
-    own = opening.procedure
-    capture = replace(own.capture, poses=count, seed=own.capture.seed + 1)
-    folder = new_folder(opening.folder.parent, f"{own.name}-verify", utc_now())
-    again = replace(
-        opening,
-        folder=folder,
-        resumed=False,
-        procedure=replace(own, capture=capture),
-        verifies=str(opening.folder),
-    )
-    with unattended(again) as session:
+    with unattended(opening) as session:
         session.connect()
         session.set_modes(drives_of(session))
-        session.run_plan()
-    print(f"Took {count} new poses: {folder}", file=sys.stderr)
-    return session.state.pose_set()
+        found = verify(session, solution, count, Listener())
+    print(f"Took {count} new poses: they are in the journal of {opening.folder}", file=sys.stderr)
+    return found
 
 
 def _json(verdict: Verdict, poses: PoseSet) -> dict[str, Any]:

@@ -11,14 +11,15 @@ from fixtures.base import SetupCheck, Severity
 from hardware.arm import ArmIdentity
 from operator_app.calibration.solve import Solution
 from operator_app.planning.drives import DriveChoice, names
+from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.state import SessionState
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
 
 
-class ConsoleListener:
-    """A `Listener` that writes to stderr; the bar appears only on a terminal."""
+class ConsoleListener(Listener):
+    """Writes to stderr; the bar appears only on a terminal."""
 
     def __init__(self) -> None:
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)

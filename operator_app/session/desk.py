@@ -18,9 +18,10 @@ from datetime import UTC
 
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.errors import HardwareError
+from operator_app.errors import Cancelled
 from operator_app.session.journal import Clock, utc_now
 from operator_app.session.motion import MotionWatch
-from operator_app.session.operations import Cancelled, Operations
+from operator_app.session.operations import Operations
 from operator_app.session.session import Session
 from operator_app.session.snapshot import (
     HUNG_S,

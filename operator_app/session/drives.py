@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from hardware.arm import Watch
-from operator_app.errors import SessionError
 from operator_app.planning.drives import (
     DriveChoice,
     Prediction,
@@ -19,6 +17,7 @@ from operator_app.planning.drives import (
     predict_drives,
     worth_trying,
 )
+from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import RankedDrives, TrialWiggles
@@ -28,25 +27,29 @@ KEPT = 6
 """How many of a ranking the journal keeps."""
 
 
-def drives_of(session: Session, ended: Watch | None = None) -> tuple[int, ...]:
+def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
     """Return the joints that drive: the procedure's, else those chosen before, else choose now."""
     named = session.procedure.position_joints
     if named is not None:
         return named
-    return session.state.drives or choose(session, ended).drives
+    if session.state.drives:
+        return session.state.drives
+    choice = choose(session)
+    if listener is not None:
+        listener.drives_chosen(choice)
+    return choice.drives
 
 
-def choose(session: Session, ended: Watch | None = None) -> DriveChoice:
+def choose(session: Session) -> DriveChoice:
     """Rank the sets of drive joints where the arm stands, take the best usable one and record why.
 
-    With `trial` in the procedure the best ones are wiggled first, which enables the drives; `ended`
-    ends it.
+    With `trial` in the procedure the best ones are wiggled first, which enables the drives.
     """
     prediction = _predicted(session)
     trials: tuple[TrialWiggles, ...] = ()
     if session.procedure.trial:
         tried = worth_trying(prediction, session.procedure.unsensed_joints)
-        trials = tuple(wiggle(session, drives, ended) for drives in tried)
+        trials = tuple(wiggle(session, drives) for drives in tried)
     return _recorded(session, prediction, trials)
 
 
@@ -82,23 +85,21 @@ def _recorded(
     return choice
 
 
-def wiggle(session: Session, drives: tuple[int, ...], ended: Watch | None = None) -> TrialWiggles:
+def wiggle(session: Session, drives: tuple[int, ...]) -> TrialWiggles:
     """Move each drive joint a little, there and back, to either side, and measure what follows."""
     session.set_modes(drives)
     start = session.read().mean_rad
     commanded, moved, stopped = [], [], ""
     for column, joint in enumerate(drives):
         for step in (WIGGLE_RAD, -WIGGLE_RAD):
-            result = session.go_to({joint: float(start[joint - 1]) + step}, ended)
-            _raise_if_ended(session, ended)
+            result = session.go_to({joint: float(start[joint - 1]) + step})
             stopped = stopped or ("" if result.reached else result.reason)
             if result.reached:
                 asked = np.zeros(len(drives))
                 asked[column] = step
                 commanded.append(asked)
                 moved.append(session.read().mean_rad - start)
-            session.go_to({joint: float(start[joint - 1])}, ended)
-            _raise_if_ended(session, ended)
+            session.go_to({joint: float(start[joint - 1])})
     measured = np.linalg.matrix_rank(np.array(commanded)) if commanded else 0
     if measured < len(drives):
         # Not even a wiggle each: nothing was measured that could be judged.
@@ -112,11 +113,6 @@ def wiggle(session: Session, drives: tuple[int, ...], ended: Watch | None = None
         moved_rad=np.array(moved),
         stopped=stopped,
     )
-
-
-def _raise_if_ended(session: Session, ended: Watch | None) -> None:
-    if ended is not None and ended(session.arm.snapshot()) is not None:
-        raise SessionError("The trial was ended by the operator", "Choose again when you are ready")
 
 
 def _facts(ranked: RankedDrives) -> dict[str, Any]:

@@ -64,17 +64,13 @@ class Choices:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opening:
-    """A session that is about to begin or go on, before anything was written.
-
-    `verifies` names the session that its poses are to verify; empty for one of its own.
-    """
+    """A session that is about to begin or go on, before anything was written."""
 
     folder: Path
     resumed: bool
     procedure: Procedure
     choices: Choices
     sources: Mapping[str, str]
-    verifies: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,10 +102,7 @@ class Rig:
 
 def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     """Make the session of a rig, its journal begun or gone on with; raises JournalError."""
-    opening = rig.opening
-    settings = asdict(opening.choices)
-    if opening.verifies:
-        settings["verifies"] = opening.verifies
+    opening, settings = rig.opening, asdict(rig.opening.choices)
     journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
     try:
         session = Session(journal=journal, arm=rig.arm, procedure=opening.procedure, clock=clock)
@@ -143,6 +136,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
     folder = find_session(root, reference)
     state = replay((e.name, e.data, e.utc) for e in read_journal(folder).events)
     if state.settings.get("verifies"):
+        # As an earlier version took verification poses: in a session of their own.
         raise SessionError(
             f"{folder} holds poses that verify {state.settings['verifies']}",
             "name that session instead; its poses alone are its calibration",

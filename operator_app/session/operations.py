@@ -12,34 +12,25 @@ from typing import Protocol
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot
 from operator_app.calibration.solve import Solution
-from operator_app.calibration.verify import fixed_by, judge_poses
 from operator_app.config.parameters_file import parse_parameters
-from operator_app.errors import GuardError, SessionError
+from operator_app.errors import Cancelled, GuardError
 from operator_app.planning.forecast import Forecast, most_telling, predict
 from operator_app.planning.live import LiveQuality, live_quality
 from operator_app.session.drives import choose_by_prediction
+from operator_app.session.listener import Listener
 from operator_app.session.parameter_diff import diff_rows
-from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, Iteration, Level, Verification, Written
-from operator_app.session.state import SessionState
+from operator_app.session.state import CapturedPose, SessionState
+from operator_app.session.workflow import take_poses, verify
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
-from solver.chain.poses import PoseSet
+from solver.design.actions import GoTo
 from solver.design.drive_joints import rank_at_pose
 from solver.loops.closure import ClosureModel
 
-ENDED = "ended by the operator"
 WIGGLE_RAD = float(np.deg2rad(2.0))
-
-
-class Cancelled(SessionError):
-    """The operator ended it."""
-
-    def __init__(self) -> None:
-        super().__init__("Ended by the operator", "The arm holds; go on when you are ready")
 
 
 class Board(Protocol):
@@ -64,6 +55,8 @@ class Operations:
     def __init__(self, session: Session, board: Board) -> None:
         self._session = session
         self._board = board
+        self._listener = _OnTheBoard(self, board)
+        session.cancelled = board.cancelled
         self._forecast: Forecast | None = None
         self._live: LiveQuality | None = None
         self._solution: Solution | None = None
@@ -132,11 +125,9 @@ class Operations:
         session, said = self._session, []
         for joint in session.position_joints:
             before = session.arm.snapshot().positions_rad
-            away = session.go_to({joint: float(before[joint - 1]) + WIGGLE_RAD}, self._ends)
-            self._raise_if_cancelled()
+            away = session.go_to({joint: float(before[joint - 1]) + WIGGLE_RAD})
             there = session.arm.snapshot().positions_rad
-            back = session.go_to({joint: float(before[joint - 1])}, self._ends)
-            self._raise_if_cancelled()
+            back = session.go_to({joint: float(before[joint - 1])})
             if not (away.reached and back.reached):
                 raise GuardError(
                     f"The trial wiggle of J{joint} was stopped: {away.reason or back.reason}",
@@ -155,8 +146,7 @@ class Operations:
     def go(self, waypoint: int) -> None:
         """Move to a waypoint; any key ends it."""
         self._at(None)
-        reached = self._session.visit(waypoint, self._ends)
-        self._raise_if_cancelled()
+        reached = self._session.visit(waypoint)
         self._at(waypoint if reached else None)
         if reached:
             self._board.say(Level.INFO, f"at waypoint {waypoint + 1}: capture when still")
@@ -169,56 +159,25 @@ class Operations:
     def capture(self, waypoint: int) -> None:
         """Settle, read, keep."""
         self._session.capture(waypoint)
-        self._captured(self._session.state)
+        self.captured(self._session.state.poses[-1])
 
-    def _captured(self, state: SessionState) -> None:
-        pose = state.poses[-1]
+    def captured(self, pose: CapturedPose) -> None:
+        """Say what there is now."""
         self.refresh()
         noise = float(np.rad2deg(pose.sd_rad.max()))
         self._board.say(Level.INFO, f"pose {pose.number} captured (noise up to {noise:.4f} deg)")
 
     def automatic(self) -> None:
-        """Visit waypoints in turn, or carry a plan out, until there are enough poses; any key ends it."""
-        session = self._session
-        if session.procedure.capture.strategy == "planned":
-            self._planned()
-            return
-        wanted, plan = session.procedure.capture.poses, session.plan()
-        while len(session.state.used_poses) < wanted:
-            waypoint = session.state.next_waypoint
-            if waypoint >= len(plan):
-                raise GuardError(
-                    f"Only {len(session.state.used_poses)} of {wanted} poses could be reached",
-                    "Drive another pair of joints, or calibrate from what there is",
-                )
-            self._at(None)
-            if session.visit(waypoint, self._ends):
-                self._at(waypoint)
-                self._raise_if_cancelled()
-                self.capture(waypoint)
-            self._raise_if_cancelled()
-        self._board.say(Level.INFO, f"all {wanted} poses captured")
-
-    def _planned(self) -> None:
-        """Explore, plan on what was found, visit; going on where it was ended."""
-        session = self._session
-        capture = PlannedCapture(
-            session,
-            session.position_joints,
-            say=lambda text: self._board.say(Level.INFO, text),
-            on_move=lambda move: self._board.publish(lambda s: replace(s, heading=move)),
-        )
-        drives = capture.ready()
-        if drives != session.position_joints:
-            session.set_modes(drives)
-        self._at(None)
+        """Take the poses that are left, as they come or by a plan; any key ends it."""
         try:
-            end = capture.run(on_pose=self._captured, ended=self._ends)
+            end = take_poses(self._session, self._listener)
         finally:
             self._board.publish(lambda s: replace(s, heading=None))
         self.refresh()
-        self._raise_if_cancelled()
-        if end is not None:
+        if end is None:
+            wanted = self._session.procedure.capture.poses
+            self._board.say(Level.INFO, f"all {wanted} poses captured")
+        else:
             level = Level.INFO if end.complete else Level.WARNING
             self._board.say(level, f"capture {'complete' if end.complete else 'ended'}: {end.text}")
 
@@ -252,7 +211,8 @@ class Operations:
         steps: list[Iteration] = []
 
         def progress(number: int, cost: float) -> None:
-            self._raise_if_cancelled()
+            if self._board.cancelled():
+                raise Cancelled
             steps.append(Iteration(number=number, cost=cost))
             self._board.publish(lambda s: replace(s, iterations=tuple(steps)))
 
@@ -323,25 +283,8 @@ class Operations:
             )
 
     def verify(self, poses: int) -> None:
-        """Take new poses beyond the plan's and judge them by the parameters as they are."""
-        self._at(None)
-        session, solution = self._session, self._judged()
-        plan, readings = session.plan(), []
-        for waypoint in [k for k in range(len(plan)) if k not in session.state.visited][:poses]:
-            moved = session.go_to(plan[waypoint], self._ends)
-            self._raise_if_cancelled()
-            if moved.reached:
-                readings.append(session.read())
-        if not readings:
-            raise GuardError("No new pose could be reached", "Start a new session to verify")
-        taken = PoseSet(
-            placement=np.ones(len(readings), dtype=np.int64),
-            label=tuple(str(k) for k in range(1, len(readings) + 1)),
-            q_rad=np.array([r.mean_rad for r in readings]),
-            sd_rad=np.array([r.sd_rad for r in readings]),
-            samples=np.array([r.samples for r in readings]),
-        )
-        verdict = judge_poses(session.model, session.fixture, taken, fixed_by(solution))
+        """Take new poses elsewhere and judge them by the parameters as they are; any key ends it."""
+        verdict, _ = verify(self._session, self._judged(), poses, self._listener)
         judged = verdict.verification
         found = Verification(
             poses=verdict.poses,
@@ -350,10 +293,7 @@ class Operations:
             chi2_per_dof=judged.chi2.per_dof,
             holds=verdict.holds,
         )
-        session.record(
-            "verified",
-            {"poses": found.poses, "position_m": found.position_m, "orientation_rad": found.orientation_rad},
-        )  # fmt: skip
+        self.refresh()
         self._board.publish(lambda s: replace(s, verification=found))
         self._board.say(
             Level.INFO,
@@ -434,14 +374,26 @@ class Operations:
     def _model(self) -> ClosureModel:
         return self._session.fixture.model(self._session.model)
 
-    def _ends(self, snapshot: ArmSnapshot) -> str | None:
-        return ENDED if self._board.cancelled() else None
-
-    def _raise_if_cancelled(self) -> None:
-        if self._board.cancelled():
-            raise Cancelled
-
     def _judged(self) -> Solution:
         if self._solution is None:
             raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
         return self._solution
+
+
+class _OnTheBoard(Listener):
+    """Shows how a capture goes on."""
+
+    def __init__(self, operations: Operations, board: Board) -> None:
+        self._operations, self._board = operations, board
+
+    def going(self, move: GoTo | None) -> None:
+        self._board.publish(lambda s: replace(s, at_waypoint=None, heading=move))
+
+    def arrived(self, waypoint: int) -> None:
+        self._board.publish(lambda s: replace(s, at_waypoint=waypoint))
+
+    def pose_captured(self, state: SessionState, wanted: int) -> None:
+        self._operations.captured(state.poses[-1])
+
+    def told(self, text: str) -> None:
+        self._board.say(Level.INFO, text)

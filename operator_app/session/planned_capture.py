@@ -8,13 +8,13 @@ begins with the poses that count. Prints nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot, Watch
+from hardware.arm import ArmSnapshot
 from operator_app.errors import GuardError
 from operator_app.planning.drives import names
 from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, require_closed_chain
@@ -25,8 +25,8 @@ from operator_app.session.campaign_replay import (
     replayed,
     still_fits,
 )
+from operator_app.session.listener import Listener
 from operator_app.session.session import Session
-from operator_app.session.state import SessionState
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
 from solver.design.campaign_settings import Phase
@@ -67,24 +67,21 @@ class PlannedCapture:
         Connected, its fixture checked.
     drives
         Joints to begin with; a campaign that is under way knows its own.
-    say
-        Takes a sentence when something is decided.
-    on_move
-        Hears of every move before it begins.
+    listener
+        Hears of moves, poses and decisions.
     """
 
     def __init__(
         self,
         session: Session,
         drives: tuple[int, ...],
+        listener: Listener,
         *,
-        say: Callable[[str], None] = lambda _text: None,
-        on_move: Callable[[GoTo], None] = lambda _move: None,
         candidates: int = CANDIDATES,
     ) -> None:
         require_closed_chain(session.fixture)
         self._session = session
-        self._say, self._on_move = say, on_move
+        self._listener, self._say = listener, listener.told
         self._candidates = candidates
         self._chosen = drives
         self._campaign: Campaign | None = None
@@ -120,27 +117,21 @@ class PlannedCapture:
         self._say("The arm is not where it was: planning anew from here.")
         return self._chosen
 
-    def run(
-        self,
-        on_pose: Callable[[SessionState], None] | None = None,
-        ended: Watch | None = None,
-    ) -> CampaignEnd | None:
+    def run(self) -> CampaignEnd:
         """Carry the campaign out, with the joints of `ready` in position mode.
 
-        Parameters
-        ----------
-        on_pose
-            Hears of every captured pose.
-        ended
-            Ends a move when the operator wants it; None is returned then, and `ready` and `run` go on.
+        Raises
+        ------
+        Cancelled
+            The operator ended a move; `ready` and `run` go on.
         """
         session = self._session
         if self._ended is not None:
             return self._ended
         if self._campaign is None:
             self._campaign = self._begun()
-        elif self._moved and not self._bring_back(self._campaign, ended):
-            return None
+        elif self._moved:
+            self._bring_back(self._campaign)
         campaign = self._campaign
         while True:
             phase, made = campaign.phase, campaign.plan
@@ -152,38 +143,35 @@ class PlannedCapture:
                 case Capture():
                     pose = session.capture(planned=action.planned)
                     campaign.captured(pose.mean_rad)
-                    if on_pose is not None:
-                        on_pose(session.state)
+                    wanted = session.state.wanted_poses(session.procedure.capture)
+                    self._listener.pose_captured(session.state, wanted)
                 case ChangeDrives():
                     self._say(f"{_capital(action.why)}: they drive from here.")
                     session.set_modes(action.drives)
-                    self._settle()
+                    session.settle()
                     q = session.arm.snapshot().positions_rad
                     data = {"drives": list(action.drives), "q_rad": q.tolist()}
                     session.record("campaign_drives", data)
                     campaign.observe(q)
                 case GoTo():
-                    if not self._move(campaign, action, ended):
-                        return None
+                    self._move(campaign, action)
 
     # -- carrying out ----------------------------------------------------------------------------
 
-    def _move(self, campaign: Campaign, action: GoTo, ended: Watch | None) -> bool:
-        """Move and report; False when the operator ended it, which is no report."""
+    def _move(self, campaign: Campaign, action: GoTo) -> None:
+        """Move and report; a move that the operator ended is no report."""
         session = self._session
         on_path = path_watch(
             action.trace_rad, action.tolerance_rad, campaign.task.ranges.within(STOP_MARGIN_RAD)
         )
 
         def watch(snapshot: ArmSnapshot) -> str | None:
-            return (ended and ended(snapshot)) or on_path(snapshot.positions_rad)
+            return on_path(snapshot.positions_rad)
 
-        self._on_move(action)
+        self._listener.going(action)
         moved = session.go_to(action.targets_rad, watch)
-        if ended is not None and ended(session.arm.snapshot()) is not None:
-            return False
         if not moved.reached:
-            self._settle()
+            session.settle()
             self._say(f"Stopped short: {moved.reason}.")
         q = session.arm.snapshot().positions_rad
         session.record(
@@ -196,16 +184,14 @@ class PlannedCapture:
             },
         )
         campaign.observe(q, moved.reason)
-        return True
 
-    def _bring_back(self, campaign: Campaign, ended: Watch | None) -> bool:
-        """Take the drives to where the journal left them; False when the operator ended it."""
+    def _bring_back(self, campaign: Campaign) -> None:
+        """Take the drives to where the journal left them."""
         session, last = self._session, campaign.at_rad
         self._say("The arm is not where it was: going back there first.")
-        moved = session.go_to({j: float(last[j - 1]) for j in campaign.drives}, ended)
-        if ended is not None and ended(session.arm.snapshot()) is not None:
-            return False
-        self._settle()
+        self._listener.going(None)
+        moved = session.go_to({j: float(last[j - 1]) for j in campaign.drives})
+        session.settle()
         off = np.abs(session.arm.snapshot().positions_rad - last)
         if not moved.reached or float(off.max()) > SAME_BRANCH_RAD:
             joint = int(np.argmax(off)) + 1
@@ -216,16 +202,6 @@ class PlannedCapture:
                 "bring it near its home by hand, then resume again; or start a new session",
             )
         self._moved = False
-        return True
-
-    def _settle(self) -> None:
-        """Let it come to rest; a capture insists on it, a move need not."""
-        rule = self._session.procedure.capture.settle
-        self._session.arm.settle(
-            window=rule.window_syncs,
-            spread_rad=rule.spread_rad(self._session.model),
-            timeout_syncs=rule.timeout_syncs,
-        )
 
     def _tell(self, campaign: Campaign, before: Phase, planned: bool) -> None:  # noqa: FBT001
         """Say what the campaign decided."""

@@ -1,15 +1,15 @@
-"""The session: one calibration of one arm, step by step, every fact in the journal before it counts.
+"""The session: one calibration of one arm, deed by deed, every fact in the journal before it counts.
 
-Both faces use it, `sarcal run` and the terminal app. It prints nothing and asks nothing; refusals
-are `SessionError`s that say what happened and what to do. Calls come from one thread; `state` and
-`arm.snapshot()` may be read from any.
+What is done with one, in which order, is `workflow`'s affair. It prints nothing and asks nothing;
+refusals are `SessionError`s that say what happened and what to do. Calls come from one thread;
+`state` and `arm.snapshot()` may be read from any.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
-from operator_app.errors import GuardError
+from operator_app.errors import Cancelled, GuardError
 from operator_app.planning.exploration import for_joints, range_watch, waypoints
 from operator_app.planning.mode_rule import modes_problem
 from operator_app.session.export import (
@@ -36,14 +36,20 @@ from operator_app.session.export import (
     upload,
 )
 from operator_app.session.journal import Clock, Journal, utc_now
-from operator_app.session.state import CapturedPose, SessionState, apply, replay
+from operator_app.session.state import CapturedPose, CheckReading, SessionState, apply, replay
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.estimators.least_squares import Progress
 
 
 class Session:
-    """A calibration session on one arm."""
+    """A calibration session on one arm.
+
+    Attributes
+    ----------
+    cancelled
+        Asked while the arm moves: True when the operator wants that ended.
+    """
 
     def __init__(
         self,
@@ -61,6 +67,7 @@ class Session:
         self._clock = clock
         self.state: SessionState = replay((e.name, e.data, e.utc) for e in journal.contents.events)
         self.identity: ArmIdentity | None = None
+        self.cancelled: Callable[[], bool] = lambda: False
 
     # -- facts -----------------------------------------------------------------------------------
 
@@ -174,93 +181,105 @@ class Session:
         """Waypoints of these drive joints around `start_rad` (n,)."""
         return waypoints(self.model, start_rad, for_joints(self.procedure.capture, joints))
 
+    def verification_plan(self, poses: int) -> tuple[Mapping[int, float], ...]:
+        """Waypoints elsewhere than those of the plan, others for every verification."""
+        if self.state.start_rad is None:
+            raise GuardError("the joint modes are not set", "set the modes first (step 3)")
+        own = self.procedure.capture
+        capture = replace(own, poses=poses, seed=own.seed + 1 + self.state.verifications)
+        joints = for_joints(capture, self.position_joints)
+        return waypoints(self.model, self.state.start_rad, joints)
+
     def go_to(self, targets_rad: Mapping[int, float], also: Watch | None = None) -> MoveResult:
         """Move the position-mode joints, watching every joint; `also` may end the move as well.
 
         Refused when not exactly as many joints are in position mode as the chain has freedoms: held
         joints would work against each other through the fixture.
+
+        Raises
+        ------
+        Cancelled
+            The operator ended it.
         """
         self.check_modes(self.position_joints)
+        self._raise_if_cancelled()
         in_range = range_watch(self.model)
 
         def watch(snapshot: ArmSnapshot) -> str | None:
+            if self.cancelled():
+                return "ended by the operator"
             return in_range(snapshot) or (None if also is None else also(snapshot))
 
-        return self.arm.move(
+        moved = self.arm.move(
             targets_rad,
             speed_rad_per_s=self.procedure.capture.speed_rad_per_s,
             watch=watch,
         )
+        self._raise_if_cancelled()
+        return moved
 
-    def visit(self, index: int, also: Watch | None = None) -> bool:
-        """Go to a waypoint; if it cannot be reached, go back the way and pass it over (False)."""
-        target = self.plan()[index]
-        joints = tuple(target)
-        before = self.arm.snapshot().positions_rad[[j - 1 for j in joints]]
-        moved = self.go_to(target, also)
-        if moved.reached:
-            return True
-        if also is not None and also(self.arm.snapshot()) is not None:
-            # The operator ended it: the waypoint stays open and nothing more moves.
-            return False
-        # What stopped the move lies ahead: go back the way it came and pass this one over.
-        self.go_to(dict(zip(joints, before.tolist(), strict=True)), also)
-        self.record("waypoint_skipped", {"waypoint": index, "reason": moved.reason})
-        return False
+    def reach(self, targets_rad: Mapping[int, float]) -> MoveResult:
+        """Go there; what stops the arm lies ahead, so that it goes back the way it came."""
+        before = self.arm.snapshot().positions_rad
+        moved = self.go_to(targets_rad)
+        if not moved.reached:
+            self.go_to({j: float(before[j - 1]) for j in targets_rad})
+        return moved
+
+    def visit(self, index: int) -> bool:
+        """Go to a waypoint; one that cannot be reached is passed over (False)."""
+        moved = self.reach(self.plan()[index])
+        if not moved.reached:
+            self.record("waypoint_skipped", {"waypoint": index, "reason": moved.reason})
+        return moved.reached
 
     def capture(
         self, waypoint: int = -1, note: str = "", *, planned: bool | None = None
     ) -> CapturedPose:
         """Let the arm settle, read a pose, and keep it; `planned` says a campaign's plan chose it."""
+        campaign = {} if planned is None else {"planned": planned}
+        number = self.state.captured + 1
+        self._keep("pose", {"number": number, "waypoint": waypoint, "note": note, **campaign})
+        return self.state.poses[-1]
+
+    def look_again(self, kind: str) -> CheckReading:
+        """Like `capture`, of a pose that checks the calibration instead of making it."""
+        self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind})
+        return self.state.readings[-1]
+
+    def _keep(self, name: str, data: Mapping[str, Any]) -> None:
+        """Read a pose and record it."""
         self.check_modes(self.position_joints)
         reading = self.read()
-        campaign = {} if planned is None else {"planned": planned}
         self.record(
-            "pose",
+            name,
             {
-                "number": self.state.captured + 1,
-                "waypoint": waypoint,
+                **data,
                 # The angles a poses file can hold, so that poses.csv is these very poses.
                 "mean_rad": np.deg2rad(degrees_for_file(reading.mean_rad)).tolist(),
                 "sd_rad": np.deg2rad(degrees_for_file(reading.sd_rad)).tolist(),
                 "samples": reading.samples,
                 "first_sync": reading.first_sync,
-                "note": note,
-                **campaign,
             },
         )
-        return self.state.poses[-1]
 
     def read(self) -> Reading:
         """Let the arm settle and read a pose, without keeping it."""
-        rule = self.procedure.capture.settle
-        if not self.arm.settle(
-            window=rule.window_syncs,
-            spread_rad=rule.spread_rad(self.model),
-            timeout_syncs=rule.timeout_syncs,
-        ):
+        if not self.settle():
             raise GuardError(
                 "the arm does not come to rest",
                 "look for something that moves or pushes it, then capture again",
             )
         return self.arm.capture(self.procedure.capture.samples_per_pose)
 
-    def run_plan(self, on_pose: Callable[[SessionState], None] | None = None) -> None:
-        """Visit waypoints until enough poses are captured; goes on where the journal ends."""
-        plan = self.plan()
-        wanted = self.procedure.capture.poses
-        while len(self.state.used_poses) < wanted:
-            index = self.state.next_waypoint
-            if index >= len(plan):
-                raise GuardError(
-                    f"only {len(self.state.used_poses)} of {wanted} poses could be reached",
-                    "drive another pair of joints, widen the span or mount the hinge elsewhere",
-                )
-            if not self.visit(index):
-                continue
-            self.capture(index)
-            if on_pose is not None:
-                on_pose(self.state)
+    def settle(self) -> bool:
+        """Wait until it has come to rest; False if it does not. A capture insists on it, a move need not."""
+        rule = self.procedure.capture.settle
+        return self.arm.settle(
+            window=rule.window_syncs,
+            spread_rad=rule.spread_rad(self.model),
+            timeout_syncs=rule.timeout_syncs,
+        )
 
     def undo(self) -> CapturedPose:
         """Take back the last pose that counts."""
@@ -380,6 +399,10 @@ class Session:
             if not self.journal.closed:
                 self.record("closed", {"reason": reason})
                 self.journal.close()
+
+    def _raise_if_cancelled(self) -> None:
+        if self.cancelled():
+            raise Cancelled
 
     def _require_pose(self, number: int) -> None:
         if all(pose.number != number for pose in self.state.poses):

@@ -225,13 +225,8 @@ class SessionSnapshot:
 
     @property
     def wanted_poses(self) -> int:
-        """How many poses the procedure asks for; a plan's come beside those of its exploration."""
-        capture, used = self.procedure.capture, self.state.used_poses
-        if capture.strategy != "planned":
-            return capture.poses
-        if self.state.campaign.ended.get("complete"):
-            return len(used)
-        return capture.poses + sum(not p.planned for p in used)
+        """How many poses the procedure asks for."""
+        return self.state.wanted_poses(self.procedure.capture)
 
     @property
     def modes(self) -> tuple[JointMode, ...]:

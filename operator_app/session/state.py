@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from operator_app.config.procedure import CapturePlan
 from solver.arrays import FloatArray, frozen
 from solver.chain.poses import PoseSet
 
@@ -29,6 +30,23 @@ class CapturedPose:
     note: str = ""
     excluded: str = ""
     planned: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckReading:
+    """A pose that was read to check the calibration, and is no part of it.
+
+    `kind` is ``verification``; `number` counts such readings from 1; `mean_rad` and `sd_rad` have
+    shape (n,), sensor coordinates.
+    """
+
+    kind: str
+    number: int
+    mean_rad: FloatArray
+    sd_rad: FloatArray
+    samples: int
+    utc: str
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +88,10 @@ class SessionState:
         How many captures there were, undone ones included: the next pose is number captured + 1.
     drives, drive_sets
         Joints chosen to drive, and all sets a plan may change between; empty until chosen.
+    readings
+        Poses that were read to check the calibration.
+    verifications
+        How many times it was verified with new poses.
     campaign
         The planned capture.
     solved, exported
@@ -90,6 +112,8 @@ class SessionState:
     captured: int = 0
     drives: tuple[int, ...] = ()
     drive_sets: tuple[tuple[int, ...], ...] = ()
+    readings: tuple[CheckReading, ...] = ()
+    verifications: int = 0
     campaign: CampaignLog = field(default_factory=CampaignLog)
     solved: Mapping[str, Any] = field(default_factory=dict)
     solution: Mapping[str, Any] = field(default_factory=dict)
@@ -106,19 +130,32 @@ class SessionState:
         """Poses that count: captured, not undone, not excluded."""
         return tuple(p for p in self.poses if not p.excluded)
 
+    def wanted_poses(self, capture: CapturePlan) -> int:
+        """How many poses the procedure asks for; a plan's come beside those of its exploration."""
+        used = self.used_poses
+        if capture.strategy != "planned":
+            return capture.poses
+        if self.campaign.ended.get("complete"):
+            return len(used)
+        return capture.poses + sum(not p.planned for p in used)
+
     def pose_set(self) -> PoseSet:
         """Return the used poses as the estimators take them."""
-        used = self.used_poses
-        joints = len(used[0].mean_rad) if used else 1
-        return PoseSet(
-            placement=np.ones(len(used), dtype=np.int64),
-            label=tuple(str(p.number) for p in used),
-            q_rad=np.array([p.mean_rad for p in used]).reshape(len(used), joints),
-            sd_rad=np.array([p.sd_rad for p in used]).reshape(len(used), joints),
-            samples=np.array([p.samples for p in used], dtype=np.int64),
-            utc=tuple(p.utc for p in used),
-            notes=tuple(p.note for p in used),
-        )
+        return pose_set_of(self.used_poses)
+
+
+def pose_set_of(poses: Sequence[CapturedPose | CheckReading]) -> PoseSet:
+    """Return poses as the estimators take them."""
+    joints = len(poses[0].mean_rad) if poses else 1
+    return PoseSet(
+        placement=np.ones(len(poses), dtype=np.int64),
+        label=tuple(str(p.number) for p in poses),
+        q_rad=np.array([p.mean_rad for p in poses]).reshape(len(poses), joints),
+        sd_rad=np.array([p.sd_rad for p in poses]).reshape(len(poses), joints),
+        samples=np.array([p.samples for p in poses], dtype=np.int64),
+        utc=tuple(p.utc for p in poses),
+        notes=tuple(p.note for p in poses),
+    )
 
 
 _UNSOLVED: Mapping[str, Any] = {"solved": {}, "solution": {}, "checks": {}}
@@ -173,18 +210,13 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             return _with_other_poses(state, _edit(state, data["number"], excluded=""))
         case "pose_noted":
             return replace(state, poses=_edit(state, data["number"], note=data["text"]))
-        case "solved":
-            summary = {k: v for k, v in data.items() if k != "record"}
-            return replace(state, solved=summary, solution=data.get("record", {}), checks={})
-        case "checked":
-            return replace(state, checks=data["record"])
-        case "exported":
-            return replace(state, exported=dict(data))
         case _:
-            return _apply_planning(state, name, data)
+            return _apply_planning(state, name, data, utc)
 
 
-def _apply_planning(state: SessionState, name: str, data: Mapping[str, Any]) -> SessionState:
+def _apply_planning(
+    state: SessionState, name: str, data: Mapping[str, Any], utc: str
+) -> SessionState:
     """State after an event of a planned capture, beside its poses."""
     match name:
         case "drives_chosen":
@@ -196,6 +228,34 @@ def _apply_planning(state: SessionState, name: str, data: Mapping[str, Any]) -> 
             return replace(state, campaign=state.campaign.step(name, data))
         case "campaign_ended":
             return replace(state, campaign=replace(state.campaign, ended=dict(data)))
+        case _:
+            return _apply_results(state, name, data, utc)
+
+
+def _apply_results(
+    state: SessionState, name: str, data: Mapping[str, Any], utc: str
+) -> SessionState:
+    """State after what was made of the poses, or held against it."""
+    match name:
+        case "solved":
+            summary = {k: v for k, v in data.items() if k != "record"}
+            return replace(state, solved=summary, solution=data.get("record", {}), checks={})
+        case "checked":
+            return replace(state, checks=data["record"])
+        case "exported":
+            return replace(state, exported=dict(data))
+        case "reading":
+            reading = CheckReading(
+                kind=data["kind"],
+                number=data["number"],
+                mean_rad=frozen(data["mean_rad"]),
+                sd_rad=frozen(data["sd_rad"]),
+                samples=data["samples"],
+                utc=utc,
+            )
+            return replace(state, readings=(*state.readings, reading))
+        case "verified":
+            return replace(state, verifications=state.verifications + 1)
         case _:
             return state
 

@@ -31,7 +31,7 @@ EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError,
 def words(error: BaseException) -> SessionError:
     """Return what happened and what to do now."""
     if isinstance(error, SessionError):
-        return error
+        return SessionError(_capital(error.happened), _capital(error.remedy))
     return SessionError(_capital(str(error)), _remedy(error))
 
 

@@ -15,6 +15,8 @@ from pathlib import Path
 from hardware.virtual.scenarios import STIFF, Scenario, scenario
 from operator_app.calibration.solve import calibrate
 from operator_app.config.procedure_file import load_procedure
+from operator_app.session.listener import Listener
+from operator_app.session.workflow import take_poses
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
 
@@ -36,7 +38,7 @@ def closure_sigmas(chosen: Scenario) -> tuple[float, float, float]:
         session = opened(Path(folder), PlantArm(procedure, chosen), procedure)
         session.connect()
         session.set_modes(procedure.position_joints or ())
-        session.run_plan()
+        take_poses(session, Listener())
         found = calibrate(
             procedure.arm,
             procedure.fixture.fixture,

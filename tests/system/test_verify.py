@@ -6,9 +6,11 @@ import csv
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from operator_app.cli import main
+from operator_app.session.folder import read_session
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +24,7 @@ def test_new_poses_on_the_arm_confirm_the_calibration(
     sessions: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ["--sessions", str(sessions), "--poses", "6", "--json"]
-    (session,) = (p for p in sessions.iterdir() if not p.name.endswith("verify"))
+    (session,) = sessions.iterdir()
     assert main(["verify", session.name, *options]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["verdict"] == "holds"
@@ -30,11 +32,24 @@ def test_new_poses_on_the_arm_confirm_the_calibration(
     assert found["odd_poses"] == []
     assert found["sigma_pos_mm"]["rms"] < 0.2 * found["nominal"]["sigma_pos_mm"]["rms"]
 
+    # They are in the journal of the session, readings and all, and no part of its calibration.
+    assert list(sessions.iterdir()) == [session]
+    state = read_session(session).state
+    assert state is not None
+    assert [(r.kind, r.number) for r in state.readings] == [
+        ("verification", k) for k in range(1, 7)
+    ]
+    assert len(state.used_poses) == 15
+    apart = [
+        np.abs(r.mean_rad - p.mean_rad).max() for r in state.readings for p in state.used_poses
+    ]
+    assert min(apart) > np.deg2rad(0.5)
+
 
 def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(
     sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (session,) = (p for p in sessions.iterdir() if not p.name.endswith("verify"))
+    (session,) = sessions.iterdir()
     with (session / "poses.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     for row in rows[:2]:

@@ -18,18 +18,12 @@ from operator_app.headless.runner import run
 from operator_app.report.html import report_html
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.session.journal import JOURNAL_NAME, read_journal
+from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 
 MakeSession = Callable[..., Session]
 HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
 DIMENSIONLESS = {"times noise", "gain, reading per angle", "chi2"}
-
-
-class Silent:
-    """A listener that does not listen."""
-
-    def __getattr__(self, name: str) -> Callable[..., None]:
-        return lambda *_: None
 
 
 def procedure(poses: int) -> Procedure:
@@ -58,7 +52,7 @@ def folder(make_session: MakeSession, recorded: dict[str, Any], tmp_path: Path) 
         (where / JOURNAL_NAME).write_bytes(recorded["hinge"])
         return where
     session = make_session(procedure(16), "datasheet")
-    run(session, Silent())
+    run(session, Listener())
     session.exclude(4, "bumped the table <b>")
     session.note(7, HOSTILE.replace("\ud800", ""))
     session.calibrate()

@@ -11,17 +11,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hardware.arm import ArmSnapshot
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.truth import paper_loop
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
-from operator_app.errors import GuardError
+from operator_app.errors import Cancelled, GuardError
 from operator_app.session.campaign_replay import same
 from operator_app.session.drives import choose
 from operator_app.session.journal import Event, Journal, read_journal
+from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.session import Session
+from operator_app.session.state import SessionState
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm
 
@@ -42,17 +43,23 @@ def procedure(poses: int, **capture: object) -> Procedure:
     )
 
 
-class Told:
-    """A capture on a session, and what it said."""
+class Told(Listener):
+    """A capture on a session, what it said, and how many poses there were each time."""
 
     def __init__(self, session: Session, drives: tuple[int, ...] = (1, 5)) -> None:
-        self.session, self.said = session, []
-        self.capture = PlannedCapture(session, drives, say=self.said.append, candidates=CANDIDATES)
+        self.session, self.said, self.heard = session, [], []
+        self.capture = PlannedCapture(session, drives, self, candidates=CANDIDATES)
 
-    def run(self, **options: object):
+    def told(self, text: str) -> None:
+        self.said.append(text)
+
+    def pose_captured(self, state: SessionState, wanted: int) -> None:
+        self.heard.append(len(state.used_poses))
+
+    def run(self):
         self.session.connect()
         self.session.set_modes(self.capture.ready())
-        return self.capture.run(**options)
+        return self.capture.run()
 
 
 def events(session: Session) -> tuple[Event, ...]:
@@ -71,11 +78,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
         tmp_path_factory.mktemp("whole") / "session", PlantArm(wanted, "exact"), wanted
     )
     told = Told(session)
-    heard: list[int] = []
-    end = told.run(on_pose=lambda state: heard.append(len(state.used_poses)))
+    end = told.run()
     session.close("done")
     return SimpleNamespace(
-        session=session, said=told.said, end=end, heard=heard, events=events(session)
+        session=session, said=told.said, end=end, heard=told.heard, events=events(session)
     )
 
 
@@ -227,22 +233,21 @@ def test_while_exploring_an_arm_that_was_moved_is_taken_back(make_session: MakeS
 
 def test_the_operator_ends_a_move_and_goes_on(make_session: MakeSession) -> None:
     session = make_session(procedure(3))
-    told, ends = Told(session), False
+    told, moves = Told(session), 0
 
-    def ended(snapshot: ArmSnapshot) -> str | None:
-        return "ended by the operator" if ends else None
+    def cancelled() -> bool:
+        """In the middle of the second move after the third pose."""
+        nonlocal moves
+        moves += len(session.state.poses) == 3
+        return moves > 40
 
-    def on_pose(state) -> None:
-        nonlocal ends
-        ends = len(state.poses) == 3
-
-    assert told.run(on_pose=on_pose, ended=ended) is None
+    session.cancelled = cancelled
+    with pytest.raises(Cancelled):
+        told.run()
     assert len(session.state.poses) == 3
     assert not any(m["stopped"] for m in named(session, "campaign_move"))
-    ends = False
-    end = told.run(ended=ended)
-    assert end is not None
-    assert end.complete
+    session.cancelled = lambda: False
+    assert told.run().complete
     assert len(named(session, "campaign")) == 1
 
 

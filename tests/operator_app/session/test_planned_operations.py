@@ -10,7 +10,8 @@ import pytest
 
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.operations import Cancelled, Operations
+from operator_app.errors import Cancelled
+from operator_app.session.operations import Operations
 from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, Level, SessionSnapshot
 from solver.design.actions import GoTo

@@ -19,29 +19,24 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
 from operator_app.headless.runner import run
 from operator_app.session.journal import read_journal
+from operator_app.session.listener import Listener
+from operator_app.session.operations import Operations
 from operator_app.session.session import Session
+from operator_app.session.workflow import verify
 from solver.errors import TooFewPosesError
 from solver.loops.closure import DhLoop
 
 MakeSession = Callable[..., Session]
 
 
-class Silent:
-    """A listener that keeps what it hears."""
+class Counting(Listener):
+    """Counts poses."""
 
     def __init__(self) -> None:
         self.poses = 0
 
-    def connected(self, identity: object) -> None: ...
-
-    def fixture_checked(self, checks: object) -> None: ...
-
-    def modes_set(self, position_joints: object) -> None: ...
-
     def pose_captured(self, state: object, wanted: int) -> None:
         self.poses += 1
-
-    def solved(self, solution: object) -> None: ...
 
 
 def hinge(poses: int) -> Procedure:
@@ -62,7 +57,7 @@ def truth(model: DhLoop) -> np.ndarray:
 
 def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
     session = make_session(hinge(20))
-    listener = Silent()
+    listener = Counting()
     result = run(session, listener)
     session.close("done")
 
@@ -121,7 +116,7 @@ def test_capture_before_modes_is_refused(make_session: MakeSession) -> None:
 def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session: MakeSession) -> None:
     session = make_session(hinge(2))
     with pytest.raises(TooFewPosesError, match="at least 3 poses"):
-        run(session, Silent())
+        run(session, Counting())
 
 
 @pytest.mark.parametrize("sync", [3, 40, 333, 500, 900])
@@ -131,7 +126,7 @@ def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
     session = make_session(hinge(6))
     session.arm.interrupt_at_sync = sync  # type: ignore[attr-defined]
     with pytest.raises(KeyboardInterrupt):
-        run(session, Silent())
+        run(session, Counting())
     session.arm.interrupt_at_sync = None  # type: ignore[attr-defined]
     session.close("interrupted")
     session.close("interrupted")
@@ -139,7 +134,7 @@ def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
 
     again = make_session(hinge(6), resume=True)
     assert [p.number for p in again.state.poses] == [p.number for p in kept]
-    result = run(again, Silent())
+    result = run(again, Counting())
     again.close("done")
     assert result.solution.accepted
     assert [p.number for p in again.state.used_poses] == list(range(1, 7))
@@ -159,7 +154,7 @@ def test_a_session_insists_on_its_arm(make_session: MakeSession) -> None:
 
 def test_undo_exclude_include_and_note_survive_a_restart(make_session: MakeSession) -> None:
     session = make_session(hinge(5))
-    run(session, Silent())
+    run(session, Counting())
     assert session.undo().number == 5
     session.exclude(2, "bumped the table")
     session.note(3, "after lunch")
@@ -173,7 +168,7 @@ def test_undo_exclude_include_and_note_survive_a_restart(make_session: MakeSessi
     session.close("done")
     again = make_session(hinge(5), resume=True)
     assert [(p.number, p.excluded, p.note) for p in again.state.poses] == expected
-    run(again, Silent())
+    run(again, Counting())
     assert [p.number for p in again.state.used_poses] == [1, 3, 4, 6, 7]
 
 
@@ -183,7 +178,7 @@ def test_an_unreachable_waypoint_is_passed_over_and_recorded(make_session: MakeS
     # Joint 7's range now ends inside the region the plan wants to explore.
     joints[6] = replace(joints[6], lower_rad=float(np.deg2rad(10.0)))
     session = make_session(replace(procedure, arm=replace(procedure.arm, joints=tuple(joints))))
-    run(session, Silent())
+    run(session, Counting())
     events = read_journal(session.journal.path.parent).events
     skipped = [e.data for e in events if e.name == "waypoint_skipped"]
     assert skipped
@@ -191,3 +186,76 @@ def test_an_unreachable_waypoint_is_passed_over_and_recorded(make_session: MakeS
     assert len(session.state.used_poses) == 4
     limit = joints[6].lower_rad
     assert all(p.mean_rad[6] > limit for p in session.state.poses)
+
+
+class Quiet:
+    """A board that nobody reads, and nobody ends anything on."""
+
+    def publish(self, change: object) -> None: ...
+
+    def say(self, level: object, text: str) -> None: ...
+
+    def cancelled(self) -> bool:
+        return False
+
+
+def by_command(session: Session) -> None:
+    run(session, Listener())
+
+
+def on_screen(session: Session) -> None:
+    """As the terminal app and plain mode do it."""
+    work = Operations(session, Quiet())
+    work.connect()
+    work.set_modes((1, 5))
+    work.automatic()
+
+
+@pytest.mark.parametrize("face", [by_command, on_screen])
+def test_poses_out_of_reach_end_in_the_same_words_whichever_face_asked(
+    make_session: MakeSession, face: Callable[[Session], None]
+) -> None:
+    procedure = hinge(3)
+    joints = list(procedure.arm.joints)
+    # Whichever way joint 7 turns from home it comes to an end of its range.
+    session = make_session(procedure)
+    here = session.arm.snapshot().positions_rad[6]
+    margin = np.deg2rad(2.5)
+    joints[6] = replace(joints[6], lower_rad=here - margin, upper_rad=here + margin)
+    session.model = replace(procedure.arm, joints=tuple(joints))
+    with pytest.raises(GuardError, match="of 3 poses could be reached") as refused:
+        face(session)
+    assert refused.value.remedy == (
+        "drive another pair of joints, widen the span, mount the hinge elsewhere, or calibrate from "
+        "what there is"
+    )
+
+
+def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
+    make_session: MakeSession,
+) -> None:
+    session = make_session(hinge(8))
+    result = run(session, Listener())
+    session.set_modes((1, 5))
+    before = session.state
+    for again in range(2):
+        verdict, poses = verify(session, result.solution, 3, Listener())
+        assert verdict.poses == len(poses) == 3
+        assert session.state.verifications == again + 1
+    session.close("done")
+
+    state = make_session(hinge(8), resume=True).state
+    assert [r.number for r in state.readings] == [1, 2, 3, 4, 5, 6]
+    assert {r.kind for r in state.readings} == {"verification"}
+    np.testing.assert_array_equal([r.mean_rad for r in state.readings[3:]], poses.q_rad)
+    # Elsewhere than the session's poses, and elsewhere each time.
+    everywhere = np.array([p.mean_rad for p in (*state.poses, *state.readings)])
+    apart = np.abs(everywhere[:, None] - everywhere).max(axis=-1) + np.eye(len(everywhere))
+    assert apart.min() > np.deg2rad(0.2)
+    assert state.pose_set().sha256() == before.pose_set().sha256()
+    assert state.visited == before.visited
+    verified = [
+        e.data for e in read_journal(session.journal.path.parent).events if e.name == "verified"
+    ]
+    assert [v["readings"] for v in verified] == [[1, 2, 3], [4, 5, 6]]
+    assert verified[1]["position_m"] == verdict.verification.sigmas.position_m.rms

@@ -1,0 +1,107 @@
+"""What is done with a session, whichever face asks: the one capture loop, the one verification.
+
+Everything here may be ended by the operator between two deeds and gone on with. Prints nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from operator_app.calibration.solve import Solution
+from operator_app.calibration.verify import Verdict, fixed_by, judge_poses
+from operator_app.errors import GuardError
+from operator_app.session.listener import Listener
+from operator_app.session.planned_capture import CampaignEnd, PlannedCapture
+from operator_app.session.session import Session
+from operator_app.session.state import pose_set_of
+from solver.chain.poses import PoseSet
+
+
+def take_poses(
+    session: Session, listener: Listener, drives: tuple[int, ...] | None = None
+) -> CampaignEnd | None:
+    """Take the poses that are still wanted, as the procedure says; goes on where the journal ends.
+
+    Parameters
+    ----------
+    drives
+        Joints to put into position mode first; None leaves the modes as they are, but for a plan
+        under way that drives others.
+
+    Returns
+    -------
+    How a planned capture ended; None for an explored one.
+
+    Raises
+    ------
+    Cancelled
+        The operator ended it.
+    """
+    wanted = session.position_joints if drives is None else drives
+    planned = None
+    if session.procedure.capture.strategy == "planned":
+        planned = PlannedCapture(session, wanted, listener)
+        wanted = planned.ready()
+    if drives is not None or wanted != session.position_joints:
+        session.set_modes(wanted)
+        listener.modes_set(wanted)
+    if planned is not None:
+        return planned.run()
+    _explore(session, listener)
+    return None
+
+
+def _explore(session: Session, listener: Listener) -> None:
+    """Visit waypoints in turn until there are enough poses."""
+    plan, wanted = session.plan(), session.procedure.capture.poses
+    while (taken := len(session.state.used_poses)) < wanted:
+        waypoint = session.state.next_waypoint
+        if waypoint >= len(plan):
+            raise GuardError(
+                f"only {taken} of {wanted} poses could be reached",
+                "drive another pair of joints, widen the span, mount the hinge elsewhere, or "
+                "calibrate from what there is",
+            )
+        listener.going(None)
+        if session.visit(waypoint):
+            listener.arrived(waypoint)
+            session.capture(waypoint)
+            listener.pose_captured(session.state, wanted)
+
+
+def verify(
+    session: Session, solution: Solution, poses: int, listener: Listener
+) -> tuple[Verdict, PoseSet]:
+    """Take new poses, elsewhere than the session did, and judge them by a calibration as it is.
+
+    The modes are set. Readings and verdict are in the journal; the poses are no part of the
+    calibration.
+    """
+    before = len(session.state.readings)
+    for target in session.verification_plan(poses):
+        listener.going(None)
+        if session.reach(target).reached:
+            session.look_again("verification")
+        if len(session.state.readings) == before + poses:
+            break
+    else:
+        raise GuardError(
+            f"only {len(session.state.readings) - before} of {poses} new poses could be reached",
+            "ask for fewer, or drive another pair of joints",
+        )
+    taken = pose_set_of(session.state.readings[before:])
+    verdict = judge_poses(session.model, session.fixture, taken, fixed_by(solution))
+    session.record("verified", _summary(verdict, taken))
+    return verdict, taken
+
+
+def _summary(verdict: Verdict, taken: PoseSet) -> Mapping[str, object]:
+    found = verdict.verification
+    return {
+        "poses": verdict.poses,
+        "readings": [int(label) for label in taken.label],
+        "position_m": found.sigmas.position_m.rms,
+        "orientation_rad": found.sigmas.orientation_rad.rms,
+        "chi2_per_dof": found.chi2.per_dof,
+        "holds": verdict.holds,
+    }

@@ -23,7 +23,6 @@ from tests.oracles.shop_floor_walk import (
     BOX_DEG,
     DRIVES,
     FOLLOW,
-    HOME_DEG,
     LOWER_DEG,
     STRAY_RAD,
     UPPER_DEG,
@@ -244,9 +243,7 @@ def closed_walk(
     rng = np.random.default_rng([*_entropy(specimen.seed, Stream.WALK), walk])
     places = wander(rng, 4 * poses, box_deg=box_deg)
     guess = chart.near(places)
-    guess[:, list(DRIVES)] = (
-        np.deg2rad(HOME_DEG)[[0, 4]] + specimen.chain.theta_off[list(DRIVES)] + places
-    )
+    guess[:, list(DRIVES)] = chart.drives + specimen.chain.theta_off[list(DRIVES)] + places
     rigid, good = loop.closed(guess, free=FOLLOW, rounds=20)
     good &= np.abs(rigid - guess).max(axis=-1) < STRAY_RAD
     good &= in_range((rigid - specimen.chain.theta_off)[:, 1:])

@@ -41,13 +41,14 @@ def nominal_chain() -> Chain:
 
 @dataclass(frozen=True, kw_only=True)
 class Chart:
-    """Closed true angles (k, 8) of the nominal loop and, of each, the drives' place (k, 2) in the box.
+    """Closed true angles (k, 8) of a loop and, of each, the drives' place (k, 2) in the box.
 
-    Only where a place and its neighbours are within range and no passive joint jumps.
+    Only where no passive joint jumps. `drives` (2,) is what the drive joints read at place 0.
     """
 
     place: np.ndarray
     angles: np.ndarray
+    drives: np.ndarray
 
     def near(self, place: np.ndarray) -> np.ndarray:
         """Angles (m, 8) of the nodes nearest to places (m, 2)."""
@@ -82,7 +83,9 @@ def chart(chain: Chain, home: np.ndarray, box_deg=BOX_DEG) -> Chart:
     del found[-1, -1]
     keys = list(found)
     return Chart(
-        place=np.array([places[k] for k in keys]), angles=np.array([found[k] for k in keys])
+        place=np.array([places[k] for k in keys]),
+        angles=np.array([found[k] for k in keys]),
+        drives=(home - chain.theta_off)[list(DRIVES)],
     )
 
 

@@ -1,0 +1,48 @@
+"""The shipped arm and fixture files with what an operator would have written instead. Judges nothing."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import yaml
+
+from operator_app.config.arm_file import parse_arm
+from operator_app.config.fixture_file import parse_fixture
+from operator_app.config.resources import resolve
+
+PLACEMENT = {
+    "a_0": "a_0_mm",
+    "s_0": "s_0_mm",
+    "alpha_0": "alpha_0_deg",
+    "s_1": "s_1_mm",
+    "a_7": "a_n_mm",
+    "s_7": "s_n_mm",
+    "alpha_7": "alpha_n_deg",
+}
+
+
+def written(nominal: dict[str, float]) -> tuple[bytes, bytes]:
+    """Arm and fixture files (YAML) with nominal entries (rad, m) replaced, by D-H name."""
+    arm = yaml.safe_load(resolve("arm", "sarcos_dextrous").data)
+    fixture = yaml.safe_load(resolve("fixture", "hinge").data)
+    for name, value in nominal.items():
+        key = PLACEMENT.get(name)
+        if key is not None:
+            fixture["placement"][key] = float(
+                1e3 * value if key.endswith("_mm") else np.rad2deg(value)
+            )
+        else:
+            row = int(name.removeprefix("theta_off_"))
+            arm["dh"][row - 1]["theta_off_deg"] = float(np.rad2deg(value))
+    return yaml.safe_dump(arm).encode(), yaml.safe_dump(fixture).encode()
+
+
+@cache
+def _read(arm: bytes, fixture: bytes):
+    return parse_arm(arm, "arm.yaml"), parse_fixture(fixture, "hinge.yaml").fixture
+
+
+def read(nominal: dict[str, float]):
+    """Return arm and fixture as they are read from `written`."""
+    return _read(*written(nominal))

@@ -1,0 +1,146 @@
+"""Is a wrong calibration ever believed, and is the cause named? Cases from the shop floor; a table.
+
+    python tests/benchmarks/verdicts.py [--arms 20] [--sound 100] [--workers 2] [--cases slips,elbow]
+
+A result is wrong when any parameter that still has a truth is beyond four of its own sigmas. Bars: a
+wrong result is never accepted without a cause or warning that names the fault; the right cause comes
+first in 90 % of the arms; at most one in a hundred sound sets is refused.
+"""
+
+# ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
+
+from __future__ import annotations
+
+import os
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import argparse
+import re
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import numpy as np
+
+from tests.benchmarks.shop_floor_files import read
+from tests.benchmarks.shop_floor_outcome import CRASHED, REFUSED, Outcome, outcome
+from tests.oracles.shop_floor import PARAMETERS
+from tests.oracles.shop_floor_faults import CASES, Case, sound
+
+FIRST_SEED = 3000
+RIGHT = 0.90
+FALSE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """One case's outcome against what is true of it."""
+
+    outcome: Outcome
+    first: bool
+    named: bool
+    wrong: bool
+    harmless: bool
+
+    @property
+    def believed(self) -> bool:
+        """Wrong, and accepted with nothing that says why."""
+        return self.wrong and self.outcome.accepted and not self.named
+
+
+def judged(case: Case) -> Judged:
+    """Calibrate a case's session with the files its operator has, and compare."""
+    arm, fixture = read(case.nominal)
+    found = outcome(case.taken, arm=arm, fixture=fixture)
+    patterns = [re.compile(c) for c in case.causes]
+
+    def names(code: str) -> bool:
+        return any(p.fullmatch(code) for p in patterns)
+
+    return Judged(
+        outcome=found,
+        first=bool(found.causes) and names(found.causes[0]),
+        named=any(names(c) for c in (*found.causes, *found.warnings)),
+        wrong=found.has_result and bool(np.any(np.abs(_z(case, found)) > 4.0)),
+        harmless=case.harmless,
+    )
+
+
+def _z(case: Case, found: Outcome) -> np.ndarray:
+    """Errors in sigmas of the parameters that have a truth, to the nearer one of two."""
+    z = found.z.copy()
+    for name, other in case.either.items():
+        k = PARAMETERS.index(name)
+        elsewhere = found.error[k] + case.taken.truth[name] - other
+        z[k] = min(z[k], elsewhere / found.sigma[k], key=abs)
+    return z[[PARAMETERS.index(n) for n in case.judged]]
+
+
+def one(job: tuple[str, int]) -> Judged:
+    """Make and judge one case of one arm."""
+    name, seed = job
+    case = sound(seed) if name == "sound" else CASES[name](seed)
+    found = judged(case)
+    return replace(found, outcome=replace(found.outcome, said=found.outcome.said[:4000]))
+
+
+def line(name: str, found: Sequence[Judged]) -> bool:
+    """Print one row of the table; whether its bars are met."""
+    n = len(found)
+    accepted = sum(j.outcome.accepted for j in found)
+    crashed = sum(j.outcome.verdict == CRASHED for j in found)
+    first, named = (sum(getattr(j, key) for j in found) for key in ("first", "named"))
+    wrong, believed = (sum(getattr(j, key) for j in found) for key in ("wrong", "believed"))
+    if name == "sound":
+        refused = sum(j.outcome.verdict in (REFUSED, CRASHED) for j in found)
+        good = refused <= FALSE * n and believed == 0
+    else:
+        good = believed == 0 and crashed == 0
+        good = good and (all(j.harmless for j in found) or first >= RIGHT * n)
+    codes = Counter(j.outcome.causes[0] if j.outcome.causes else "-" for j in found)
+    print(
+        f"{name:28}{accepted:5}{n - accepted - crashed:5}{crashed:5}{wrong:6}{believed:7}"
+        f"{first:6}{named:6}   {'      ' if good else 'MISSED'} "
+        f"{', '.join(f'{c} {k}' for c, k in codes.most_common(4))}",
+        flush=True,
+    )
+    for j in found:
+        if j.outcome.verdict == CRASHED:
+            print("\n".join(f"      {text}" for text in j.outcome.said.splitlines()[-4:]))
+            break
+    return good
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the cases and print them; 0 when every bar is met."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--arms", type=int, default=20)
+    parser.add_argument("--sound", type=int, default=100)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--cases", default="", help="parts of names, separated by commas")
+    options = parser.parse_args(arguments)
+    wanted = options.cases.split(",")
+    rows = dict.fromkeys(CASES, options.arms)
+    rows = {"sound": options.sound} | rows
+    good = True
+    print(
+        f"{'case':28}{'acc.':>5}{'not':>5}{'crash':>5}{'wrong':>6}{'believ':>7}{'first':>6}"
+        f"{'named':>6}          first causes"
+    )
+    with ProcessPoolExecutor(options.workers) as pool:
+        for name, arms in rows.items():
+            if arms and any(part in name for part in wanted):
+                jobs = [(name, FIRST_SEED + k) for k in range(arms)]
+                good = line(name, list(pool.map(one, jobs))) and good
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -30,10 +30,11 @@ from operator_app.config.quantities import (
     Text,
     TurnDeg,
     TwistDeg,
+    in_si,
     refuse,
 )
 from operator_app.config.resources import resolve
-from operator_app.config.schema import StrictModel, read_model, report
+from operator_app.config.schema import StrictModel, check_numbered, read_model, report
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
@@ -52,26 +53,30 @@ class RowModel(StrictModel):
     tolerance: RowToleranceModel = RowToleranceModel()
 
 
-class EncoderModel(StrictModel):
+class SensorFields(StrictModel):
+    """What the files of all sensors have: their kind, and the names of their domain object's figures."""
+
+    makes: ClassVar[type[Sensor]]
+
+    def sensor(self) -> Sensor:
+        """Domain object."""
+        return self.makes(**in_si(self.model_dump(exclude={"kind"})))
+
+
+class EncoderModel(SensorFields):
     """Incremental encoder."""
 
+    makes = Encoder
     kind: Literal["encoder"]
     counts_per_rev: Annotated[int, Field(strict=True, ge=4, le=2**31 - 1)]
     noise_counts: NonNegativeNumber = 0.0
     accuracy_deg: StatedDeg = ACCURACY_DEG
 
-    def sensor(self) -> Sensor:
-        """Domain object."""
-        return Encoder(
-            counts_per_rev=self.counts_per_rev,
-            noise_counts=self.noise_counts,
-            accuracy_rad=math.radians(self.accuracy_deg),
-        )
 
-
-class RvdtModel(StrictModel):
+class RvdtModel(SensorFields):
     """RVDT read by an ADC over its full scale."""
 
+    makes = Rvdt
     kind: Literal["rvdt"]
     bits: Annotated[int, Field(strict=True, ge=4, le=32)]
     full_scale_deg: Annotated[PositiveNumber, Field(le=360.0)]
@@ -88,24 +93,12 @@ class RvdtModel(StrictModel):
             )
         return value
 
-    def sensor(self) -> Sensor:
-        """Domain object."""
-        return Rvdt(
-            bits=self.bits,
-            full_scale_rad=math.radians(self.full_scale_deg),
-            linearity=self.linearity,
-            noise_lsb=self.noise_lsb,
-        )
 
-
-class NoSensorModel(StrictModel):
+class NoSensorModel(SensorFields):
     """A joint without a sensor."""
 
+    makes = NoSensor
     kind: Literal["none"]
-
-    def sensor(self) -> Sensor:
-        """Domain object."""
-        return NoSensor()
 
 
 SensorModel = Annotated[EncoderModel | RvdtModel | NoSensorModel, Field(discriminator="kind")]
@@ -155,14 +148,7 @@ class ArmFile(StrictModel):
     def _rows_in_order(
         cls, value: tuple[RowModel, ...], info: ValidationInfo
     ) -> tuple[RowModel, ...]:
-        for k, row in enumerate(value):
-            if row.row != k + 1:
-                report(
-                    info,
-                    ("dh", k, "row"),
-                    f"row {row.row} stands where row {k + 1} belongs",
-                    "list rows 1 to n in order, each once",
-                )
+        check_numbered(info, value, 1, "row")
         return value
 
     @field_validator("joints")
@@ -170,14 +156,7 @@ class ArmFile(StrictModel):
     def _joint_per_row(
         cls, value: tuple[JointModel, ...], info: ValidationInfo
     ) -> tuple[JointModel, ...]:
-        for k, joint in enumerate(value):
-            if joint.joint != k + 1:
-                report(
-                    info,
-                    ("joints", k, "joint"),
-                    f"joint {joint.joint} stands where joint {k + 1} belongs",
-                    "list joints 1 to n in order, each once",
-                )
+        check_numbered(info, value, 1, "joint")
         rows = info.data.get("dh")
         if rows is not None and len(rows) != len(value):
             report(
@@ -265,14 +244,10 @@ class ArmFile(StrictModel):
             ),
             joints=tuple(
                 Joint(
-                    name=joint.name,
-                    lower_rad=float(np.deg2rad(joint.range_deg[0])),
-                    upper_rad=float(np.deg2rad(joint.range_deg[1])),
+                    lower_rad=math.radians(joint.range_deg[0]),
+                    upper_rad=math.radians(joint.range_deg[1]),
                     sensor=joint.sensor.sensor(),
-                    max_speed_rad_per_s=math.radians(joint.max_speed_deg_per_s),
-                    max_torque_nm=joint.max_torque_nm,
-                    backlash_rad=math.radians(joint.backlash_deg),
-                    sag_rad=math.radians(joint.sag_deg),
+                    **in_si(joint.model_dump(exclude={"joint", "range_deg", "sensor"})),
                 )
                 for joint in self.joints
             ),

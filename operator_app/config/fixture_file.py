@@ -5,12 +5,12 @@ Knows no arm. What each kind of fixture has in its file is in `fixture_models`.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 from fixtures.base import Fixture
 from operator_app.config.fixture_models import MODELS
+from operator_app.config.quantities import in_si
 from operator_app.config.resources import resolve
 from operator_app.config.schema import read_by_kind
 
@@ -55,8 +55,7 @@ def parse_fixture(data: bytes, file: str) -> FixtureSpec:
     return FixtureSpec(
         name=found.name,
         fixture=found.fixture(),
-        tolerance_m=found.tolerance_mm / 1e3,
-        tolerance_rad=math.radians(found.tolerance_deg),
+        **in_si({"tolerance_mm": found.tolerance_mm, "tolerance_deg": found.tolerance_deg}),
         checklist=found.checklist,
     )
 

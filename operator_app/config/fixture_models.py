@@ -7,8 +7,7 @@ joint to the hinge axis (a_7, s_7, alpha_7 of the paper). Turns are rotation vec
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -26,12 +25,12 @@ from operator_app.config.quantities import (
     Text,
     TwistDeg,
     Yes,
+    in_si,
 )
 from operator_app.config.schema import StrictModel, report
 
 PointMm = tuple[LengthMm, LengthMm, LengthMm]
 TurnVectorDeg = tuple[TwistDeg, TwistDeg, TwistDeg]
-Triple = tuple[float, float, float]
 
 SMALLEST_MM = 5.0
 """A placement without any dimension of this size was written in metres."""
@@ -40,12 +39,16 @@ SMALLEST_MM = 5.0
 class CommonFields(StrictModel):
     """What every fixture file has."""
 
+    makes: ClassVar[type[Hinge | Rigid | Ball | Measured]]
+
     name: Name
     tolerance_mm: Annotated[PositiveNumber, Field(le=1000.0)]
     tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)]
     checklist: Annotated[tuple[Text, ...], Field(min_length=1)]
+    placement: StrictModel
+    stays_on_hand: Yes = False
 
-    @field_validator("placement", check_fields=False)
+    @field_validator("placement")
     @classmethod
     def _in_millimetres(cls, value: StrictModel, info: ValidationInfo) -> StrictModel:
         lengths = {}
@@ -63,6 +66,11 @@ class CommonFields(StrictModel):
 
     def fixture(self) -> Fixture:
         """Domain object."""
+        placed = in_si(self.placement.model_dump())
+        return self.makes(**placed, stays_on_hand=self.stays_on_hand, **self.own())
+
+    def own(self) -> dict[str, Any]:
+        """Tell what one kind of fixture has beside its placement, as its domain object takes it."""
         raise NotImplementedError
 
 
@@ -73,8 +81,14 @@ class MetalFields(CommonFields):
     counts is how far the fixture yields, which is `give`.
     """
 
+    holds: ClassVar[tuple[str, ...]] = ("position_mm", "orientation_mrad")
+
     give: GiveModel = GiveModel()
     stiffness: Any = None
+
+    def own(self) -> dict[str, Any]:
+        """Tell how far it yields."""
+        return {"give": self.give.give(self.holds)}
 
 
 class HingePlacement(StrictModel):
@@ -90,26 +104,11 @@ class HingePlacement(StrictModel):
 
 
 class HingeModel(MetalFields):
-    """A hinge, as `fixtures.hinge.Hinge`."""
+    """A hinge."""
 
+    makes = Hinge
     kind: Literal["hinge"]
     placement: HingePlacement
-    stays_on_hand: Yes = False
-
-    def fixture(self) -> Hinge:
-        """Domain object."""
-        p = self.placement
-        return Hinge(
-            a_0_m=p.a_0_mm / 1e3,
-            s_0_m=p.s_0_mm / 1e3,
-            alpha_0_rad=math.radians(p.alpha_0_deg),
-            s_1_m=p.s_1_mm / 1e3,
-            a_n_m=p.a_n_mm / 1e3,
-            s_n_m=p.s_n_mm / 1e3,
-            alpha_n_rad=math.radians(p.alpha_n_deg),
-            stays_on_hand=self.stays_on_hand,
-            give=self.give.give(("position_mm", "orientation_mrad")),
-        )
 
 
 class RigidPlacement(StrictModel):
@@ -122,23 +121,11 @@ class RigidPlacement(StrictModel):
 
 
 class RigidModel(MetalFields):
-    """A rigid attachment, as `fixtures.rigid.Rigid`."""
+    """A rigid attachment."""
 
+    makes = Rigid
     kind: Literal["rigid"]
     placement: RigidPlacement
-    stays_on_hand: Yes = False
-
-    def fixture(self) -> Rigid:
-        """Domain object."""
-        p = self.placement
-        return Rigid(
-            a_0_m=p.a_0_mm / 1e3,
-            s_0_m=p.s_0_mm / 1e3,
-            alpha_0_rad=math.radians(p.alpha_0_deg),
-            s_1_m=p.s_1_mm / 1e3,
-            stays_on_hand=self.stays_on_hand,
-            give=self.give.give(("position_mm", "orientation_mrad")),
-        )
 
 
 class BallPlacement(StrictModel):
@@ -149,20 +136,13 @@ class BallPlacement(StrictModel):
 
 
 class BallModel(MetalFields):
-    """A ball in a socket, as `fixtures.ball.Ball`."""
+    """A ball in a socket."""
 
+    makes = Ball
+    holds = ("position_mm",)
     kind: Literal["ball"]
     placement: BallPlacement
     stays_on_hand: Yes = True
-
-    def fixture(self) -> Ball:
-        """Domain object."""
-        return Ball(
-            tip_m=_metres(self.placement.tip_mm),
-            ground_m=_metres(self.placement.ground_mm),
-            stays_on_hand=self.stays_on_hand,
-            give=self.give.give(("position_mm",)),
-        )
 
 
 class MeasuredPlacement(StrictModel):
@@ -175,8 +155,9 @@ class MeasuredPlacement(StrictModel):
 
 
 class MeasuredModel(CommonFields):
-    """An instrument that sees the endpoint, as `fixtures.measured.Measured`."""
+    """An instrument that sees the endpoint."""
 
+    makes = Measured
     kind: Literal["measured"]
     measures: Literal["pose", "position"]
     instrument_sigma_mm: PositiveNumber
@@ -194,21 +175,15 @@ class MeasuredModel(CommonFields):
             report(info, ("instrument_sigma_deg",), text, "give it, or write measures: position")
         return value
 
-    def fixture(self) -> Measured:
-        """Domain object."""
-        p = self.placement
-        return Measured(
-            full_pose=self.measures == "pose",
-            base_m=_metres(p.base_mm),
-            base_turn_rad=_radians(p.base_turn_deg),
-            tip_m=_metres(p.tip_mm),
-            tip_turn_rad=_radians(p.tip_turn_deg),
-            sigma_m=self.instrument_sigma_mm / 1e3,
-            sigma_rad=math.radians(self.instrument_sigma_deg),
-            base_known=self.base_known,
-            tip_known=self.tip_known,
-            stays_on_hand=self.stays_on_hand,
-        )
+    def own(self) -> dict[str, Any]:
+        """Tell what the instrument sees, how well, and what is known of its set-up."""
+        sigma = {"sigma_mm": self.instrument_sigma_mm, "sigma_deg": self.instrument_sigma_deg}
+        return {
+            **in_si(sigma),
+            "full_pose": self.measures == "pose",
+            "base_known": self.base_known,
+            "tip_known": self.tip_known,
+        }
 
 
 MODELS: dict[str, type[CommonFields]] = {
@@ -218,13 +193,3 @@ MODELS: dict[str, type[CommonFields]] = {
     "measured": MeasuredModel,
 }
 """One line a kind; the kinds are those of `fixtures.registry`."""
-
-
-def _metres(point_mm: Triple) -> Triple:
-    x, y, z = point_mm
-    return (x / 1e3, y / 1e3, z / 1e3)
-
-
-def _radians(turn_deg: Triple) -> Triple:
-    x, y, z = turn_deg
-    return (math.radians(x), math.radians(y), math.radians(z))

@@ -23,7 +23,7 @@ UNITS = {
     "nm": "newton metres",
 }
 """Units as keys end in them."""
-UNIT = re.compile(rf"(.+)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
+UNIT = re.compile(rf"(.+?)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
 
 TO_SI: Mapping[str, tuple[str, Callable[[float], float]]] = {
     "mm": ("m", lambda value: value / 1e3),

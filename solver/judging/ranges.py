@@ -6,8 +6,10 @@ range that was written down wrongly: none of them may reach an estimator without
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from itertools import combinations
 
 import numpy as np
 
@@ -64,31 +66,80 @@ class RangeFinding:
 
 
 class ReadingsOutOfRangeError(SolverError):
-    """These cannot be readings of this arm; `findings` say of which joints, `in_radians` why."""
+    """These cannot be readings of this arm.
+
+    Attributes
+    ----------
+    findings
+        Of which joints.
+    mistakes
+        What would bring them inside, in words; empty when nothing simple does.
+    in_radians
+        Whether one of these is the unit.
+    """
 
     def __init__(
-        self, findings: tuple[RangeFinding, ...], poses: PoseSet, *, in_radians: bool
+        self, findings: tuple[RangeFinding, ...], poses: PoseSet, mistakes: tuple[Mistake, ...]
     ) -> None:
         self.findings = findings
-        self.in_radians = in_radians
+        self.mistakes = mistakes
+        self.in_radians = any(mistake.code == "RADIANS" for mistake in mistakes)
         worst = max(findings, key=lambda f: len(f.poses))
         lower, upper = np.rad2deg((worst.lower_rad, worst.upper_rad))
         text = (
             f"joint {worst.joint} reads {np.rad2deg(worst.reading_rad):.2f} deg in pose "
             f"{poses.label[worst.poses[0]]}, outside its range {lower:g} to {upper:g} deg, and so "
-            f"in {len(worst.poses)} of {len(poses)} poses"
+            f"in {len(worst.poses)} of {len(poses)} poses; "
         )
-        if in_radians:
-            text += (
-                "; taken as radians the readings lie inside: a poses file has degrees "
-                "(multiply its angles by 57.29578)"
-            )
-        else:
-            text += (
-                "; check that poses and arm file belong together, the order of the columns, and "
-                f"range_deg of joint {worst.joint} in the arm file"
-            )
+        text += "; or ".join(f"{m.text}: {m.remedy}" for m in mistakes) or (
+            "check that poses and arm file belong together, and "
+            f"range_deg of joint {worst.joint} in the arm file"
+        )
         super().__init__(text)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mistake:
+    """A simple mistake that would explain readings, and what to do; `q_rad` is what they then are."""
+
+    code: str
+    text: str
+    remedy: str
+    q_rad: FloatArray
+
+
+def mistakes(q: FloatArray) -> Iterator[Mistake]:
+    """Simple mistakes that readings (m, n) may suffer from: a unit, a sign, two columns exchanged."""
+    yield Mistake(
+        code="RADIANS",
+        text="taken as radians the readings make sense",
+        remedy="a poses file has degrees (multiply its angles by 57.29578)",
+        q_rad=np.rad2deg(q),
+    )
+    n = q.shape[1]
+    for j in range(n):
+        sign = np.ones(n)
+        sign[j] = -1.0
+        yield Mistake(
+            code="SIGN",
+            text=f"with the opposite sign of joint {j + 1} they make sense",
+            remedy=f"turn the sign of joint {j + 1}'s sensor in its drive, or of its column",
+            q_rad=q * sign,
+        )
+    for i, j in combinations(range(n), 2):
+        order = np.arange(n)
+        order[[i, j]] = j, i
+        yield Mistake(
+            code="COLUMNS_EXCHANGED",
+            text=f"with the readings of joints {i + 1} and {j + 1} exchanged they make sense",
+            remedy=f"exchange their columns, or the nodes of joints {i + 1} and {j + 1}",
+            q_rad=q[:, order],
+        )
+
+
+def makes_sense(arm: ArmModel, q: FloatArray) -> bool:
+    """Whether nine in ten poses lie inside all ranges."""
+    return 10 * int((_outside(arm, q) > 0.0).any(axis=1).sum()) <= len(q)
 
 
 def range_findings(
@@ -183,6 +234,5 @@ def _refuse(
     far[:, turned] = False
     if 2 * int(far.any(axis=1).sum()) < len(poses):
         return
-    as_radians = _outside(arm, np.rad2deg(poses.q_rad)) > 0.0
-    in_radians = 10 * int(as_radians.any(axis=1).sum()) <= len(poses)
-    raise ReadingsOutOfRangeError(refused, poses, in_radians=in_radians)
+    known = tuple(m for m in mistakes(poses.q_rad) if makes_sense(arm, m.q_rad))
+    raise ReadingsOutOfRangeError(refused, poses, known)

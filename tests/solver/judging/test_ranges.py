@@ -91,3 +91,17 @@ def test_readings_that_are_not_used_are_not_judged(truth: Truth, readings: np.nd
     q = readings.copy()
     q[:, 5] += np.deg2rad(100.0)
     assert range_findings(paper_arm(truth), pose_set(q), unsensed_joints=(6,)) == ()
+
+
+def test_a_sign_and_exchanged_columns_are_named_where_the_ranges_tell(
+    truth: Truth, readings: np.ndarray
+) -> None:
+    arm = paper_arm(truth)
+    turned = readings.copy()
+    turned[:, 1] *= -1.0
+    with pytest.raises(ReadingsOutOfRangeError, match="opposite sign of joint 2"):
+        range_findings(arm, pose_set(turned))
+    exchanged = readings[:, [0, 1, 3, 2, 4, 5, 6]]
+    with pytest.raises(ReadingsOutOfRangeError, match="joints 3 and 4 exchanged") as error:
+        range_findings(arm, pose_set(exchanged))
+    assert [m.code for m in error.value.mistakes] == ["COLUMNS_EXCHANGED"]

@@ -1,0 +1,123 @@
+"""How much better an explanation makes the readings believable, all explanations on one scale.
+
+An explanation is some columns nobody fitted, with coefficients of unknown size: b ~ N(0, v D). Its
+log-likelihood, with v where it is largest, rewards what it explains and charges for what it could have
+explained as well (Occam's factor), so that one joint's step competes fairly with a free reading in every
+pose. The scale of the noise is free too, above a floor: what stays unexplained by any of them blurs
+the choice instead of deciding it. Knows no loop, no cause and no words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.judging.left_over import LeftOver
+
+LEAST_SCALE = 0.25
+"""Stated errors are upper figures: chi2/dof of sound sets lies below 1, but below this nothing is believed."""
+
+SIZES = np.logspace(-2.0, 3.0, 21)
+"""Sizes of an explanation that are tried, in units of its natural one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evidence:
+    """What one explanation is worth.
+
+    Attributes
+    ----------
+    log_likelihood
+        Up to a constant that is the same for all explanations of one pose set.
+    chi2, dof
+        What it leaves unexplained, at stated variances.
+    drop, dof_used
+        How far chi2 falls when the columns are fitted freely, and how many they count for.
+    size
+        Standard deviation of the coefficients, in units of the natural one.
+    b, sd
+        Coefficients (c,) and their standard deviations.
+    moved
+        How much the parameters (P,) change when it is believed (rad, m).
+    """
+
+    log_likelihood: float
+    chi2: float
+    dof: int
+    drop: float
+    dof_used: int
+    size: float
+    b: FloatArray
+    sd: FloatArray
+    moved: FloatArray
+
+    @property
+    def scale(self) -> float:
+        """Scale of the variances it leaves."""
+        return noise_scale(self.chi2, self.dof)
+
+
+def noise_scale(chi2: float, dof: int) -> float:
+    """By how much variances are smaller than stated, 1 where they are not."""
+    return min(1.0, max(LEAST_SCALE, chi2 / max(dof, 1)))
+
+
+def sound(left: LeftOver) -> float:
+    """Log-likelihood of nothing being wrong: noise as stated or less."""
+    return _log_likelihood(left.chi2, left.dof, noise_scale(left.chi2, left.dof))
+
+
+def unnamed(left: LeftOver) -> float:
+    """Log-likelihood of all errors being larger than stated, whatever their cause."""
+    return _log_likelihood(left.chi2, left.dof, max(LEAST_SCALE, left.chi2 / max(left.dof, 1)))
+
+
+def evidence(
+    left: LeftOver, G: FloatArray, natural: FloatArray, *, most: float = np.inf
+) -> Evidence | None:
+    """Weigh columns G (m, r, c) whose coefficients have natural sizes (c,), up to `most` times these.
+
+    None if all of them are fitted already.
+    """
+    s, C = left.score(G)
+    s, C = natural * s, natural[:, None] * C * natural
+    values, vectors = np.linalg.eigh(C)
+    own = float((left.whiten(G * natural) ** 2).sum(axis=(0, 1)).max(initial=0.0))
+    free = values > max(1e-7 * own, 1e-30)
+    if not free.any():
+        return None
+    values, vectors = values[free], vectors[:, free]
+    along = vectors.T @ s
+    sizes = SIZES[most >= SIZES]
+    v = sizes[:, None] ** 2
+    shrunk = v / (1.0 + v * values)
+    chi2 = np.maximum(left.chi2 - (shrunk * along**2).sum(-1), 1e-12)
+    dof = max(left.dof, 1)
+    f = np.maximum(LEAST_SCALE, chi2 / dof)
+    gain = -0.5 * np.log1p(v * values).sum(-1) - 0.5 * (dof * np.log(f) + chi2 / f)
+    best = int(np.argmax(gain))
+    b = natural * (vectors @ (shrunk[best] * along))
+    drop = float((along**2 / values).sum())
+    return Evidence(
+        log_likelihood=float(gain[best]),
+        chi2=float(chi2[best]),
+        dof=dof,
+        drop=drop,
+        dof_used=int(free.sum()),
+        size=float(sizes[best]),
+        b=b,
+        sd=natural * np.sqrt((vectors**2 * shrunk[best]).sum(-1)),
+        moved=left.moved(G, b),
+    )
+
+
+def _log_likelihood(chi2: float, dof: int, scale: float) -> float:
+    return -0.5 * (max(dof, 1) * float(np.log(scale)) + chi2 / scale)
+
+
+def probabilities(log_weights: FloatArray) -> FloatArray:
+    """Probabilities of explanations from their log-likelihoods plus the logarithm of their priors."""
+    weights = np.exp(log_weights - np.max(log_weights))
+    return np.asarray(weights / weights.sum())

@@ -1,0 +1,99 @@
+"""Poses that do not fit the others, from one linear fit: the threshold is that of the largest of m.
+
+Each pose is judged by what all others predict for it (its own pull on the fit taken out). The most
+improbable is set aside and the rest judged again, so that several do not hide each other; no pose is
+refitted. Excludes none itself. Knows no loop and no names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import BoolArray, FloatArray
+from solver.judging.left_over import LeftOver
+
+FALSE_ALARM = 1e-3
+"""Chance of naming any pose of a pose set in which all are sound."""
+
+MOST = 0.3
+"""Share of the poses that can be odd; beyond it is not the poses."""
+
+FREE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OddPose:
+    """One pose against the prediction from the poses that are not named.
+
+    Attributes
+    ----------
+    pose
+        Index, in the order of the fit.
+    chi2, dof
+        Its misfit.
+    threshold
+        What the largest of all poses exceeds in `FALSE_ALARM` of sound sets.
+    """
+
+    pose: int
+    chi2: float
+    dof: int
+    threshold: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OddPoses:
+    """The worst pose, all poses beyond the threshold (worst first), and what the rest leave over."""
+
+    worst: OddPose
+    odd: tuple[OddPose, ...]
+    rest: LeftOver
+
+
+def odd_poses(left: LeftOver, *, scale: float = 1.0) -> OddPoses:
+    """Judge every pose by the others; `scale` is that of the variances (see `noise_scale`)."""
+    from scipy.special import chdtri
+
+    m = len(left.U)
+    kept = np.ones(m, dtype=np.bool_)
+    odd: list[OddPose] = []
+    first: OddPose | None = None
+    rest = left
+    while True:
+        chi2, dof = _misfits(rest, kept)
+        excess = np.where(
+            kept & (dof > 0), chi2 / scale - chdtri(np.maximum(dof, 1), FALSE_ALARM / m), -np.inf
+        )
+        k = int(np.argmax(excess))
+        threshold = float(chdtri(max(int(dof[k]), 1), FALSE_ALARM / m))
+        found = OddPose(pose=k, chi2=float(chi2[k]) / scale, dof=int(dof[k]), threshold=threshold)
+        first = first or found
+        if not excess[k] > 0.0 or len(odd) >= MOST * m:
+            break
+        odd.append(found)
+        kept[k] = False
+        rest = rest.also(pose_columns(rest, (k,)))
+    odd.sort(key=lambda pose: -pose.chi2)
+    return OddPoses(worst=first, odd=tuple(odd), rest=rest)
+
+
+def pose_columns(left: LeftOver, poses: tuple[int, ...]) -> FloatArray:
+    """Columns (m, r, r len(poses)) that free all equations of some poses, in units of their noise."""
+    m, r, _ = left.U.shape
+    out = np.zeros((m, r, r * len(poses)))
+    for n, k in enumerate(poses):
+        out[k, :, n * r : (n + 1) * r] = np.linalg.inv(left.whitener[k])
+    return out
+
+
+def _misfits(left: LeftOver, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each."""
+    r = left.U.shape[1]
+    H = np.eye(r) - left.U @ np.swapaxes(left.U, -1, -2)
+    values, vectors = np.linalg.eigh(H)
+    free = values > FREE
+    along = (np.swapaxes(vectors, -1, -2) @ left.white[..., None])[..., 0]
+    chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0).sum(-1)
+    return np.where(kept, chi2, 0.0), np.where(kept, free.sum(-1), 0)

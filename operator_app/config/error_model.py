@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from pydantic import model_validator
+from pydantic import ConfigDict, model_validator
 
 from fixtures.base import Give
 from operator_app.config.quantities import StatedDeg, StatedMm, StatedMrad
@@ -24,6 +24,11 @@ GIVE_MM, GIVE_MRAD = 0.2, 0.2
 
 class Uncertain(StrictModel):
     """Figures that are all 0 where the file has a plain 0 in their place."""
+
+    # In JSON Schema bounds concern numbers only, keys mappings only.
+    model_config = ConfigDict(
+        json_schema_extra={"type": ["object", "number"], "minimum": 0, "maximum": 0}
+    )
 
     @model_validator(mode="before")
     @classmethod

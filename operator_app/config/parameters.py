@@ -7,7 +7,6 @@ What is made here in a program is checked as it is written, what is read as it i
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,7 +24,6 @@ from pydantic import (
     field_validator,
 )
 
-from operator_app.config.degrees import degrees_for_file
 from operator_app.config.quantities import (
     Count,
     ExactText,
@@ -38,10 +36,8 @@ from operator_app.config.quantities import (
 )
 from operator_app.config.schema import StrictRecord, check_numbered, report
 from solver.arrays import FloatArray, frozen
-from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
-from solver.chain.sensors import NoSensor
 
 CHANGED_IN_ONE_PLACE = "the document was changed in one place only"
 UTC_FORM = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z"
@@ -301,41 +297,3 @@ def _entry_complaints(
             shown = "null" if stated is None else repr(stated)
             text = f"{part.sigma_deg!r} is not the {shown} of joint {entry.row} above"
             yield text, CHANGED_IN_ONE_PLACE
-
-
-def rows_from_table(table: DhTable) -> tuple[DhRow, ...]:
-    """Rows 0..n of a table in SI units, in the units of the document."""
-    theta_off_deg = degrees_for_file(table.theta_off_rad)
-    alpha_deg = degrees_for_file(table.alpha_rad)
-    return tuple(
-        DhRow(
-            row=k,
-            theta_off_deg=float(theta_off_deg[k]),
-            s_m=float(table.s_m[k]),
-            a_m=float(table.a_m[k]),
-            alpha_deg=float(alpha_deg[k]),
-        )
-        for k in range(table.links)
-    )
-
-
-def joints_from_table(
-    arm: ArmModel, table: DhTable, calibrated: tuple[CalibratedEntry, ...]
-) -> tuple[JointParameters, ...]:
-    """Per-joint part of a document: offsets of rows 1..n of `table`, their sigmas and counts."""
-    sigma = {entry.entry: entry.sigma for entry in calibrated}
-    return tuple(
-        JointParameters(
-            joint=row.row,
-            theta_off_deg=row.theta_off_deg,
-            sigma_deg=sigma.get(f"theta_off_{row.row}"),
-            home_offset_counts=home_offset_counts(arm, row.row, math.radians(row.theta_off_deg)),
-        )
-        for row in rows_from_table(table)[1:]
-    )
-
-
-def home_offset_counts(arm: ArmModel, joint: int, theta_off_rad: float) -> int | None:
-    """Offset in whole counts of the joint's sensor (607Ch); None for a joint without a sensor."""
-    sensor = arm.joints[joint - 1].sensor
-    return None if isinstance(sensor, NoSensor) else round(theta_off_rad / sensor.resolution_rad)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import AfterValidator, Field, StringConstraints, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 UNITS = {
@@ -137,6 +137,12 @@ def _stated(limit: float, unit: str) -> Callable[[float], float]:
     return check
 
 
+def _range(largest: float, smallest: float | None = None) -> WithJsonSchema:
+    """Say in a JSON Schema what one of the functions above refuses in words."""
+    low = -largest if smallest is None else smallest
+    return WithJsonSchema({"type": "number", "minimum": low, "maximum": largest})
+
+
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 PositiveNumber = Annotated[Number, Field(gt=0.0)]
 NonNegativeNumber = Annotated[Number, Field(ge=0.0)]
@@ -145,18 +151,20 @@ Whole = Annotated[int, Field(strict=True, ge=0)]
 Integer = Annotated[int, Field(strict=True)]
 Yes = Annotated[bool, Field(strict=True)]
 
-LengthM = Annotated[Number, AfterValidator(_length_m)]
-LengthMm = Annotated[Number, AfterValidator(_length_mm)]
-AngleDeg = Annotated[Number, AfterValidator(_angle_deg)]
+LengthM = Annotated[Number, AfterValidator(_length_m), _range(LONGEST_M)]
+LengthMm = Annotated[Number, AfterValidator(_length_mm), _range(1e3 * LONGEST_M)]
+AngleDeg = Annotated[Number, AfterValidator(_angle_deg), _range(LARGEST_DEG)]
 """An angle of a joint: may go beyond a turn."""
-TurnDeg = Annotated[Number, AfterValidator(_turn_deg)]
+TurnDeg = Annotated[Number, AfterValidator(_turn_deg), _range(360.0)]
 """An offset: within a turn."""
-TwistDeg = Annotated[Number, AfterValidator(_twist_deg)]
+TwistDeg = Annotated[Number, AfterValidator(_twist_deg), _range(360.0)]
 """A nominal twist: within a turn, and not pi/2."""
 
-StatedMm = Annotated[NonNegativeNumber, AfterValidator(_stated(50.0, "mm"))]
-StatedDeg = Annotated[NonNegativeNumber, AfterValidator(_stated(10.0, "deg"))]
-StatedMrad = Annotated[NonNegativeNumber, AfterValidator(_stated(200.0, "mrad"))]
+StatedMm = Annotated[NonNegativeNumber, AfterValidator(_stated(50.0, "mm")), _range(50.0, 0.0)]
+StatedDeg = Annotated[NonNegativeNumber, AfterValidator(_stated(10.0, "deg")), _range(10.0, 0.0)]
+StatedMrad = Annotated[
+    NonNegativeNumber, AfterValidator(_stated(200.0, "mrad")), _range(200.0, 0.0)
+]
 """How uncertain something is, as one standard deviation; 0 is exact."""
 
 Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]

@@ -22,9 +22,8 @@ from operator_app.config.parameters import (
     TwoFigures,
     WhichArm,
     WhichFixture,
-    joints_from_table,
-    rows_from_table,
 )
+from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
 from operator_app.errors import SessionError
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable

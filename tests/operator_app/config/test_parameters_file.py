@@ -29,8 +29,6 @@ from operator_app.config.parameters import (
     TwoFigures,
     WhichArm,
     WhichFixture,
-    joints_from_table,
-    rows_from_table,
 )
 from operator_app.config.parameters_file import (
     format_parameters,
@@ -38,6 +36,7 @@ from operator_app.config.parameters_file import (
     parse_parameters,
     save_parameters,
 )
+from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
 from solver.chain.kinematics import DhTable
 
 

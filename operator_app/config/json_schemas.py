@@ -1,0 +1,46 @@
+"""JSON Schemas of our YAML files, from the models that read them: for editors and programs that write such files.
+
+A file that a schema refuses is refused here too. The other way round is not so: checks between keys,
+and of radians where degrees belong, are in the models only.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import TypeAdapter
+
+from operator_app.config.arm_file import ArmFile
+from operator_app.config.fixture_models import MODELS
+from operator_app.config.parameters import ParametersDocument
+from operator_app.config.procedure import ProcedureFile
+from operator_app.config.schema import StrictModel, StrictRecord, adapter
+
+FILES: dict[str, tuple[type[StrictModel | StrictRecord], ...]] = {
+    "arm": (ArmFile,),
+    "fixture": tuple(MODELS.values()),
+    "procedure": (ProcedureFile,),
+    "parameters": (ParametersDocument,),
+}
+"""Models of the whole file of each kind."""
+
+
+def json_schema(kind: Literal["arm", "fixture", "procedure", "parameters"]) -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a kind of file, with its ``schema`` line."""
+    line = {"const": f"sarcal/{kind}/1", "description": "The first line of the file."}
+    models: list[tuple[Any, Literal["validation"], TypeAdapter[Any]]] = [
+        (model, "validation", adapter(model)) for model in FILES[kind]
+    ]
+    _, found = TypeAdapter.json_schemas(models)
+    choices = []
+    for model in FILES[kind]:
+        whole = found["$defs"][model.__name__]
+        whole["properties"] = {"schema": line, **whole["properties"]}
+        whole["required"] = ["schema", *whole["required"]]
+        choices.append({"$ref": f"#/$defs/{model.__name__}"})
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"sarcal {kind} file",
+        "oneOf": choices,
+        "$defs": found["$defs"],
+    }

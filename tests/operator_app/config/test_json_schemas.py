@@ -1,0 +1,77 @@
+"""JSON Schemas agree with what is read: good files fit, files with one mistake of form do not."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from typing import Any, get_args
+
+import pytest
+import yaml
+
+from operator_app.config.json_schemas import json_schema
+from operator_app.config.parameters_file import format_parameters
+from operator_app.config.resources import Kind, builtin_names, resolve
+from oracles.json_schema import complaints
+from oracles.parameter_documents import make_document
+
+PACKAGED = [(kind, name) for kind in get_args(Kind) for name in builtin_names(kind)]
+HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
+SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
+PROCEDURE = resolve("procedure", "hinge").data.decode()
+PARAMETERS = format_parameters(make_document()).decode()
+
+
+def found(kind: Any, text: str) -> list[str]:
+    schema = json_schema(kind)
+    return list(complaints(yaml.safe_load(text), schema, schema))
+
+
+@pytest.mark.parametrize(("kind", "name"), PACKAGED)
+def test_packaged_files_fit(kind: Kind, name: str) -> None:
+    assert found(kind, resolve(kind, name).data.decode()) == []
+
+
+def test_what_is_written_fits() -> None:
+    assert found("parameters", PARAMETERS) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("give: {position_mm: 0.2, orientation_mrad: 0.2}", "give: 0"),
+        ("give: {position_mm: 0.2, orientation_mrad: 0.2}\n", ""),
+        ("kind: hinge", "kind: hinge\nstiffness: {n_per_m: 2e6, nm_per_rad: 3e4}"),
+    ],
+)
+def test_other_ways_to_write_a_fixture_fit(old: str, new: str) -> None:
+    assert old in HINGE
+    assert found("fixture", HINGE.replace(old, new, 1)) == []
+
+
+BAD = [
+    ("fixture", HINGE, "a_0_mm: 200", "a_0_m: 0.2"),
+    ("fixture", HINGE, "a_0_mm: 200", "a_0_mm: 20000"),
+    ("fixture", HINGE, "kind: hinge", "kind: hinges"),
+    ("fixture", HINGE, "orientation_mrad: 0.2", "orientation_mrad: -1"),
+    ("fixture", HINGE, "give: {position_mm: 0.2, orientation_mrad: 0.2}", "give: 1"),
+    ("fixture", HINGE, "schema: sarcal/fixture/1", "schema: sarcal/fixture/2"),
+    ("arm", SARCOS, "tolerance: {length_mm: 0.5", "tolerance: {length_mm: 60"),
+    ("arm", SARCOS, "alpha_deg: 90}", "alpha_deg: 400}"),
+    ("arm", SARCOS, "s_m: fixture", "s_m: fixtur"),
+    ("arm", SARCOS, "counts_per_rev: 400000", "counts_per_rev: 400000.5"),
+    ("arm", SARCOS, "counts_per_rev: 400000", "counts: 400000"),
+    ("arm", SARCOS, "range_deg: [-35, 115]", "range_deg: [-35]"),
+    ("procedure", PROCEDURE, "upload: ", "upload: maybe "),
+    ("procedure", PROCEDURE, "poses: ", "poses: -"),
+    ("procedure", PROCEDURE, "estimator: ", "estimator: x"),
+    ("parameters", PARAMETERS, "estimator: implicit", "estimator: best"),
+    ("parameters", PARAMETERS, "utc: ", "utc: at "),
+    ("parameters", PARAMETERS, "sigma_deg: 0.001", "sigma_deg: -0.001"),
+]
+
+
+@pytest.mark.parametrize(("kind", "good", "old", "new"), BAD)
+def test_mistakes_of_form_do_not(kind: str, good: str, old: str, new: str) -> None:
+    assert old in good
+    assert found(kind, good) == []
+    assert found(kind, good.replace(old, new, 1))

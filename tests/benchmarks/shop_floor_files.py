@@ -35,7 +35,7 @@ def written(nominal: dict[str, float]) -> tuple[bytes, bytes]:
         else:
             row = int(name.removeprefix("theta_off_"))
             arm["dh"][row - 1]["theta_off_deg"] = float(np.rad2deg(value))
-    return yaml.safe_dump(arm).encode(), yaml.safe_dump(fixture).encode()
+    return tuple(yaml.safe_dump(document, sort_keys=False).encode() for document in (arm, fixture))
 
 
 @cache

@@ -15,10 +15,9 @@ import numpy as np
 
 from operator_app.calibration.solve import Solution, calibrate
 from operator_app.config.arm_file import load_arm
-from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
-from solver.errors import SolverError
+from operator_app.exit_codes import EXPECTED_ERRORS
 from tests.oracles.shop_floor import PARAMETERS, Session
 
 NORMAL_95 = 1.959963984540054
@@ -86,7 +85,7 @@ def outcome(
             poses,
             **options,
         )
-    except (SolverError, ConfigError) as error:
+    except EXPECTED_ERRORS as error:
         found = Outcome(
             error=nothing,
             sigma=nothing,

@@ -1,0 +1,170 @@
+"""What a calibration costs, against what LAPACK needs at least; prints a table.
+
+    python tests/benchmarks/speed.py [--poses 1000,10000,100000] [--solve 1000,20000]
+
+The floor is five `numpy.linalg.lstsq` of 500 x 14, single thread, in the same run: five iterations on
+100 poses cannot cost less. Every time is the processor's, the least of several. Sizes run in processes
+of their own, so that each has a peak of memory of its own. Bars: `calibrate` of 40 poses at most 150
+floors, `implicit` of 100 at most 25, `paper` at most 8; growth at most m^1.05; below 600 MB.
+"""
+
+# ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
+
+from __future__ import annotations
+
+import os
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import numpy as np
+
+from operator_app.calibration.solve import calibrate
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from solver.chain.poses import PoseSet
+from solver.estimators.implicit import NoiseModel, estimate_implicit
+from solver.estimators.paper import estimate_paper
+from tests.oracles.shop_floor import Sizes, Specimen, closed_walk, taken
+
+BARS = {"calibrate 40": 150.0, "implicit 100": 25.0, "paper 100": 8.0}
+GROWTH, MEGABYTES = 1.05, 600.0
+CHUNK = 2000
+
+
+def pose_set(count: int) -> PoseSet:
+    """Poses of one arm without errors but RVDT curves, noise and counts."""
+    specimen = Specimen.drawn(1, Sizes.only())
+    parts = []
+    for walk in range(-(-count // CHUNK)):
+        rest = min(CHUNK, count - CHUNK * walk)
+        parts.append(taken(specimen, *closed_walk(specimen, rest, walk=walk), walk=walk))
+    q = np.concatenate([p.readings for p in parts])
+    return PoseSet(
+        placement=np.ones(count, dtype=np.int64),
+        label=tuple(f"p{k}" for k in range(count)),
+        q_rad=q,
+        sd_rad=np.concatenate([p.spread for p in parts]),
+        samples=np.full(count, 32),
+    )
+
+
+def work(kind: str, count: int) -> Callable[[], object]:
+    """Return what is to be timed."""
+    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    poses = pose_set(count)
+    if kind == "calibrate":
+        return lambda: calibrate(arm, fixture, poses)
+    model, q = fixture.model(arm), np.array(poses.q_rad)
+    if kind == "paper":
+        return lambda: estimate_paper(model, q)
+    noise = NoiseModel(joint_variance=arm.sigma_rad() ** 2)
+    x0 = estimate_paper(model, q).x
+    return lambda: estimate_implicit(model, q, noise, x0=x0)
+
+
+def least(function: Callable[[], object], *, runs: int, for_s: float = 3.0) -> float:
+    """Least processor time (s) of several runs; one run if it takes long."""
+    found, start = [], time.process_time()
+    for _ in range(runs):
+        before = time.process_time()
+        function()
+        found.append(time.process_time() - before)
+        if time.process_time() - start > for_s:
+            break
+    return min(found)
+
+
+def floor_s() -> float:
+    """Processor time of five `lstsq` of 500 x 14."""
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(500, 14)), rng.normal(size=500)
+    return least(lambda: [np.linalg.lstsq(A, b, rcond=None) for _ in range(5)], runs=300)
+
+
+def child(kind: str, count: int, runs: int) -> None:
+    """Time one size and print it with this process's peak of memory beyond what it had before."""
+    function = work(kind, count)
+    before_mb = _peak_mb()
+    seconds = least(function, runs=runs)
+    print(
+        json.dumps({"s": seconds, "mb": _peak_mb(), "before_mb": before_mb, "floor_s": floor_s()})
+    )
+
+
+def measured(kind: str, count: int, *, runs: int = 30) -> dict[str, float]:
+    """Run `child` in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, __file__, "--child", kind, str(count), str(runs)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        print(done.stderr[-2000:], file=sys.stderr)
+        raise SystemExit(f"{kind} of {count} poses did not end well: exit code {done.returncode}")
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and print; 0 when every bar is met."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--poses", default="1000,10000,100000", help="sizes of paper and implicit")
+    parser.add_argument("--solve", default="1000,20000", help="sizes of the whole calibration")
+    parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.child:
+        child(options.child[0], int(options.child[1]), int(options.child[2]))
+        return 0
+    good = True
+    for name, bar in BARS.items():
+        kind, count = name.split()
+        found = measured(kind, int(count))
+        ratio = found["s"] / found["floor_s"]
+        good = good and ratio <= bar
+        print(
+            f"{name:16}{1e3 * found['s']:9.1f} ms  {ratio:8.1f} floors of "
+            f"{1e3 * found['floor_s']:.2f} ms (bar {bar:.0f})  {found['mb']:6.0f} MB"
+            f"  {'' if ratio <= bar else 'MISSED'}",
+            flush=True,
+        )
+    for kind, sizes in (
+        ("paper", options.poses), ("implicit", options.poses), ("calibrate", options.solve),
+    ):  # fmt: skip
+        counts = [int(n) for n in sizes.split(",") if n]
+        found = [measured(kind, n, runs=3) for n in counts]
+        for n, f in zip(counts, found, strict=True):
+            met = f["mb"] < MEGABYTES
+            good = good and met
+            print(
+                f"{kind:10}{n:8} poses {f['s']:9.2f} s  {f['mb']:7.0f} MB {'' if met else 'MISSED'}"
+            )
+        if len(counts) > 1:
+            times = [f["s"] / f["floor_s"] for f in found]
+            growth = np.log(times[-1] / times[0]) / np.log(counts[-1] / counts[0])
+            good = good and bool(growth <= GROWTH)
+            print(
+                f"{kind:10}grows with m^{growth:.2f} {'' if growth <= GROWTH else 'MISSED'}",
+                flush=True,
+            )
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -17,7 +17,7 @@ import types
 from collections.abc import Mapping
 from enum import Enum
 from functools import cache
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -102,6 +102,10 @@ def _decoded(hint: Any, data: Any) -> Any:
             return None
         (hint,) = (a for a in arguments if a is not type(None))
         return _decoded(hint, data)
+    if origin is Literal:
+        if data not in arguments:
+            raise ValueError(f"{data!r} is none of {arguments}")
+        return data
     if origin is np.ndarray:
         array = np.array([float(v) for v in data["values"]]).astype(get_args(arguments[1])[0])
         array = array.reshape(data["shape"])

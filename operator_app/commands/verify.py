@@ -49,10 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Judge and report."""
-    from operator_app.calibration.solve import calibrate
     from operator_app.calibration.verify import fixed_by, judge_poses
     from operator_app.composition import carried_procedure
     from operator_app.config.poses_file import load_poses
+    from operator_app.session.calibrated import calibrated
     from operator_app.session.folder import read_session
     from operator_app.session.opening import resume
 
@@ -63,15 +63,7 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(f"{opening.folder} has no pose yet: there is no calibration to verify")
     procedure = carried_procedure(opening)
     arm, fixture = procedure.arm, procedure.fixture.fixture
-    solution = calibrate(
-        arm,
-        fixture,
-        state.pose_set(),
-        estimator=procedure.estimator,
-        unsensed_joints=procedure.unsensed_joints,
-        length_tolerance_m=procedure.length_tolerance_m,
-        limits=procedure.acceptance,
-    )
+    solution = calibrated(state, procedure).solution
     if args.csv:
         poses = load_poses(args.csv, joint_count=arm.joint_count).poses
         if poses.sha256() == state.pose_set().sha256():

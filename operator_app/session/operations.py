@@ -80,7 +80,17 @@ class Operations:
             f"connected to {identity.model}, serial {identity.serial_number}, "
             f"{len(identity.nodes)} nodes",
         )
+        self._show_what_is_known()
         self.check_fixture()
+
+    def _show_what_is_known(self) -> None:
+        """Show the calibration of a resumed session, which is not solved again."""
+        known = self._session.calibrated()
+        if self._solution is None and known is not None:
+            self._solution = known.solution
+            self._board.publish(lambda s: replace(s, checks_of_it=known.checks))
+            if known.solution.accepted:
+                self._compare()
 
     def check_fixture(self) -> None:
         """Judge the placement, rank the drive joints, predict the plan."""

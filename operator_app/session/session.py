@@ -28,6 +28,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.planning.exploration import for_joints, range_watch, waypoints
 from operator_app.planning.mode_rule import modes_problem
+from operator_app.session.calibrated import Calibrated, recorded
 from operator_app.session.export import (
     PARAMETERS_NAME,
     POSES_NAME,
@@ -242,9 +243,9 @@ class Session:
         self._keep("pose", {"number": number, "waypoint": waypoint, "note": note, **campaign})
         return self.state.poses[-1]
 
-    def look_again(self, kind: str) -> CheckReading:
+    def look_again(self, kind: str, *, of: int = 0) -> CheckReading:
         """Like `capture`, of a pose that checks the calibration instead of making it."""
-        self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind})
+        self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
@@ -306,6 +307,20 @@ class Session:
 
     # -- 5 Calibrate -----------------------------------------------------------------------------
 
+    def calibrated(self) -> Calibrated | None:
+        """Return what the journal has of these poses, if they were solved as the procedure says."""
+        own, then = self.procedure, self.state.solved
+        asked = (
+            own.estimator,
+            sorted({*own.unsensed_joints, *self.model.unsensed_joints}),
+            own.length_tolerance_m,
+        )
+        keys = ("estimator", "unsensed_joints", "length_tolerance_m")
+        if not then or tuple(then.get(k) for k in keys) != asked:
+            return None
+        found = recorded(self.state)
+        return found if isinstance(found, Calibrated) else None
+
     def calibrate(
         self,
         progress: Progress | None = None,
@@ -332,6 +347,7 @@ class Session:
             {
                 "estimator": estimate.estimator,
                 "unsensed_joints": list(solution.model.unsensed_joints),
+                "length_tolerance_m": own.length_tolerance_m,
                 "poses": [p.number for p in poses],
                 "parameters": {
                     p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)

@@ -36,8 +36,8 @@ class CapturedPose:
 class CheckReading:
     """A pose that was read to check the calibration, and is no part of it.
 
-    `kind` is ``verification``; `number` counts such readings from 1; `mean_rad` and `sd_rad` have
-    shape (n,), sensor coordinates.
+    `kind` is ``verification`` or ``return``: pose number `of` read once more, after `after` captures.
+    `number` counts such readings from 1; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates.
     """
 
     kind: str
@@ -47,6 +47,16 @@ class CheckReading:
     samples: int
     utc: str
     note: str = ""
+    of: int = 0
+    after: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Return:
+    """A pose that counts, and the reading of it after the arm came back to it."""
+
+    first: CapturedPose
+    again: CheckReading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +100,8 @@ class SessionState:
         Joints chosen to drive, and all sets a plan may change between; empty until chosen.
     readings
         Poses that were read to check the calibration.
+    resumed
+        Whether the session was resumed since the last of them: something may have slipped meanwhile.
     verifications
         How many times it was verified with new poses.
     campaign
@@ -113,6 +125,7 @@ class SessionState:
     drives: tuple[int, ...] = ()
     drive_sets: tuple[tuple[int, ...], ...] = ()
     readings: tuple[CheckReading, ...] = ()
+    resumed: bool = False
     verifications: int = 0
     campaign: CampaignLog = field(default_factory=CampaignLog)
     solved: Mapping[str, Any] = field(default_factory=dict)
@@ -129,6 +142,16 @@ class SessionState:
     def used_poses(self) -> tuple[CapturedPose, ...]:
         """Poses that count: captured, not undone, not excluded."""
         return tuple(p for p in self.poses if not p.excluded)
+
+    @property
+    def returns(self) -> tuple[Return, ...]:
+        """Readings of poses that the arm came back to, as far as those still count."""
+        known = {p.number: p for p in self.used_poses}
+        return tuple(
+            Return(first=known[r.of], again=r)
+            for r in self.readings
+            if r.kind == "return" and r.of in known
+        )
 
     def wanted_poses(self, capture: CapturePlan) -> int:
         """How many poses the procedure asks for; a plan's come beside those of its exploration."""
@@ -172,6 +195,9 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 sources=dict(data["sources"]),
                 settings=dict(data["settings"]),
             )
+        case "resumed":
+            # What was chosen last is what a session goes on with.
+            return replace(state, resumed=True, settings={**state.settings, **data["settings"]})
         case "connected":
             return replace(state, serial_number=data["serial_number"])
         case "control":
@@ -252,8 +278,10 @@ def _apply_results(
                 sd_rad=frozen(data["sd_rad"]),
                 samples=data["samples"],
                 utc=utc,
+                of=data.get("of", 0),
+                after=state.captured,
             )
-            return replace(state, readings=(*state.readings, reading))
+            return replace(state, readings=(*state.readings, reading), resumed=False)
         case "verified":
             return replace(state, verifications=state.verifications + 1)
         case _:

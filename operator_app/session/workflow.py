@@ -45,10 +45,47 @@ def take_poses(
     if drives is not None or wanted != session.position_joints:
         session.set_modes(wanted)
         listener.modes_set(wanted)
-    if planned is not None:
-        return planned.run()
-    _explore(session, listener)
-    return None
+    if session.state.resumed and session.state.used_poses:
+        _there_and_back(session, listener)
+    end = None
+    if planned is None:
+        _explore(session, listener)
+    else:
+        end = planned.run()
+    state = session.state
+    if state.used_poses and not any(r.again.after == state.captured for r in state.returns):
+        return_to_first(session, listener)
+    return end
+
+
+def return_to_first(session: Session, listener: Listener) -> None:
+    """Read the first pose that counts once more: what slipped since shows in it, whatever the model.
+
+    One that cannot be reached any more is said and recorded; the capture goes on without.
+    """
+    first = session.state.used_poses[0]
+    listener.told(f"Back to pose {first.number}: to read it once more shows what slipped since.")
+    listener.going(None)
+    targets = {j: float(first.mean_rad[j - 1]) for j in session.position_joints}
+    moved = session.reach(targets)
+    if moved.reached:
+        session.look_again("return", of=first.number)
+    else:
+        session.record("return_missed", {"of": first.number, "reason": moved.reason})
+        listener.told(f"Pose {first.number} could not be read once more: {moved.reason}.")
+
+
+def _there_and_back(session: Session, listener: Listener) -> None:
+    """Read the first pose once more and come back: a plan under way goes on from where the arm was."""
+    before = session.arm.snapshot().positions_rad
+    return_to_first(session, listener)
+    listener.going(None)
+    back = session.go_to({j: float(before[j - 1]) for j in session.position_joints})
+    if not back.reached:
+        raise GuardError(
+            f"the arm does not come back to where it was before: {back.reason}",
+            "look at what is in the way, then go on with this session",
+        )
 
 
 def _explore(session: Session, listener: Listener) -> None:

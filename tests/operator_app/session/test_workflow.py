@@ -22,6 +22,7 @@ from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
+from operator_app.session.snapshot import Change, SessionSnapshot
 from operator_app.session.workflow import verify
 from solver.errors import TooFewPosesError
 from solver.loops.closure import DhLoop
@@ -189,9 +190,23 @@ def test_an_unreachable_waypoint_is_passed_over_and_recorded(make_session: MakeS
 
 
 class Quiet:
-    """A board that nobody reads, and nobody ends anything on."""
+    """A board on which nobody ends anything."""
 
-    def publish(self, change: object) -> None: ...
+    def __init__(self, session: Session) -> None:
+        self.shown = SessionSnapshot(
+            now_s=0.0,
+            procedure=session.procedure,
+            folder=session.journal.path.parent,
+            state=session.state,
+            simulated=True,
+            bus="",
+            mobility=2,
+            estimator="implicit",
+            unsensed_joints=(),
+        )
+
+    def publish(self, change: Change) -> None:
+        self.shown = change(self.shown)
 
     def say(self, level: object, text: str) -> None: ...
 
@@ -205,7 +220,7 @@ def by_command(session: Session) -> None:
 
 def on_screen(session: Session) -> None:
     """As the terminal app and plain mode do it."""
-    work = Operations(session, Quiet())
+    work = Operations(session, Quiet(session))
     work.connect()
     work.set_modes((1, 5))
     work.automatic()
@@ -245,11 +260,11 @@ def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
     session.close("done")
 
     state = make_session(hinge(8), resume=True).state
-    assert [r.number for r in state.readings] == [1, 2, 3, 4, 5, 6]
-    assert {r.kind for r in state.readings} == {"verification"}
-    np.testing.assert_array_equal([r.mean_rad for r in state.readings[3:]], poses.q_rad)
+    taken = state.readings[1:]
+    assert [(r.kind, r.number) for r in taken] == [("verification", k) for k in range(2, 8)]
+    np.testing.assert_array_equal([r.mean_rad for r in taken[3:]], poses.q_rad)
     # Elsewhere than the session's poses, and elsewhere each time.
-    everywhere = np.array([p.mean_rad for p in (*state.poses, *state.readings)])
+    everywhere = np.array([p.mean_rad for p in (*state.poses, *taken)])
     apart = np.abs(everywhere[:, None] - everywhere).max(axis=-1) + np.eye(len(everywhere))
     assert apart.min() > np.deg2rad(0.2)
     assert state.pose_set().sha256() == before.pose_set().sha256()
@@ -257,5 +272,34 @@ def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
     verified = [
         e.data for e in read_journal(session.journal.path.parent).events if e.name == "verified"
     ]
-    assert [v["readings"] for v in verified] == [[1, 2, 3], [4, 5, 6]]
+    assert [v["readings"] for v in verified] == [[2, 3, 4], [5, 6, 7]]
     assert verified[1]["position_m"] == verdict.verification.sigmas.position_m.rms
+
+
+def test_a_resumed_session_is_not_solved_again_whichever_face_resumes_it(
+    make_session: MakeSession,
+) -> None:
+    session = make_session(hinge(5))
+    solution = run(session, Listener()).solution
+    session.close("done")
+
+    again = make_session(hinge(5), resume=True)
+    board = Quiet(again)
+    Operations(again, board).connect()
+    assert board.shown.solution is not None
+    np.testing.assert_array_equal(board.shown.solution.estimate.x, solution.estimate.x)
+    again.close("left")
+
+    last = make_session(hinge(5), resume=True)
+    result = run(last, Listener())
+    np.testing.assert_array_equal(result.solution.estimate.x, solution.estimate.x)
+    last.close("done")
+    names = [e.name for e in read_journal(session.journal.path.parent).events]
+    assert names.count("solved") == 1
+    # Asked to solve otherwise, it does.
+    other = make_session(replace(hinge(5), estimator="paper"), resume=True)
+    assert other.calibrated() is None
+    # Of other poses nothing is known.
+    other.exclude(2, "bumped")
+    assert not other.state.solved
+    other.close("left")

@@ -110,8 +110,7 @@ def _plain(args: argparse.Namespace, source: Sessions) -> str:
     before = {n: signal.signal(n, end) for n in (signal.SIGTERM, signal.SIGHUP)}
     reason = "failed"
     try:
-        desk = source.resumed(args.resume) if args.resume else source.new()
-        reason = Plain(desk, StandardTerminal()).run()
+        reason = Plain(source, StandardTerminal(), resume=args.resume).run()
     except _Ended as ended:
         reason = str(ended)
     except KeyboardInterrupt:

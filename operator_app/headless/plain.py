@@ -1,4 +1,4 @@
-"""The workflow as numbered prompts, for screen readers and dumb terminals: the same desk, the same guards.
+"""The workflow as numbered prompts, for screen readers and dumb terminals: the same actions, the same guards.
 
 Says everything in whole lines, moves no cursor. Knows no bus.
 """
@@ -7,19 +7,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Protocol
 
 from operator_app.headless.plain_words import describe, results
-from operator_app.session import guards
+from operator_app.session import actions, guards
 from operator_app.session.desk import Desk
-from operator_app.session.operations import Operations
-from operator_app.session.snapshot import DataState, SessionSnapshot, TaskKind
+from operator_app.session.face import Action, Question, Typed, YesNo, perform
+from operator_app.session.sessions import Sessions
+from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
+from operator_app.session.wording import EXPECTED, words
 
 WAIT_S = 0.1
-VERIFY_POSES = 5
 
 
 class Terminal(Protocol):
@@ -48,15 +50,23 @@ class _Item:
 
 
 class Plain:
-    """The seven steps as menus."""
+    """The seven steps as menus: a `Face`, see there."""
 
     def __init__(
-        self, desk: Desk, terminal: Terminal, pause: Callable[[float], None] = time.sleep
+        self,
+        sessions: Sessions,
+        terminal: Terminal,
+        *,
+        resume: str | None = None,
+        pause: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._desk, self._terminal, self._pause = desk, terminal, pause
+        self.sessions = sessions
+        self._terminal, self._pause = terminal, pause
         self._step = Step.CONNECT
+        self._row: int | None = None
         self._heard = 0
         self._left = False
+        self.runner: Desk = sessions.new() if resume is None else sessions.resumed(resume)
 
     def run(self) -> str:
         """Ask until the operator leaves; Ctrl-C is STOP, and leaves when nothing is under way."""
@@ -77,224 +87,69 @@ class Plain:
     # -- menus -------------------------------------------------------------------------------------
 
     def _menu(self) -> None:
-        s = self._look()
+        s = self.look()
         self._terminal.say("\n" + "\n".join(describe(self._step, s)))
-        items = [*self._items(s), *self._everywhere(s)]
+        chosen = self._one_of(self._items(s), "Number: ")
+        if chosen is not None:
+            if chosen.missing:
+                self.refuse(chosen.missing[0])
+            else:
+                chosen.do()
+                self._wait()
+
+    def _one_of(self, items: list[_Item], prompt: str) -> _Item | None:
+        """List them and return the one whose number is typed."""
         for number, item in enumerate(items, 1):
             closed = f" (closed: {item.missing[0]})" if item.missing else ""
             self._terminal.say(f"  {number} {item.label}{closed}")
-        typed = self._terminal.ask("Number: ").strip()
-        if not typed.isdecimal() or not 1 <= int(typed) <= len(items):
-            self._terminal.say(f"There is no {typed!r}: type a number from 1 to {len(items)}.")
-            return
-        chosen = items[int(typed) - 1]
-        if chosen.missing:
-            self._terminal.say(f"Not done: {chosen.missing[0]}.")
-            return
-        chosen.do()
+        typed = self._terminal.ask(prompt).strip()
+        if typed.isdecimal() and 1 <= int(typed) <= len(items):
+            return items[int(typed) - 1]
+        self._terminal.say(f"There is no {typed!r}: type a number from 1 to {len(items)}.")
+        return None
 
     def _items(self, s: SessionSnapshot) -> list[_Item]:
-        match self._step:
-            case Step.CONNECT:
-                return self._connect(s)
-            case Step.FIXTURE:
-                return self._fixture(s)
-            case Step.MODES:
-                return self._modes(s)
-            case Step.CAPTURE:
-                return self._capture(s)
-            case Step.CALIBRATE:
-                return self._calibrate(s)
-            case Step.RESULTS:
-                return [
-                    _Item(label="Read the results", do=self._read, missing=guards.results_ready(s))
-                ]
-            case Step.EXPORT:
-                return self._export(s)
+        """The step's actions, the ways to other steps, and what can be done at every step."""
+        own, common = actions.prompts(self._step)
+        items = [item for action in own for item in self._lines(action, s)]
+        if self._step is Step.RESULTS:
+            items.append(
+                _Item(label="Read the results", do=self._read, missing=guards.results_ready(s))
+            )
+        items += self._ways(s)
+        items += [item for action in common for item in self._lines(action, s)]
+        items.append(_Item(label="Leave: the arm is held, the session is kept", do=self._leave))
+        return items
 
-    def _everywhere(self, s: SessionSnapshot) -> list[_Item]:
-        items = []
+    def _lines(self, action: Action, s: SessionSnapshot) -> list[_Item]:
+        if not action.offered(s):
+            return []
+        rows = {None: action.words(s)} if action.rows is None else action.rows(s)
+        missing = action.guard(s)
+        return [
+            _Item(label=label, do=partial(self._do, action, row), missing=missing)
+            for row, label in rows.items()
+        ]
+
+    def _do(self, action: Action, row: int | None) -> None:
+        self._row = row
+        perform(action, self)
+
+    def _ways(self, s: SessionSnapshot) -> list[_Item]:
+        ways = []
         if self._step is not Step.EXPORT:
             onward = Step(self._step + 1)
-            items.append(
+            ways.append(
                 _Item(
                     label=f"Go on to step {int(onward)}, {onward.title}",
-                    do=lambda: self._go(onward),
+                    do=partial(self._go, onward),
                     missing=guards.missing_for(onward, s),
                 )
             )
         if self._step is not Step.CONNECT:
             before = Step(self._step - 1)
-            items.append(_Item(label=f"Back to {before.title}", do=lambda: self._go(before)))
-        if not guards.may_reset(s):
-            items.append(
-                self._work("Reset STOP; nothing moves", TaskKind.RESET, guards.may_reset, _reset)
-            )
-        items.append(_Item(label="Leave: the arm is held, the session is kept", do=self._leave))
-        return items
-
-    def _connect(self, s: SessionSnapshot) -> list[_Item]:
-        items = [self._work("Connect", TaskKind.CONNECT, guards.may_connect, lambda o: o.connect())]
-        if not s.simulated:
-            items.append(
-                _Item(
-                    label="Confirm: the hardware stop was pressed and every drive dropped out",
-                    do=self._confirm_stop_test,
-                )
-            )
-        return items
-
-    def _confirm_stop_test(self) -> None:
-        self._desk.publish(lambda s: replace(s, stop_tested=True))
-        self._submit(TaskKind.NOTE, lambda o: o.confirm("hardware stop", "tested"))
-
-    def _fixture(self, s: SessionSnapshot) -> list[_Item]:
-        items = [
-            self._work(
-                "Check the fixture again",
-                TaskKind.CHECK,
-                guards.may_check_fixture,
-                lambda o: o.check_fixture(),
-            )
-        ]
-        for k, text in enumerate(s.procedure.fixture.checklist):
-            if k not in s.ticked:
-                items.append(_Item(label=f"Confirm: {text}", do=partial(self._tick, k)))
-        return items
-
-    def _tick(self, k: int) -> None:
-        s = self._look()
-        self._desk.publish(lambda s: replace(s, ticked=s.ticked | {k}))
-        text = s.procedure.fixture.checklist[k]
-        self._submit(TaskKind.NOTE, lambda o: o.confirm(f"check list {k + 1}", text))
-
-    def _modes(self, s: SessionSnapshot) -> list[_Item]:
-        joints = s.procedure.position_joints or (s.ranked[0].drives if s.ranked else ())
-        names = " and ".join(str(j) for j in joints)
-        return [
-            _Item(
-                label=f"Put joints {names} into position mode, the others free",
-                do=lambda: self._apply(joints),
-                missing=guards.may_apply_modes(s, joints),
-            ),
-            _Item(label="Choose other joints", do=self._other_joints),
-            self._work(
-                "Trial wiggle: 2 deg and back",
-                TaskKind.WIGGLE,
-                guards.may_move,
-                lambda o: o.wiggle(),
-            ),
-        ]
-
-    def _other_joints(self) -> None:
-        typed = self._terminal.ask("Joints for position mode, e.g. 1 5: ").replace(",", " ").split()
-        if not all(word.isdecimal() for word in typed):
-            self._terminal.say("Not done: type joint numbers.")
-            return
-        joints = tuple(sorted({int(word) for word in typed}))
-        missing = guards.may_apply_modes(self._look(), joints)
-        if missing:
-            self._terminal.say(f"Not done: {missing[0]}.")
-            return
-        self._apply(joints)
-
-    def _apply(self, joints: tuple[int, ...]) -> None:
-        if self._sure("The drives are enabled, free joints give way when pushed."):
-            self._submit(TaskKind.MODES, lambda o: o.set_modes(joints))
-
-    def _capture(self, s: SessionSnapshot) -> list[_Item]:
-        at, onward = s.at_waypoint, s.next_waypoint
-        return [
-            self._work(
-                "Capture all poses that are left, automatically",
-                TaskKind.AUTOMATIC,
-                guards.may_run_automatically,
-                lambda o: o.automatic(),
-            ),
-            self._work(
-                "Move to the next pose", TaskKind.MOVE, guards.may_move, lambda o: o.go(onward or 0)
-            ),
-            self._work(
-                "Capture a pose here",
-                TaskKind.CAPTURE,
-                guards.may_capture,
-                lambda o: o.capture(-1 if at is None else at),
-            ),
-            self._work(
-                "Take back the last pose", TaskKind.NOTE, guards.may_edit_pose, lambda o: o.undo()
-            ),
-            _Item(label="Note to a pose", do=self._note, missing=guards.may_edit_pose(s)),
-            _Item(
-                label="Exclude a pose, or let it count again",
-                do=self._exclude,
-                missing=guards.may_edit_pose(s),
-            ),
-        ]
-
-    def _pose_number(self) -> int | None:
-        typed = self._terminal.ask("Pose number: ").strip()
-        known = {p.number for p in self._look().state.poses}
-        if not typed.isdecimal() or int(typed) not in known:
-            self._terminal.say(f"There is no pose {typed!r}.")
-            return None
-        return int(typed)
-
-    def _note(self) -> None:
-        number = self._pose_number()
-        if number is not None:
-            text = self._terminal.ask("Note: ").strip()
-            self._submit(TaskKind.NOTE, lambda o: o.note(number, text))
-
-    def _exclude(self) -> None:
-        number = self._pose_number()
-        if number is not None:
-            self._submit(TaskKind.NOTE, lambda o: o.exclude(number))
-
-    def _calibrate(self, s: SessionSnapshot) -> list[_Item]:
-        other = "paper" if s.estimator == "implicit" else "implicit"
-        return [
-            self._work(
-                f"Calibrate, estimator {s.estimator}",
-                TaskKind.CALIBRATE,
-                guards.may_calibrate,
-                lambda o: o.calibrate(s.estimator, s.unsensed_joints),
-            ),
-            _Item(
-                label=f"Use the {other} estimator",
-                do=lambda: self._desk.publish(lambda s: replace(s, estimator=other)),
-            ),
-        ]
-
-    def _read(self) -> None:
-        self._terminal.say("\n".join(results(self._look())))
-
-    def _export(self, s: SessionSnapshot) -> list[_Item]:
-        return [
-            self._work(
-                "Write parameters.yaml and poses.csv",
-                TaskKind.EXPORT,
-                guards.may_write,
-                lambda o: o.write(),
-            ),
-            _Item(label="Upload to the controller", do=self._upload, missing=guards.may_upload(s)),
-            self._work(
-                f"Verify with {VERIFY_POSES} new poses",
-                TaskKind.VERIFY,
-                guards.may_verify,
-                lambda o: o.verify(VERIFY_POSES),
-            ),
-        ]
-
-    def _upload(self) -> None:
-        s = self._look()
-        serial = "" if s.identity is None else s.identity.serial_number
-        typed = self._terminal.ask(f"Type the arm's serial number, {serial}, to confirm: ").strip()
-        if typed != serial:
-            self._terminal.say(f"Not done: that is not {serial}. Nothing was sent.")
-            return
-        self._submit(TaskKind.UPLOAD, lambda o: o.upload())
-
-    # -- inside ------------------------------------------------------------------------------------
+            ways.append(_Item(label=f"Back to {before.title}", do=partial(self._go, before)))
+        return ways
 
     def _go(self, step: Step) -> None:
         self._step = step
@@ -302,53 +157,96 @@ class Plain:
     def _leave(self) -> None:
         self._left = True
 
-    def _sure(self, what: str) -> bool:
-        return self._terminal.ask(f"{what} Type yes to go on: ").strip().lower() == "yes"
+    def _read(self) -> None:
+        self._terminal.say("\n".join(results(self.look())))
 
-    def _look(self) -> SessionSnapshot:
-        s = self._desk.snapshot()
-        if self._desk.defect is not None:
-            raise RuntimeError("the session's worker met a defect") from self._desk.defect
+    # -- what an action may ask --------------------------------------------------------------------
+
+    def look(self) -> SessionSnapshot:
+        """Take a fresh picture, and say what was said since the last."""
+        s = self.runner.snapshot()
+        if self.runner.defect is not None:
+            raise RuntimeError("the session's worker met a defect") from self.runner.defect
         for message in s.messages:
             if message.number > self._heard:
                 self._heard = message.number
                 self._terminal.say(f"[{message.time} {message.level.value}] {message.text}")
         return s
 
-    def _work(
-        self,
-        label: str,
-        kind: TaskKind,
-        guard: Callable[[SessionSnapshot], guards.Missing],
-        work: Callable[[Operations], None],
-    ) -> _Item:
-        missing = guard(self._desk.snapshot())
-        return _Item(label=label, do=lambda: self._submit(kind, work), missing=missing)
+    def refuse(self, why: str) -> None:
+        """Say why something is not done."""
+        self._terminal.say(f"Not done: {why}.")
 
-    def _submit(self, kind: TaskKind, work: Callable[[Operations], None]) -> None:
-        """Hand it to the desk and wait; Enter ends a motion."""
-        operations = self._desk.operations
-        self._desk.submit(kind, kind.value, lambda: work(operations))
-        s = self._look()
-        if guards.ends_with_any_key(s.task):
-            self._terminal.say(f"{kind.value}: press Enter to stop it.")
+    def ask(self, question: Question, then: Callable[[str], None]) -> None:
+        """Ask for a word, a line or a number."""
+        match question:
+            case YesNo():
+                typed = self._terminal.ask(f"{question.text} Type yes to go on: ").strip()
+                if typed.lower() == "yes":
+                    then("yes")
+            case Typed():
+                typed = self._terminal.ask(f"{question.text} ").strip()
+                if question.expected and typed != question.expected:
+                    self.refuse(f"that is not {question.expected}. Nothing was sent")
+                else:
+                    then(typed)
+            case _:
+                self._terminal.say(f"{question.title} {question.text}")
+                options = [
+                    _Item(label=text, do=partial(then, name)) for name, text in question.options
+                ]
+                chosen = self._one_of([_Item(label="None", do=lambda: None), *options], "Which: ")
+                if chosen is not None:
+                    chosen.do()
+
+    def pose(self, s: SessionSnapshot) -> int | None:
+        """Ask for its number."""
+        typed = self._terminal.ask("Pose number: ").strip()
+        known = {p.number for p in s.state.poses}
+        if typed.isdecimal() and int(typed) in known:
+            return int(typed)
+        self._terminal.say(f"There is no pose {typed!r}.")
+        return None
+
+    def item(self, s: SessionSnapshot) -> int | None:
+        """The item that was listed."""
+        return self._row
+
+    def open(self, make: Callable[[], Desk]) -> None:
+        """Take another session."""
+        try:
+            self.runner = make()
+        except EXPECTED as error:
+            said = words(error)
+            self.refuse(f"{said.happened}. {said.remedy}")
+            return
+        self._step, self._heard = Step.CONNECT, 0
+
+    def write_report(self, s: SessionSnapshot, runner: Desk) -> Path:
+        """Write the report page."""
+        from operator_app.report.of_session import write_report
+
+        return write_report(runner.session, s.estimator, s.unsensed_joints)
+
+    # -- inside ------------------------------------------------------------------------------------
+
+    def _wait(self) -> None:
+        """Wait for the work in hand; Enter ends a motion."""
+        s = self.look()
+        if s.task is not None and guards.ends_with_any_key(s.task):
+            self._terminal.say(f"{s.task.kind.value}: press Enter to stop it.")
         while s.task is not None:
-            if guards.ends_with_any_key(s.task):
-                if self._terminal.touched(WAIT_S):
-                    self._desk.cancel()
-            else:
+            if not guards.ends_with_any_key(s.task):
                 self._pause(WAIT_S)
-            s = self._look()
+            elif self._terminal.touched(WAIT_S):
+                self.runner.cancel()
+            s = self.look()
 
     def _stop(self) -> bool:
         """Ctrl-C: STOP while an arm is connected and not stopped yet; False leaves the program."""
-        s = self._desk.snapshot()
+        s = self.runner.snapshot()
         if not s.connected or s.stopped or s.data is DataState.LOST:
             return False
-        self._desk.stop()
-        self._look()
+        self.runner.stop()
+        self.look()
         return True
-
-
-def _reset(operations: Operations) -> None:
-    operations.reset()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from fixtures.base import Severity
-from hardware.arm import JointMode
 from operator_app.report.text import solution_text
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import DataState, SessionSnapshot
@@ -17,17 +16,8 @@ def describe(step: Step, s: SessionSnapshot) -> list[str]:
     kind = "SIMULATED" if s.simulated else "REAL ARM"
     lines = [f"Step {int(step)} of {len(Step)}, {step.title}. {kind}. {_safety(s)}"]
     lines += _DETAILS[step](s)
-    label = next_thing(step, s, wanted_modes(s)).label
+    label = next_thing(step, s).label
     return [*lines, f"Recommended now: {label}."] if label else lines
-
-
-def wanted_modes(s: SessionSnapshot) -> tuple[JointMode, ...]:
-    """Modes that the procedure names, or the best ranked ones."""
-    joints = s.procedure.position_joints or (s.ranked[0].drives if s.ranked else ())
-    return tuple(
-        JointMode.POSITION if j in joints else JointMode.FREE
-        for j in range(1, s.procedure.arm.joint_count + 1)
-    )
 
 
 def results(s: SessionSnapshot) -> list[str]:

@@ -98,6 +98,7 @@ class Desk:
             mobility=session.mobility,
             estimator=session.procedure.estimator,
             unsensed_joints=session.procedure.unsensed_joints,
+            wanted_joints=session.procedure.position_joints or (),
         )
         if session.journal.contents.torn:
             self.say(Level.WARNING, session.journal.contents.torn)

@@ -145,6 +145,16 @@ def may_check_fixture(s: SessionSnapshot) -> Missing:
     return idle(s) or may_use_data(s)
 
 
+def may_tick_all(s: SessionSnapshot) -> Missing:
+    """On a real arm somebody looks at each item."""
+    return () if s.simulated else ("on a real arm each item is looked at and ticked by itself",)
+
+
+def may_suggest(s: SessionSnapshot) -> Missing:
+    """The best pair is known when the arm has been seen."""
+    return () if s.ranked else ("no ranking yet: connect first (step 1)",)
+
+
 def may_apply_modes(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missing:
     """Exactly as many joints in position mode as the chain has freedoms."""
     return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, position_joints)
@@ -169,6 +179,13 @@ def may_move(s: SessionSnapshot) -> Missing:
     if s.next_waypoint is None:
         return ("every waypoint of the plan was visited",)
     return ()
+
+
+def may_go_best(s: SessionSnapshot) -> Missing:
+    """The pose that would tell most is known when there is an estimate."""
+    if s.best_waypoint is None:
+        return ("no best pose yet: it needs an estimate from a few poses",)
+    return may_move(s)
 
 
 def may_capture(s: SessionSnapshot) -> Missing:

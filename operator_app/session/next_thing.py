@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fixtures.base import Severity
-from hardware.arm import DriveState, JointMode, JointState
+from hardware.arm import DriveState, JointState
 from operator_app.session.guards import missing_for, modes_problem
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
@@ -20,8 +20,8 @@ class NextThing:
     hint: str
 
 
-def next_thing(step: Step, s: SessionSnapshot, wanted: tuple[JointMode, ...]) -> NextThing:
-    """Return what Enter does at `step`; `wanted` are the modes marked on the screen."""
+def next_thing(step: Step, s: SessionSnapshot) -> NextThing:
+    """Return what Enter does at `step`."""
     if s.data is DataState.LOST and s.task is None:
         return _lost(step)
     if s.task is not None and not s.task.moves:
@@ -46,7 +46,7 @@ def next_thing(step: Step, s: SessionSnapshot, wanted: tuple[JointMode, ...]) ->
         case Step.FIXTURE:
             return _fixture(s)
         case Step.MODES:
-            return _modes(s, wanted)
+            return _modes(s)
         case Step.CAPTURE:
             return _capture(s)
         case Step.CALIBRATE:
@@ -67,7 +67,7 @@ def _lost(step: Step) -> NextThing:
         return NextThing(
             action="connect", label="Connect again", hint=what + "Enter connects again"
         )
-    return NextThing(action="step(1)", label="To Connect", hint=what + "Enter goes to step 1")
+    return NextThing(action="step_1", label="To Connect", hint=what + "Enter goes to step 1")
 
 
 def _next(step: Step, hint: str) -> NextThing:
@@ -99,24 +99,24 @@ def _fixture(s: SessionSnapshot) -> NextThing:
     left = len(s.procedure.fixture.checklist) - len(s.ticked)
     if left and s.simulated:
         return NextThing(
-            action="tick",
+            action="confirm_all",
             label="Tick all",
             hint="on a real arm each item is looked at and ticked by itself; nothing here is real: "
             f"Enter ticks all {left}",
         )
     if left:
         return NextThing(
-            action="tick",
+            action="confirm",
             label="Tick",
             hint=f"look at each item of the check list, then Enter ticks it: {left} left",
         )
     return _next(Step.MODES, "the fixture is checked")
 
 
-def _modes(s: SessionSnapshot, wanted: tuple[JointMode, ...]) -> NextThing:
-    marked = tuple(k for k, m in enumerate(wanted, 1) if m is JointMode.POSITION)
+def _modes(s: SessionSnapshot) -> NextThing:
+    marked = s.wanted_joints
     problem = modes_problem(s, marked)
-    if not problem and s.modes == wanted and not missing_for(Step.CAPTURE, s):
+    if not problem and s.position_joints == marked and not missing_for(Step.CAPTURE, s):
         return _next(Step.CAPTURE, "the modes are set and read back")
     if problem:
         return NextThing(action="suggest", label="Best pair", hint=problem[0])
@@ -160,7 +160,7 @@ def _results(s: SessionSnapshot) -> NextThing:
     missing = missing_for(Step.EXPORT, s)
     if missing:
         return NextThing(
-            action="step(4)",
+            action="step_4",
             label="Capture more",
             hint="not accepted: take poses as the warnings say, or exclude bad ones, and solve again",
         )
@@ -175,7 +175,7 @@ def _export(s: SessionSnapshot) -> NextThing:
     if s.receipt is None:
         if s.connected and any(j.drive is not DriveState.OPERATION_ENABLED for j in _joints(s)):
             return NextThing(
-                action="step(3)",
+                action="step_3",
                 label="To Modes",
                 hint="the files are written. The drives are off: Enter goes to step 3, apply the modes "
                 "there, then upload; q leaves",

@@ -103,7 +103,12 @@ class Operations:
         if joints is None:
             choice = choose_by_prediction(session)
             joints, ranked = choice.drives, choice.ranked
-        self._board.publish(lambda s: replace(s, checks=checks, ranked=ranked))
+        best = ranked[0].drives if ranked else ()
+        self._board.publish(
+            lambda s: replace(
+                s, checks=checks, ranked=ranked, wanted_joints=s.wanted_joints or best
+            )
+        )
         start = session.state.start_rad
         if start is not None and len(session.position_joints) == session.mobility:
             # The plan that is followed, not one that would begin here.

@@ -160,6 +160,8 @@ class SessionSnapshot:
         Whether nothing real can move, and which bus this is, in words.
     stop_tested, ticked
         What the operator has confirmed in this run: the hardware stop, the fixture's check list.
+    wanted_joints
+        Joints marked for position mode, ascending; the others are to be free.
     plan, forecast, next_waypoint, best_waypoint, at_waypoint
         Waypoints, what the model says of them; the one that is next, that would tell most, that the
         arm is at.
@@ -187,6 +189,7 @@ class SessionSnapshot:
     stop_tested: bool = False
     checks: tuple[SetupCheck, ...] = ()
     ticked: frozenset[int] = frozenset()
+    wanted_joints: tuple[int, ...] = ()
     ranked: tuple[RankedDrives, ...] = ()
     wiggle: str = ""
     plan: tuple[Mapping[int, float], ...] = ()
@@ -232,6 +235,11 @@ class SessionSnapshot:
     def modes(self) -> tuple[JointMode, ...]:
         """Modes as last confirmed; empty before."""
         return tuple(JointMode(m) for m in self.state.modes)
+
+    @property
+    def position_joints(self) -> tuple[int, ...]:
+        """Joints in position mode as last confirmed."""
+        return tuple(k for k, m in enumerate(self.modes, 1) if m is JointMode.POSITION)
 
     @property
     def drives_ready(self) -> bool:

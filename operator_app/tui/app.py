@@ -23,12 +23,12 @@ from textual.screen import Screen
 from textual.widgets import Input
 
 from operator_app.exit_codes import ExitCode
+from operator_app.session.keys import QUIT_KEYS, STOP_KEYS
 from operator_app.session.steps import Step
 from operator_app.signals import ending_signals_wait
 from operator_app.tui.driver import Pressed, watched
-from operator_app.tui.keys import STOP_KEYS, STOP_WIDTH, Action, by_name, for_key
 from operator_app.tui.lines import Clicked
-from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, Look, look, themes
+from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, STOP_WIDTH, Look, look, themes
 from operator_app.tui.palette import ActionProvider
 from operator_app.tui.start_screen import StartScreen
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from operator_app.session.desk import Desk
     from operator_app.session.sessions import Sessions
     from operator_app.session.snapshot import SessionSnapshot
-    from operator_app.tui.actions import Actions
+    from operator_app.tui.face import ScreenFace
     from operator_app.tui.main_screen import MainScreen
 
 POLL_S = 1.0 / 20.0
@@ -82,7 +82,7 @@ class SarcalApp(App[str]):
         self._make_source = make_source
         self.source: Sessions
         self.main: MainScreen
-        self.actions: Actions
+        self.face: ScreenFace
 
     # -- life --------------------------------------------------------------------------------------
 
@@ -101,9 +101,9 @@ class SarcalApp(App[str]):
 
     async def _load(self) -> None:
         """Import what is heavy, in a thread; then show the main screen."""
-        main_screen, actions = await asyncio.to_thread(_import)
+        main_screen, face = await asyncio.to_thread(_import)
         self.source = await asyncio.to_thread(self._make_source)
-        self.main, self.actions = main_screen(), actions(self)
+        self.main, self.face = main_screen(), face(self)
         self.loaded = True
         await self.push_screen(self.main)
 
@@ -111,7 +111,7 @@ class SarcalApp(App[str]):
         """Begin a session, or offer to resume; then poll."""
         gc.enable()
         self.main.set_class(self.look.ascii_only, "-ascii")
-        self.actions.begin()
+        self.face.begin()
         self.main.set_interval(POLL_S, self.poll)
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
@@ -154,7 +154,7 @@ class SarcalApp(App[str]):
         if desk.defect is not None:
             raise RuntimeError("the session's worker met a defect") from desk.defect
         self.picture = desk.snapshot()
-        self.actions.follow(self.picture)
+        self.face.follow(self.picture)
         self.main.show(self.picture)
 
     # -- keys --------------------------------------------------------------------------------------
@@ -200,15 +200,14 @@ class SarcalApp(App[str]):
     def _take(self, event: events.Key) -> bool:
         """Whether a key was dealt with here."""
         if not self.loaded:
-            if event.key in by_name("quit").keys:
+            if event.key in QUIT_KEYS:
                 self.leave("left")
             return True
         if self._was_done_at_the_door(event):
             self.main.refuse("")
             return True
-        key = event.key
         if self._is_stop(event):
-            self.actions.stop_now()
+            self.face.stop()
             return True
         desk = self.desk
         task = None if self.picture is None else self.picture.task
@@ -218,42 +217,20 @@ class SarcalApp(App[str]):
             return True
         if self.screen is not self.main:
             return False
-        if key in ("tab", "shift+tab"):
+        if event.key in ("tab", "shift+tab"):
             return False
         self.main.refuse("")
-        action = for_key(key, self.step)
-        if action is None and event.character is not None:
-            action = for_key(event.character, self.step)
-        if action is not None:
-            self.perform(action)
+        if self.face.press(event.key, event.character):
             return True
         if event.is_printable:
             self.main.refuse(f"{event.character} does nothing in this step: ? lists the keys")
             self.poll()
         return False
 
-    def perform(self, action: Action) -> None:
-        """Do an action at the present step, and show at once what came of it."""
-        name, _, argument = action.name.partition("(")
-        method = getattr(self.actions, f"do_{name}")
-        if argument:
-            method(int(argument.rstrip(")")))
-        else:
-            method()
-        self.poll()
-
-    def perform_anywhere(self, action: Action) -> None:
-        """Do an action from the palette: go to its step first, if that is open."""
-        if self.step not in action.steps:
-            target = min(action.steps)
-            if not self.actions.go(target):
-                return
-        self.perform(action)
-
     def on_clicked(self, event: Clicked) -> None:
         """A click on a key or a step does what the key does."""
         self.main.refuse("")
-        self.perform(by_name(event.action))
+        self.face.do_named(event.action)
 
     # -- look --------------------------------------------------------------------------------------
 
@@ -270,19 +247,19 @@ class SarcalApp(App[str]):
 
     def action_help_quit(self) -> None:
         """Ctrl+C asks before it leaves, like q."""
-        self.actions.do_quit()
+        self.face.leave()
 
     async def action_quit(self) -> None:
         """Ctrl+Q likewise."""
-        self.actions.do_quit()
+        self.face.leave()
 
 
-def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], Actions]]:
+def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], ScreenFace]]:
     """Import what the first screen does not need."""
-    from operator_app.tui.actions import Actions
+    from operator_app.tui.face import ScreenFace
     from operator_app.tui.main_screen import MainScreen
 
-    return MainScreen, Actions
+    return MainScreen, ScreenFace
 
 
 def run(

@@ -14,6 +14,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
+from operator_app.session.face import OneOf, Question, Typed, YesNo
 from operator_app.tui.look import is_compact
 
 
@@ -161,3 +162,14 @@ class Read(Dialog):
     def on_mount(self) -> None:
         """Scroll with the arrows."""
         self.query_one("#box").focus()
+
+
+def dialog(question: Question) -> Dialog:
+    """Return the dialog that asks a question."""
+    match question:
+        case YesNo(title=title, text=text, yes=yes):
+            return Confirm(title, text, yes)
+        case Typed(title=title, text=text, expected=expected, value=value):
+            return Ask(title, text, expected=expected, value=value)
+        case OneOf(title=title, text=text, options=options):
+            return Choose(title, text, options)

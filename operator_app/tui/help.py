@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import textwrap
 
+from operator_app.session import actions
+from operator_app.session.face import EVERYWHERE
 from operator_app.session.steps import Step
-from operator_app.tui.keys import ACTIONS, EVERYWHERE
 from operator_app.tui.lines import Lines
 
 ABOUT = {
@@ -26,15 +27,15 @@ def help_text(step: Step, panel: Lines | None, width: int) -> str:
         blocks.append(textwrap.fill(f"This panel ({panel.TITLE}): {panel.HELP}", width))
     else:
         blocks.append("Tab focuses a panel; ? then explains that panel.")
-    here = [a for a in ACTIONS if step in a.steps and a.steps != EVERYWHERE]
-    everywhere = [a for a in ACTIONS if a.steps == EVERYWHERE]
-    for title, actions in (("Keys of this step", here), ("Keys everywhere", everywhere)):
+    here = [a for a in actions.ACTIONS if step in a.steps and a.steps != EVERYWHERE]
+    everywhere = [a for a in actions.ACTIONS if a.steps == EVERYWHERE]
+    for title, some in (("Keys of this step", here), ("Keys everywhere", everywhere)):
         rows = [
             textwrap.fill(
                 f"{a.shown:<9} {a.label}: {a.help}", width, initial_indent="  ",
                 subsequent_indent=" " * 12,
             )
-            for a in actions
+            for a in some
         ]  # fmt: skip
         blocks.append("\n".join([title, *rows]))
     return "\n\n".join(blocks)

@@ -72,6 +72,8 @@ class Look:
         return plain.encode("ascii", "replace").decode("ascii")
 
 
+STOP_WIDTH = 16
+"""Columns that STOP and its keys have at the left end of the strip, for the mouse."""
 SMALLEST = (80, 24)
 LARGE = (110, 32)
 

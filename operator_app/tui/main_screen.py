@@ -11,13 +11,12 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
-from hardware.arm import JointMode
 from operator_app.report.spans import Line, Span, clip, line, wrapped
+from operator_app.session import actions
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import Level, SessionSnapshot
 from operator_app.session.steps import Step
-from operator_app.tui.keys import FOOTER, by_name
 from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.look import SMALLEST, is_compact
 from operator_app.tui.steps.calibrate import CalibrateView
@@ -41,7 +40,6 @@ class Hint(Lines, can_focus=False):
     """What to do next, or why something was refused just now."""
 
     step = Step.CONNECT
-    wanted: tuple[JointMode, ...] = ()
     refusal = ""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -52,7 +50,7 @@ class Hint(Lines, can_focus=False):
             rows = wrapped(f" ▲ {self.refusal}", width - 1, "warn", "   ")
         else:
             head, *rest = wrapped(
-                f" Next {next_thing(self.step, s, self.wanted).hint}", width - 1, "text", " " * 6
+                f" Next {next_thing(self.step, s).hint}", width - 1, "text", " " * 6
             )
             text = head[0][0]
             rows = [line((text[:6], "bold"), text[6:]), *rest]
@@ -80,7 +78,6 @@ class Footer(Lines, can_focus=False):
     """At most six keys."""
 
     step = Step.CONNECT
-    wanted: tuple[JointMode, ...] = ()
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """STOP first, then the next thing."""
@@ -94,21 +91,17 @@ class Footer(Lines, can_focus=False):
             return [
                 line((" SPACE/F8", "key"), " STOP  ", ("any other key", "key"), " ends the motion")
             ]
-        for name in FOOTER[self.step]:
-            action = by_name(name)
+        for action in actions.footer(self.step):
             shown, label = action.shown, action.label
-            if name == "stop_tested" and s.simulated:
+            if action.name == "primary":
+                label = next_thing(self.step, s).label
+            if not label or not action.offered(s):
                 continue
-            if name == "primary":
-                thing = next_thing(self.step, s, self.wanted)
-                if not thing.action:
-                    continue
-                label = thing.label
             width_of = len(shown) + 1 + len(label)
             if at + width_of > width:
                 break
             row += [(shown, "key"), (f" {label}", "text"), ("  ", "text")]
-            self._spots.append((at, at + width_of, name))
+            self._spots.append((at, at + width_of, action.name))
             at += width_of + 2
         return [tuple(row)]
 
@@ -190,11 +183,6 @@ class MainScreen(Screen[None]):
             rail.current = step
         self.hint.step = self.footer.step = step
 
-    def set_wanted(self, wanted: tuple[JointMode, ...]) -> None:
-        """Show the modes as marked."""
-        self.hint.wanted = self.footer.wanted = wanted
-        self.query_one(ModesView).set_wanted(wanted)
-
     def refuse(self, sentence: str) -> None:
         """Say why something was not done; the empty string takes it away."""
         self.hint.refusal = sentence
@@ -218,7 +206,7 @@ class MainScreen(Screen[None]):
         return (
             s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, told,
             s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
-            id(s.receipt), id(s.plan), self.hint.refusal, self.hint.wanted, self.hint.step, self.size,
+            id(s.receipt), id(s.plan), self.hint.refusal, s.wanted_joints, self.hint.step, self.size,
             self.rails[0].place, self.app.screen is self,
         )  # fmt: skip
 

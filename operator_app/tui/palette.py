@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from textual.command import DiscoveryHit, Hit, Hits, Provider
+from textual.content import Content
 
-from operator_app.tui.keys import ACTIONS, Action
+if TYPE_CHECKING:
+    from operator_app.session.face import Entry
 
 
-def title(action: Action) -> str:
+def title(action: Entry) -> str:
     """What the palette lists: words and key."""
     where = ""
     if len(action.steps) == 1:
@@ -21,33 +24,30 @@ def title(action: Action) -> str:
 class ActionProvider(Provider):
     """Every action, found by its words."""
 
-    async def discover(self) -> Hits:
-        """List everything before anything is typed."""
-        from textual.content import Content
+    def _all(self) -> Iterator[tuple[Entry, dict[str, Any]]]:
+        """Every action, and how the palette shows and does it."""
+        from operator_app.session import actions
 
         app: Any = self.app
-        for action in ACTIONS:
-            yield DiscoveryHit(
-                Content(title(action)),
-                partial(app.perform_anywhere, action),
-                text=title(action),
-                help=action.help,
+        for action in actions.ACTIONS:
+            yield (
+                action,
+                {
+                    "command": partial(app.face.do_anywhere, action),
+                    "text": title(action),
+                    "help": action.help,
+                },
             )
+
+    async def discover(self) -> Hits:
+        """List everything before anything is typed."""
+        for action, shown in self._all():
+            yield DiscoveryHit(Content(title(action)), **shown)
 
     async def search(self, query: str) -> Hits:
         """Match words."""
-        from textual.content import Content
-
-        app: Any = self.app
         matcher = self.matcher(query)
-        for action in ACTIONS:
-            words = f"{title(action)} {action.help}"
-            score = matcher.match(words)
+        for action, shown in self._all():
+            score = matcher.match(f"{title(action)} {action.help}")
             if score > 0.0:
-                yield Hit(
-                    score,
-                    Content(title(action)),
-                    partial(app.perform_anywhere, action),
-                    text=title(action),
-                    help=action.help,
-                )
+                yield Hit(score, Content(title(action)), **shown)

@@ -16,6 +16,7 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView
 from operator_app.tui.widgets.joint_table import JointTable
+from operator_app.tui.widgets.list_panel import ListPanel
 from operator_app.tui.widgets.plot import sparkline
 from solver.chain.arm_model import Joint
 
@@ -74,7 +75,7 @@ def _still(s: SessionSnapshot) -> Line:
     )
 
 
-class PosesPanel(Lines):
+class PosesPanel(ListPanel):
     """All poses, newest first."""
 
     TITLE = "Captured"
@@ -84,44 +85,36 @@ class PosesPanel(Lines):
         "it. u takes back the last, x excludes the marked one, n writes a note."
     )
 
-    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id, classes="panel")
-        self.cursor = 0
-
-    def move(self, by: int, count: int) -> None:
-        """Move the mark."""
-        self.cursor = max(0, min(count - 1, self.cursor + by))
-
     def marked(self, s: SessionSnapshot) -> int | None:
         """Number of the marked pose."""
         poses = s.state.poses
         return poses[-1 - min(self.cursor, len(poses) - 1)].number if poses else None
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Header and as many as fit around the mark."""
-        rows: list[Line] = [line(("    #  TIME      NOISE [deg]  PRED [mm]  NOTE", "header"))]
-        poses = s.state.poses[::-1]
-        if not poses:
-            return [*rows, line(("    no pose yet", "dim"))]
-        room = max(1, height - 1)
-        self.cursor = min(self.cursor, len(poses) - 1)
-        first = max(0, min(self.cursor - room // 2, len(poses) - room))
-        for k, pose in enumerate(poses[first : first + room], first):
-            here = k == self.cursor
-            noise = math.degrees(float(pose.sd_rad.max()))
-            off = s.live.predicted_m.get(pose.number) if s.live is not None else None
-            predicted = "        —" if off is None else f"{1e3 * off:9.3f}"
-            note = "✗ excluded " if pose.excluded else ""
-            back = "cursor " if here else ""
-            figures = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:11.4f}  {predicted}  "
-            rows.append(
-                line(
-                    ("▌" if here else " ", back + "text"),
-                    (figures, back + ("dim" if pose.excluded else "text")),
-                    (note + pose.note, back + ("warn" if pose.excluded else "text")),
-                )
+    def count(self, s: SessionSnapshot) -> int:
+        """Poses."""
+        return len(s.state.poses)
+
+    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
+        """Titles."""
+        titles = line(("    #  TIME      NOISE [deg]  PRED [mm]  NOTE", "header"))
+        return [titles] if s.state.poses else [titles, line(("    no pose yet", "dim"))]
+
+    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
+        """One pose."""
+        pose, here = s.state.poses[-1 - k], k == self.cursor
+        noise = math.degrees(float(pose.sd_rad.max()))
+        off = s.live.predicted_m.get(pose.number) if s.live is not None else None
+        predicted = "        —" if off is None else f"{1e3 * off:9.3f}"
+        note = "✗ excluded " if pose.excluded else ""
+        back = "cursor " if here else ""
+        figures = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:11.4f}  {predicted}  "
+        return [
+            line(
+                ("▌" if here else " ", back + "text"),
+                (figures, back + ("dim" if pose.excluded else "text")),
+                (note + pose.note, back + ("warn" if pose.excluded else "text")),
             )
-        return rows
+        ]
 
 
 class ProgressPanel(Lines, can_focus=False):
@@ -253,7 +246,3 @@ class CaptureView(StepView):
     def marked_pose(self, s: SessionSnapshot) -> int | None:
         """Number of the marked pose."""
         return self.query_one("#poses", PosesPanel).marked(s)
-
-    def row_count(self, s: SessionSnapshot) -> int:
-        """Poses."""
-        return len(s.state.poses)

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 from textual.app import ComposeResult
 
-from operator_app.report.spans import Line, clip, line, window
+from operator_app.report.spans import Line, clip, line
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.list_panel import ListPanel
 
 
 class FilePanel(Lines):
@@ -54,34 +55,29 @@ class FilePanel(Lines):
         return [clip(row, width) for row in rows]
 
 
-class DiffPanel(Lines):
+class DiffPanel(ListPanel):
     """New against active."""
 
     TITLE = "Difference from the controller's active parameters"
     HELP = (
         "Every calibrated parameter: what the controller uses now, what it would use, the change."
     )
+    MARKS = False
 
-    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id, classes="panel")
-        self.first, self._rows_shown = 0, 1
+    def count(self, s: SessionSnapshot) -> int:
+        """Parameters."""
+        return len(s.diff)
 
-    def move(self, by: int, count: int) -> None:
-        """Scroll."""
-        self.first = max(0, min(count - self._rows_shown, self.first + by))
+    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
+        """Titles."""
+        return [line(("  PARAMETER          ACTIVE          NEW       CHANGE  UNIT", "header"))]
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """A line a parameter."""
-        rows: list[Line] = []
-        for row in s.diff:
-            active = "none" if row.active is None else f"{row.active:.4f}"
-            change = "" if row.active is None else f"{row.new - row.active:+.4f}"
-            rows.append(
-                line(f"  {row.name:<12} {active:>12} {row.new:12.4f} {change:>12}  {row.unit}")
-            )
-        head = line(("  PARAMETER          ACTIVE          NEW       CHANGE  UNIT", "header"))
-        rows, self._rows_shown, self.first = window(rows, self.first, max(1, height - 1))
-        return [head, *rows]
+    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
+        """One parameter."""
+        row = s.diff[k]
+        active = "none" if row.active is None else f"{row.active:.4f}"
+        change = "" if row.active is None else f"{row.new - row.active:+.4f}"
+        return [line(f"  {row.name:<12} {active:>12} {row.new:12.4f} {change:>12}  {row.unit}")]
 
 
 class RecordPanel(Lines):
@@ -127,7 +123,3 @@ class ExportView(StepView):
         yield FilePanel(id="file", classes="panel")
         yield DiffPanel(id="diff")
         yield RecordPanel(id="record", classes="panel")
-
-    def row_count(self, s: SessionSnapshot) -> int:
-        """Parameters."""
-        return len(s.diff)

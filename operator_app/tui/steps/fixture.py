@@ -15,6 +15,7 @@ from operator_app.session.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView
+from operator_app.tui.widgets.list_panel import ListPanel
 from solver.loops.closure import DhLoop
 
 GLYPHS = {
@@ -119,34 +120,30 @@ def _ranges(s: SessionSnapshot) -> list[Line]:
     return rows
 
 
-class ChecklistPanel(Lines):
+class ChecklistPanel(ListPanel):
     """What the operator looks at."""
 
     TITLE = "Check list (Enter ticks)"
     HELP = "Things only a person can see. Look at each, then tick it; nothing moves before all are ticked."
 
-    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id, classes="panel")
-        self.cursor = 0
+    _ticked: frozenset[int] = frozenset()
 
-    def move(self, by: int, count: int) -> None:
-        """Move the mark."""
-        self.cursor = max(0, min(count - 1, self.cursor + by))
+    def count(self, s: SessionSnapshot) -> int:
+        """Items."""
+        return len(s.procedure.fixture.checklist)
+
+    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
+        """One item, one or two lines."""
+        here, mark = k == self.cursor, "x" if k in s.ticked else " "
+        text = f"{'▌' if here else ' '}[{mark}] {s.procedure.fixture.checklist[k]}"
+        return wrapped(text, width, "cursor text" if here else "text", "     ")
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """One item, one or two lines."""
-        rows: list[Line] = []
-        for k, text in enumerate(s.procedure.fixture.checklist):
-            mark = "x" if k in s.ticked else " "
-            here = k == self.cursor
-            wrap = wrapped(
-                f"{'▌' if here else ' '}[{mark}] {text}",
-                width,
-                "cursor text" if here else "text",
-                "     ",
-            )
-            rows += wrap
-        return rows
+        """When something was ticked, the mark goes to what is open."""
+        if s.ticked != self._ticked:
+            self._ticked = s.ticked
+            self.cursor = min(set(range(self.count(s))) - s.ticked, default=self.cursor)
+        return super().build(s, width, height)
 
 
 class FixtureView(StepView):
@@ -170,11 +167,3 @@ class FixtureView(StepView):
     def cursor(self) -> int:
         """Marked item, from 0."""
         return self.query_one("#checklist", ChecklistPanel).cursor
-
-    def mark(self, item: int) -> None:
-        """Mark an item."""
-        self.query_one("#checklist", ChecklistPanel).cursor = item
-
-    def row_count(self, s: SessionSnapshot) -> int:
-        """Items of the check list."""
-        return len(s.procedure.fixture.checklist)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
-from hardware.arm import JointMode
 from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.guards import modes_problem
 from operator_app.session.snapshot import SessionSnapshot
@@ -27,11 +26,10 @@ class PlanPanel(Lines):
         "follow (free). One drive fewer and the arm sags; one more and the drives work against each "
         "other through the fixture. f toggles the marked joint, p takes the best ranked pair."
     )
-    wanted: tuple[JointMode, ...] = ()
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Pending change, rule, ranking."""
-        marked = tuple(k for k, m in enumerate(self.wanted, 1) if m is JointMode.POSITION)
+        marked = s.wanted_joints
         names = " ".join(f"J{k}" for k in marked) or "none"
         rows: list[Line] = [
             line((" Marked    ", "dim"), (names, "bold"), " in position mode, the others free")
@@ -39,7 +37,7 @@ class PlanPanel(Lines):
         problem = modes_problem(s, marked)
         if problem:
             rows += wrapped(" ▲ " + problem[0], width, "warn", "   ")
-        elif s.drives_ready and s.modes == self.wanted:
+        elif s.drives_ready and s.position_joints == marked:
             rows.append(line(" ✓ applied, and read back from every drive"))
         else:
             rows += wrapped(
@@ -74,25 +72,12 @@ class ModesView(StepView):
         """Left: table and plan. Right: the drawing."""
         with Horizontal():
             with Vertical(classes="left"):
-                yield JointTable(id="modes-joints")
+                yield JointTable(id="modes-joints", show_wanted=True)
                 yield PlanPanel(id="modes-plan", classes="panel")
             with Vertical(classes="right"):
                 yield ArmView(id="modes-arm")
-
-    def on_mount(self) -> None:
-        """Show what is wanted beside what is."""
-        self.query_one("#modes-joints", JointTable).show_wanted = True
-
-    def set_wanted(self, wanted: tuple[JointMode, ...]) -> None:
-        """Show the modes as marked."""
-        self.query_one("#modes-joints", JointTable).wanted = wanted
-        self.query_one("#modes-plan", PlanPanel).wanted = wanted
 
     @property
     def cursor(self) -> int:
         """Marked joint, from 0."""
         return self.query_one("#modes-joints", JointTable).cursor
-
-    def row_count(self, s: SessionSnapshot) -> int:
-        """Joints."""
-        return s.procedure.arm.joint_count

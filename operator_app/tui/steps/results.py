@@ -9,12 +9,13 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
 from operator_app.calibration.solve import Solution
-from operator_app.report.spans import Line, clip, line, window, wrapped
+from operator_app.report.spans import Line, clip, line, wrapped
 from operator_app.report.text import dh_table
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.list_panel import ListPanel
 from operator_app.tui.widgets.residuals import (
     by_joint,
     by_pose,
@@ -118,7 +119,7 @@ def _sigma(name: str, unit: str, scale: float, before: TwoReadings, after: TwoRe
     )
 
 
-class ParametersPanel(Lines):
+class ParametersPanel(ListPanel):
     """Nominal, identified, change, sigma, and what the paper's estimator found."""
 
     TITLE = "Parameters"
@@ -126,46 +127,42 @@ class ParametersPanel(Lines):
         "Every parameter: nominal, identified, change, standard deviation; at the right what the "
         "paper's estimator gives on the same poses. Angles in deg, lengths in mm."
     )
+    MARKS = False
 
-    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id, classes="panel")
-        self.first, self._rows_shown = 0, 1
+    def count(self, s: SessionSnapshot) -> int:
+        """Parameters."""
+        return len(s.solution.estimate.parameters) if s.solution else 0
 
-    def move(self, by: int, count: int) -> None:
-        """Scroll."""
-        self.first = max(0, min(count - self._rows_shown, self.first + by))
-
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """A line a parameter."""
+    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
+        """Titles."""
         if s.solution is None:
             return []
-        rows = _rows(s.solution)
-        head = line((" PARAMETER    NOMINAL IDENTIFIED    CHANGE    SIGMA UNIT    PAPER", "header"))
-        rows, self._rows_shown, self.first = window(rows, self.first, max(1, height - 1))
-        return [head, *rows]
+        return [
+            line((" PARAMETER    NOMINAL IDENTIFIED    CHANGE    SIGMA UNIT    PAPER", "header"))
+        ]
+
+    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
+        """One parameter."""
+        return [] if s.solution is None else [_parameter(s.solution, k)]
 
 
-def _rows(solution: Solution) -> list[Line]:
+def _parameter(solution: Solution, k: int) -> Line:
     estimate, paper = solution.estimate, solution.paper
-    rows = []
-    for k, p in enumerate(estimate.parameters):
-        unit, scale = ("deg", 180.0 / math.pi) if p.is_angle else ("mm ", 1e3)
-        value = float(estimate.x[k])
-        change = value - p.nominal
-        if p.is_angle:
-            change = math.remainder(change, 2.0 * math.pi)
-        sigma = float(estimate.standard_deviation[k])
-        known = paper is not None and p.name not in solution.tolerated
-        beside = f"{paper.value(p.name) * scale:8.2f}" if paper and known else "       —"
-        rows.append(
-            line(
-                f" {p.name:<11}{p.nominal * scale:9.3f} {value * scale:10.4f} ",
-                (f"{change * scale:+9.3f}", "bold"),
-                f" {sigma * scale:8.4f} {unit} ",
-                (beside, "dim"),
-            )
-        )
-    return rows
+    p = estimate.parameters[k]
+    unit, scale = ("deg", 180.0 / math.pi) if p.is_angle else ("mm ", 1e3)
+    value = float(estimate.x[k])
+    change = value - p.nominal
+    if p.is_angle:
+        change = math.remainder(change, 2.0 * math.pi)
+    sigma = float(estimate.standard_deviation[k])
+    known = paper is not None and p.name not in solution.tolerated
+    beside = f"{paper.value(p.name) * scale:8.2f}" if paper and known else "       —"
+    return line(
+        f" {p.name:<11}{p.nominal * scale:9.3f} {value * scale:10.4f} ",
+        (f"{change * scale:+9.3f}", "bold"),
+        f" {sigma * scale:8.4f} {unit} ",
+        (beside, "dim"),
+    )
 
 
 class ResultsPlot(Lines):
@@ -254,7 +251,3 @@ class ResultsView(StepView):
         """Table, then the plots."""
         plots = self.query_one("#results-plot", ResultsPlot)
         return (1 if self.view == 0 else 2 + plots.page), 1 + plots.count
-
-    def row_count(self, s: SessionSnapshot) -> int:
-        """Parameters."""
-        return len(s.solution.estimate.parameters) if s.solution else 0

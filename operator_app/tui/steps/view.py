@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from textual.containers import Container
 
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Lines
+from operator_app.tui.widgets.list_panel import ListPanel
 
 
 class StepView(Container):
@@ -49,15 +50,10 @@ class StepView(Container):
         """Which view a small terminal shows, from 1, and how many there are."""
         return self.view + 1, max(1, len(self.VIEWS))
 
-    def move(self, by: int, s: SessionSnapshot) -> None:
+    def move(self, by: int) -> None:
         """Move the mark of the main list."""
         if self.MAIN:
-            panel: Any = self.query_one(f"#{self.MAIN}", Lines)
-            panel.move(by, self.row_count(s))
-
-    def row_count(self, s: SessionSnapshot) -> int:
-        """How many rows the main list has."""
-        return 0
+            self.query_one(f"#{self.MAIN}", ListPanel).move(by)
 
     def _apply_view(self) -> None:
         shown = {name for group in self.VIEWS for name in group}

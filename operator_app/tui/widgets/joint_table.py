@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from hardware.arm import DriveState, JointMode, JointState
 from operator_app.report.spans import Line, Span, line
 from operator_app.session.snapshot import STALE_S, DataState, SessionSnapshot
-from operator_app.tui.lines import Lines
+from operator_app.tui.widgets.list_panel import ListPanel
 from solver.chain.arm_model import Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
@@ -23,8 +23,8 @@ _DRIVES = {
 }
 
 
-class JointTable(Lines):
-    """One row a joint. `wanted` marks which mode is asked for and shows two more columns."""
+class JointTable(ListPanel):
+    """One row a joint. `show_wanted`: with a mark, the sensor and the mode that is asked for."""
 
     TITLE = "Joints"
     HELP = (
@@ -33,35 +33,30 @@ class JointTable(Lines):
         "Numbers older than 100 ms are marked with ? and what is derived from them is left out."
     )
 
-    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
-        super().__init__(id=id, classes="panel")
-        self.cursor = 0
-        self.wanted: tuple[JointMode, ...] = ()
-        self.show_wanted = False
+    def __init__(self, *, id: str | None = None, show_wanted: bool = False) -> None:  # noqa: A002
+        super().__init__(id=id)
+        self.show_wanted = show_wanted
 
-    def move(self, by: int, count: int) -> None:
-        """Move the mark."""
-        self.cursor = max(0, min(count - 1, self.cursor + by))
+    def count(self, s: SessionSnapshot) -> int:
+        """Joints."""
+        return s.procedure.arm.joint_count
 
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Header and one line a joint."""
-        taken = 58 if self.show_wanted else 68
-        bar = max(7, min(13, width - taken))
-        rows = [self._header(bar)]
-        for k, joint in enumerate(s.procedure.arm.joints):
-            state = s.arm.joints[k] if s.arm is not None else None
-            rows.append(self._row(s, k, joint, state, bar))
-        return rows
+    def _cells(self, width: int) -> int:
+        """Width of the range bar."""
+        return max(7, min(13, width - (58 if self.show_wanted else 68)))
 
-    def _header(self, bar: int) -> Line:
-        title = "-range+".center(bar)
+    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
+        """Titles."""
+        bar = "-range+".center(self._cells(width))
+        titles = f"  JOINT         MODE      POS[deg] V[°/s]  T[N m] {bar} STATE"
         if self.show_wanted:
-            return line(
-                ("  JOINT         SENS WANTED   ACTUAL    POS[deg] T[N m] " + title, "header")
-            )
-        return line(
-            ("  JOINT         MODE      POS[deg] V[°/s]  T[N m] " + title + " STATE", "header")
-        )
+            titles = f"  JOINT         SENS WANTED   ACTUAL    POS[deg] T[N m] {bar}"
+        return [line((titles, "header"))]
+
+    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
+        """One joint."""
+        state = s.arm.joints[k] if s.arm is not None else None
+        return [self._row(s, k, s.procedure.arm.joints[k], state, self._cells(width))]
 
     def _row(
         self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, bar: int
@@ -71,7 +66,7 @@ class JointTable(Lines):
         back = "cursor " if marked else ""
         spans: list[Span] = [("▌ " if marked else "  ", back + "text"), (name + " ", back + "text")]
         if self.show_wanted:
-            wanted = self.wanted[k] if k < len(self.wanted) else None
+            wanted = JointMode.POSITION if k + 1 in s.wanted_joints else JointMode.FREE
             spans += [
                 (_sensor(joint.sensor).ljust(5), back + "dim"),
                 (

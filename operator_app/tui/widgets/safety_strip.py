@@ -13,8 +13,8 @@ from hardware.arm import DriveState, JointMode
 from operator_app.report.spans import Line, Span, clip
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.snapshot import DataState, SessionSnapshot
-from operator_app.tui.keys import STOP_WIDTH
 from operator_app.tui.lines import Clicked, Lines
+from operator_app.tui.look import STOP_WIDTH
 
 HEARTBEAT_LATE_S = 0.35
 SEPARATOR: Span = (" │ ", "dim")

@@ -73,7 +73,7 @@ class StepRail(Lines, can_focus=False):
         """A click on a step goes there."""
         number = event.y // 3 + 1
         if number <= len(Step):
-            self.post_message(Clicked(f"step({number})"))
+            self.post_message(Clicked(f"step_{number}"))
 
 
 class StepRow(StepRail, can_focus=False):
@@ -101,6 +101,6 @@ class StepRow(StepRail, can_focus=False):
         for step in Step:
             width = 5 + (len(step.title) + 1 if step is self.current else 0) - 1
             if x - 1 <= event.x < x - 1 + width:
-                self.post_message(Clicked(f"step({int(step)})"))
+                self.post_message(Clicked(f"step_{int(step)}"))
                 return
             x += width

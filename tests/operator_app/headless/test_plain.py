@@ -55,7 +55,7 @@ def source(tmp_path: Path) -> Iterator[FakeSource]:
 def run(source: FakeSource, *answers: str | Callable[[], str]) -> Script:
     script = Script(list(answers))
     pauses: list[float] = []
-    script.reason = Plain(source.new(), script, pause=pauses.append).run()
+    script.reason = Plain(source, script, pause=pauses.append).run()
     return script
 
 
@@ -123,7 +123,7 @@ def test_enter_stops_a_motion(source):
     source.pace_s = 0.005
     script = Script([*TO_CAPTURE, "Move to", "Leave"])
     script.touch_after = 0
-    Plain(source.new(), script, pause=lambda _: None).run()
+    Plain(source, script, pause=lambda _: None).run()
     assert "moving: press Enter to stop it." in script.said
     assert any("ended by the operator" in row for row in script.said)
     assert not source.arm.stops

@@ -73,7 +73,6 @@ class Driver:
         desk = self.app.desk
         desk.picture, desk.asked, desk.stops, desk.cancels = picture, [], 0, 0
         self.app.main.refuse("")
-        self.app.actions._mark(picture)
         self.app.step = step
         self.app.main.go_to(step)
         self.app.poll()

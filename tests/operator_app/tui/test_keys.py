@@ -7,12 +7,11 @@ from dataclasses import replace
 import pytest
 from textual import events
 
-from hardware.arm import JointMode
+from operator_app.session.actions import ACTIONS, by_name, footer, for_key
 from operator_app.session.snapshot import TaskKind
 from operator_app.session.steps import Step
 from operator_app.tui.dialogs import Ask, Choose, Confirm, Read
 from operator_app.tui.help import help_text
-from operator_app.tui.keys import ACTIONS, FOOTER, by_name, for_key
 from operator_app.tui.palette import ActionProvider, title
 from oracles.still_desk import entry
 from oracles.story import busy, real, stale, stopped, story
@@ -283,22 +282,18 @@ async def test_digits_go_to_steps_that_are_open(still):
 
 async def test_toggle_marks_and_explains_before_anything_is_applied(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
-        before = d.app.actions.wanted
+        before = d.s.wanted_joints
         await d.press("down", "f")
         await d.until(lambda: "until a drive trips" in d.words("#modes-plan"))
-        assert d.app.actions.wanted[1] is JointMode.POSITION
+        assert 2 in d.s.wanted_joints
         await d.press("a")
         await d.until(lambda: "until a drive trips" in d.hint)
         await d.press("f", "up", "f")
         await d.until(lambda: "would sag" in d.words("#modes-plan"))
         await d.press("p")
         best = story()["ticked"].ranked[0].drives
-        assert (
-            tuple(k for k, m in enumerate(d.app.actions.wanted, 1) if m is JointMode.POSITION)
-            == best
-        )
+        assert d.s.wanted_joints == best == before
         assert d.desk.asked == []
-        assert before != d.app.actions.wanted
 
 
 async def test_on_a_real_arm_every_item_is_ticked_by_itself(still):
@@ -447,11 +442,12 @@ def test_no_key_means_two_things_at_one_step():
 
 
 def test_the_footer_has_at_most_six_keys_that_all_work_there_and_stop_is_first():
-    for step, names in FOOTER.items():
-        assert len(names) <= 6
-        assert names[0] == "stop"
-        for name in names:
-            action = by_name(name)
+    for step in Step:
+        shown = footer(step)
+        assert len(shown) <= 6
+        assert shown[0].name == "stop"
+        assert "help" in [a.name for a in shown]
+        for action in shown:
             assert for_key(action.keys[0], step) is action
 
 
@@ -465,7 +461,6 @@ async def test_every_action_is_in_the_palette_and_in_help(still):
             assert title(action) in searched
             page = help_text(min(action.steps), None, 400)
             assert f"{action.label}: {action.help}" in page
-            assert callable(getattr(d.app.actions, f"do_{action.name.partition('(')[0]}"))
 
 
 async def test_help_explains_the_focused_panel(still):
@@ -478,9 +473,9 @@ async def test_help_explains_the_focused_panel(still):
 
 async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still):
     async with still(story()["captured"], step=Step.CONNECT) as d:
-        d.app.perform_anywhere(by_name("calibrate"))
+        d.app.face.do_anywhere(by_name("calibrate"))
         assert d.app.step is Step.CALIBRATE
         assert [k for k, _ in d.desk.asked] == [TaskKind.CALIBRATE]
-        d.app.perform_anywhere(by_name("write"))
+        d.app.face.do_anywhere(by_name("write"))
         assert d.app.step is Step.CALIBRATE
         assert len(d.desk.asked) == 1

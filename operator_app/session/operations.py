@@ -22,6 +22,7 @@ from operator_app.session.listener import Listener
 from operator_app.session.parameter_diff import diff_rows
 from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, Iteration, Level, Verification, Written
+from operator_app.session.solving import Solver, SolvingProcess
 from operator_app.session.state import CapturedPose, SessionState
 from operator_app.session.workflow import take_poses, verify
 from solver.arrays import FloatArray
@@ -221,18 +222,24 @@ class Operations:
     # -- 5 Calibrate -------------------------------------------------------------------------------
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
-        """Calibrate; each iteration is published, and cancelling ends it at the next one."""
+        """Calibrate, in a process of its own; each iteration is published, and cancelling ends it at once."""
         self._board.publish(lambda s: replace(s, iterations=()))
+        with SolvingProcess(self._go_on) as process:
+            self._calibrate(process, estimator, unsensed_joints)
+
+    def _go_on(self) -> None:
+        if self._board.cancelled():
+            raise Cancelled
+
+    def _calibrate(self, solver: Solver, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         steps: list[Iteration] = []
 
         def progress(number: int, cost: float) -> None:
-            if self._board.cancelled():
-                raise Cancelled
             steps.append(Iteration(number=number, cost=cost))
             self._board.publish(lambda s: replace(s, iterations=tuple(steps)))
 
         solution = self._session.calibrate(
-            progress, estimator=estimator, unsensed_joints=unsensed_joints
+            progress, estimator=estimator, unsensed_joints=unsensed_joints, solver=solver
         )
         self._solution = solution
         # All at once, and only now: what was said of an earlier calibration does not hold for this one.
@@ -250,7 +257,7 @@ class Operations:
         )
         if solution.estimate.corrections is not None:
             # Five smaller calibrations and one per pose: seconds, so the verdict is shown before.
-            found = self._session.check(solution)
+            found = self._session.check(solution, solver)
             self._board.publish(lambda s: replace(s, checks_of_it=found))
         if solution.accepted:
             self._compare()

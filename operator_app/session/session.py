@@ -37,6 +37,7 @@ from operator_app.session.export import (
     upload,
 )
 from operator_app.session.journal import Clock, Journal, utc_now
+from operator_app.session.solving import Solver, solve_here
 from operator_app.session.state import CapturedPose, CheckReading, SessionState, apply, replay
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -327,11 +328,13 @@ class Session:
         *,
         estimator: str | None = None,
         unsensed_joints: tuple[int, ...] | None = None,
+        solver: Solver = solve_here,
     ) -> Solution:
-        """Calibrate from the poses that count, by default as the procedure says."""
+        """Calibrate from the poses that count, by default as the procedure says and in this process."""
         poses = self.state.used_poses
         own = self.procedure
-        solution = calibrate(
+        solution = solver(
+            calibrate,
             self.model,
             self.fixture,
             self.state.pose_set(),
@@ -359,9 +362,9 @@ class Session:
         )
         return solution
 
-    def check(self, solution: Solution) -> Checks:
+    def check(self, solution: Solution, solver: Solver = solve_here) -> Checks:
         """Ask for second opinions on the last calibration, and keep them."""
-        found = check(solution, self.model, self.fixture, self.state.pose_set())
+        found = solver(check, solution, self.model, self.fixture, self.state.pose_set())
         self.record("checked", {"record": to_dict(found)})
         return found
 

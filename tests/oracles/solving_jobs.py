@@ -1,0 +1,55 @@
+"""What a solving process may be asked in tests: module-level, because it is named and not sent."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from solver.errors import SolverError
+
+
+def surroundings(path: str) -> dict[str, object]:
+    """What the process has loaded and holds open, and what it is."""
+    return {
+        "pid": os.getpid(),
+        "session": os.getsid(0),
+        "modules": sorted(sys.modules),
+        # The list itself is open while it is read.
+        "open": [str(fd.readlink()) for fd in Path("/proc/self/fd").iterdir() if fd.is_symlink()],
+        "given": path,
+    }  # fmt: skip
+
+
+def count(to: int, progress: Callable[[int, float], None]) -> int:
+    """Say each number."""
+    for k in range(to):
+        progress(k, float(k))
+    return to
+
+
+def never(mark: str, progress: Callable[[int, float], None]) -> None:
+    """Say the process once, then do not end."""
+    Path(mark).write_text(str(os.getpid()), "utf-8")
+    progress(os.getpid(), 0.0)
+    threading.Event().wait()
+
+
+def refuse() -> None:
+    """What the poses cannot give."""
+    raise SolverError("these poses say nothing")
+
+
+def break_down() -> None:
+    """A defect."""
+    raise ZeroDivisionError("by zero")
+
+
+def die(how: str) -> None:
+    """End as the operating system ends a process."""
+    if how == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    os._exit(7)

@@ -9,7 +9,7 @@ import numpy as np
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.closing import close_loops
-from solver.loops.closure import DhLoop
+from solver.loops.dh import DhLoop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

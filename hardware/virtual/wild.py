@@ -9,9 +9,9 @@ import numpy as np
 from hardware.virtual.truth import LoopTruth, paper_loop
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import nominal_vector, wrap_angle
+from solver.chain.parameters import entries, nominal_vector, wrap_angle
 from solver.closing import close_loops
-from solver.loops.closure import DhLoop, entries
+from solver.loops.dh import DhLoop
 
 PLACEMENT = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")
 """D-H entries that say where the hinge is."""

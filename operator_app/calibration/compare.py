@@ -18,7 +18,8 @@ from operator_app.calibration.compare_notices import notices
 from operator_app.calibration.judgement import Notice
 from operator_app.config.parameters import ParametersDocument
 from solver.chain.parameters import DhEntry, wrap_angle
-from solver.loops.closure import DhLoop, nearest_equivalent
+from solver.loops.closure import nearest_equivalent
+from solver.loops.dh import DhLoop
 
 DEFAULT_LEVEL = 0.01
 """How often two calibrations of an arm that did not change may be said to differ."""

@@ -14,15 +14,14 @@ from fixtures.base import Fixture
 from operator_app.calibration.loop import instrument_variance
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import DhTable
-from solver.chain.parameters import DhEntry, DhKind
+from solver.chain.parameters import DhEntry, DhKind, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
 from solver.errors import SolverError
 from solver.estimators.component_model import ComponentPlan, plan_of
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.variance_components import VarianceComponents
-from solver.loops.closure import ClosureModel, DhLoop
+from solver.loops.closure import ClosureModel
 
 DOF_FOR_COMPONENTS = 10
 """With fewer degrees of freedom no variance can be estimated beside the parameters: the sensors'
@@ -80,7 +79,7 @@ def soften(model: ClosureModel, tolerance_m: float) -> tuple[ClosureModel, dict[
     The loop with lengths of links 1..n-1 free as well, and the tolerance of each by name. Lengths
     that are free already keep no tolerance. ToleranceError if the loop is no D-H loop.
     """
-    if not isinstance(model, DhLoop):
+    if model.dh_table(nominal_vector(model.parameters)) is None:
         raise ToleranceError(
             "a length tolerance needs a hinge or a rigid fixture and one placement"
         )
@@ -90,8 +89,7 @@ def soften(model: ClosureModel, tolerance_m: float) -> tuple[ClosureModel, dict[
         for row in range(1, model.joint_count)
         if DhEntry(kind, row) not in model.entries
     ]
-    softer = replace(model, entries=(*model.entries, *lengths))
-    return softer, {entry.name: tolerance_m for entry in lengths}
+    return model.freed(lengths), {entry.name: tolerance_m for entry in lengths}
 
 
 def without_known_errors(
@@ -112,9 +110,8 @@ def without_known_errors(
     straight = q.copy()
     for joint, curve in components.curves_rad.items():
         straight[:, joint - 1] -= curve
-    if not tolerated or not isinstance(model, DhLoop):
+    table = model.dh_table(x)
+    if not tolerated or table is None:
         return model, x, straight
-    stacked = model.tables(x)
-    table = DhTable(theta_off_rad=stacked[0], s_m=stacked[1], a_m=stacked[2], alpha_rad=stacked[3])
     kept = [k for k, p in enumerate(model.parameters) if p.name not in tolerated]
-    return replace(model, table=table).without(tolerated), x[kept], straight
+    return model.with_table(table).without(tolerated), x[kept], straight

@@ -21,7 +21,8 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 import numpy as np
 
-from solver.loops.closure import ClosureModel, DhLoop
+from solver.loops.closure import ClosureModel
+from solver.loops.dh import DhLoop
 from solver.loops.open_arm import MeasuredClosure
 from solver.loops.placements import Placements
 from solver.loops.point import PointClosure

@@ -50,7 +50,6 @@ from solver.judging.outliers import outlier_poses
 from solver.judging.ranges import range_findings
 from solver.judging.rvdt import RvdtVerdict, rvdt_verdicts
 from solver.loops.closure import ClosureModel
-from solver.loops.placements import Placements
 from solver.search.global_start import GlobalStart, global_start
 
 ESTIMATORS = ("implicit", "paper")
@@ -326,14 +325,9 @@ def _checks(
     unsensed_joints: tuple[int, ...],
 ) -> tuple[SetupCheck, ...]:
     """Judge the geometry of every placement at the identified parameters `x` of `model`."""
-    parts = (
-        [(part, x[columns]) for part, columns, _ in model.parts()]
-        if isinstance(model, Placements)
-        else [(model, x)]
-    )
     found: dict[tuple[str, str], SetupCheck] = {}
-    for part, values in parts:
-        known = {p.name: float(v) for p, v in zip(part.parameters, values, strict=True)}
+    for part, columns, _ in model.parts():
+        known = {p.name: float(v) for p, v in zip(part.parameters, x[columns], strict=True)}
         whole = fixture.model(arm, unsensed_joints=unsensed_joints).parameters
         here = np.array([known.get(p.name, p.nominal) for p in whole])
         for check in fixture.placement_checks(arm, here, unsensed_joints=unsensed_joints):

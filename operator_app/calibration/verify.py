@@ -22,7 +22,7 @@ from solver.estimators.component_report import Component
 from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.estimators.implicit import NoiseModel
 from solver.judging.holdout import Verification, verify
-from solver.loops.closure import ClosureModel, DhLoop
+from solver.loops.closure import ClosureModel
 
 IMPROBABLE = 0.01
 """Chance of naming any pose of a set in which all are sound."""
@@ -142,7 +142,8 @@ def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -
 
 
 def _with_lengths(model: ClosureModel) -> ClosureModel:
-    return soften(model, 1.0)[0] if isinstance(model, DhLoop) else model
+    nominal = nominal_vector(model.parameters)
+    return soften(model, 1.0)[0] if model.dh_table(nominal) is not None else model
 
 
 def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:

@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from operator_app.report.markup import Column, Html, element, table
 from operator_app.report.numbers import MINUS, NOT_KNOWN, fixed, places_to_show, significant
 from operator_app.report.style import HEAT_STEPS
 from operator_app.report.subject import Subject
-from solver.chain.parameters import DhEntry, DhKind, Parameter
+from solver.chain.parameters import DhEntry, DhKind, Parameter, nominal_vector
 from solver.estimators.component_report import Component
 from solver.estimators.estimate import Estimate
 from solver.estimators.goodness import ClosureSigmas
 from solver.judging.statistics import correlations, intervals
-from solver.loops.closure import DhLoop
 
 
 def parameter_table(subject: Subject, estimate: Estimate) -> Html:
@@ -86,10 +83,11 @@ def parameter_table(subject: Subject, estimate: Estimate) -> Html:
 def dh_table(subject: Subject, estimate: Estimate) -> Html | None:
     """D-H table, identified entries beside nominal ones; None for a loop that has none."""
     model = None if subject.solution is None else subject.solution.model
-    if not isinstance(model, DhLoop):
+    before = None if model is None else model.dh_table(nominal_vector(model.parameters))
+    after = None if model is None else model.dh_table(estimate.x)
+    if model is None or before is None or after is None:
         return None
-    nominal = model.tables(np.array([p.nominal for p in model.parameters]))
-    found = model.tables(estimate.x)
+    nominal, found = before.stacked(), after.stacked()
     free = set(model.entries)
     kinds = (
         (DhKind.A, "a", "mm", 1e3, 3),
@@ -105,7 +103,7 @@ def dh_table(subject: Subject, estimate: Estimate) -> Html | None:
             Column(title="identified", group=group),
         ]
     rows = []
-    for row in range(model.table.links):
+    for row in range(before.links):
         cells = [f"{row}" + (" (fixture)" if row == 0 else "")]
         for kind, _, _, scale, places in kinds:
             if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):

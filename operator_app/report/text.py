@@ -6,17 +6,14 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 
-import numpy as np
-
 from operator_app.calibration.checks import FOLDS, Checks
 from operator_app.calibration.judgement import Notice
 from operator_app.calibration.solve import Solution
-from solver.chain.parameters import DhEntry, DhKind
+from solver.chain.parameters import DhEntry, DhKind, nominal_vector
 from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate
 from solver.estimators.goodness import TwoReadings
 from solver.estimators.variance_components import VarianceComponents
-from solver.loops.closure import DhLoop
 
 WIDTH = 80
 CONDITION_ACCEPTABLE = 100
@@ -28,7 +25,7 @@ def solution_text(solution: Solution) -> str:
     blocks = [
         _verdict(solution),
         parameter_table(solution),
-        *([dh_table(solution)] if isinstance(solution.model, DhLoop) else []),
+        dh_table(solution),
         _quality(solution),
         warnings_text(solution.warnings),
     ]
@@ -63,12 +60,16 @@ def parameter_table(solution: Solution) -> str:
 
 
 def dh_table(solution: Solution) -> str:
-    """Return the identified D-H table beside the nominal one, as the paper's Tables 1 and 2."""
+    """Return the identified D-H table beside the nominal one, as the paper's Tables 1 and 2.
+
+    Nothing for a loop that has none.
+    """
     model = solution.model
-    if not isinstance(model, DhLoop):
-        raise TypeError("only a D-H loop has a D-H table")
-    nominal = model.tables(np.array([p.nominal for p in model.parameters]))
-    found = model.tables(solution.estimate.x)
+    before = model.dh_table(nominal_vector(model.parameters))
+    after = model.dh_table(solution.estimate.x)
+    if before is None or after is None:
+        return ""
+    nominal, found = before.stacked(), after.stacked()
     free = set(model.entries)
     columns = (
         (DhKind.A, "a_j [m]", 1.0, 4),
@@ -78,7 +79,7 @@ def dh_table(solution: Solution) -> str:
     )
     rows = [["j"] + [cell for _, title, _, _ in columns for cell in (title.split()[0], "")]]
     rows.append([""] + [cell for _, title, _, _ in columns for cell in (title.split()[1], "found")])
-    for row in range(model.table.links):
+    for row in range(before.links):
         cells = [str(row)]
         for kind, _, scale, places in columns:
             if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):

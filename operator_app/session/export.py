@@ -26,10 +26,8 @@ from operator_app.config.parameters import (
 from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
 from operator_app.errors import SessionError
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import DhTable
 from solver.chain.poses import PoseSet
 from solver.estimators.goodness import TwoReadings
-from solver.loops.closure import DhLoop
 
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"
@@ -56,13 +54,12 @@ def parameters_document(
 ) -> ParametersDocument:
     """Return the document that describes a calibration completely."""
     estimate, model = solution.estimate, solution.model
-    if not isinstance(model, DhLoop):
+    table = model.dh_table(estimate.x)
+    if table is None:
         raise SessionError(
             f"a {fixture.kind} calibration has no D-H table of the closed loop",
             "export is for hinge and rigid fixtures",
         )
-    stacked = model.tables(estimate.x)
-    table = DhTable(theta_off_rad=stacked[0], s_m=stacked[1], a_m=stacked[2], alpha_rad=stacked[3])
     calibrated = tuple(
         CalibratedEntry.of(p.name, math.degrees(s) if p.is_angle else float(s))
         for p, s in zip(estimate.parameters, estimate.standard_deviation, strict=True)

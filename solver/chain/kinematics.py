@@ -58,26 +58,39 @@ class DhTable:
 class Frames:
     """All frames of a chain seen in its first frame.
 
+    Poses are last in memory: every step along a chain is then one pass over contiguous numbers, several
+    times as fast as over (..., 3, 3). The properties are views of that with the poses first.
+
     Attributes
     ----------
-    axes
-        Shape (..., links + 1, 3, 3); ``axes[..., k, :, 0]`` is x, ``[..., 1]`` y, ``[..., 2]`` z of frame k.
-    origins_m
-        Shape (..., links + 1, 3).
+    axes_of
+        (links + 1, 3, 3, ...): of every frame x, y and z, each by its three components.
+    origin_of
+        (links + 1, 3, ...), m.
     """
 
-    axes: FloatArray
-    origins_m: FloatArray
+    axes_of: FloatArray
+    origin_of: FloatArray
+
+    @property
+    def axes(self) -> FloatArray:
+        """Shape (..., links + 1, 3, 3); ``axes[..., k, :, 0]`` is x, ``[..., 1]`` y, ``[..., 2]`` z of frame k."""
+        return np.moveaxis(self.axes_of, (0, 1, 2), (-3, -1, -2))
+
+    @property
+    def origins_m(self) -> FloatArray:
+        """Shape (..., links + 1, 3)."""
+        return np.moveaxis(self.origin_of, (0, 1), (-2, -1))
 
     @property
     def R_end(self) -> FloatArray:
         """Rotation of the last frame, shape (..., 3, 3)."""
-        return self.axes[..., -1, :, :]
+        return np.moveaxis(self.axes_of[-1], (0, 1), (-1, -2))
 
     @property
     def p_end(self) -> FloatArray:
         """Origin of the last frame in metres, shape (..., 3)."""
-        return self.origins_m[..., -1, :]
+        return np.moveaxis(self.origin_of[-1], 0, -1)
 
 
 def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) -> Frames:
@@ -108,7 +121,7 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
         np.add(ca * y_mid, sa * z, out=y_j)
         np.subtract(ca * z, sa * y_mid, out=z_j)
         np.add(origins[j], s[j] * z + a[j] * x_j, out=origins[j + 1])
-    return _seen(axes, origins)
+    return Frames(axes_of=axes, origin_of=origins)
 
 
 def turned(frames: Frames, angle: FloatArray) -> Frames:
@@ -116,14 +129,13 @@ def turned(frames: Frames, angle: FloatArray) -> Frames:
 
     All that comes after the joint turns about its z; frame 0 is where it is seen from (paper, eqs. 11 and 13).
     """
-    before, places = _stored(frames)
-    axes, origins = before.copy(), places.copy()
+    axes, origins = frames.axes_of.copy(), frames.origin_of.copy()
     c, s = np.cos(angle), np.sin(angle)
-    for whole, out in ((before[1:], axes[1:]), (places[1:, None], origins[1:, None])):
-        x, y = whole[:, :, 0], whole[:, :, 1]
-        np.subtract(c * x, s * y, out=out[:, :, 0])
-        np.add(s * x, c * y, out=out[:, :, 1])
-    return _seen(axes, origins)
+    for seen in (axes[1:], origins[1:, None]):
+        x, y = seen[:, :, 0].copy(), seen[:, :, 1]
+        np.subtract(c * x, s * y, out=seen[:, :, 0])
+        np.add(s * x, c * y, out=seen[:, :, 1])
+    return Frames(axes_of=axes, origin_of=origins)
 
 
 def jacobian(frames: Frames) -> FloatArray:
@@ -139,8 +151,7 @@ def jacobian(frames: Frames) -> FloatArray:
     theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j);
     alpha_j: (x_j, x_j x (p_e - p_j)).
     """
-    axes, p = _stored(frames)
-    z, x = axes[:-1, 2], axes[1:, 0]
+    z, x, p = frames.axes_of[:-1, 2], frames.axes_of[1:, 0], frames.origin_of
     columns = np.zeros((4, len(z), 6, *z.shape[2:]))
     columns[DhKind.THETA_OFF, :, :3] = z
     _cross(z, p[-1] - p[:-1], out=columns[DhKind.THETA_OFF, :, 3:])
@@ -157,27 +168,8 @@ def picked(columns: FloatArray, kinds: Sequence[int], rows: Sequence[int]) -> Fl
     return np.ascontiguousarray(np.moveaxis(first, (0, 1), (-1, -2)))
 
 
-# Poses are last in memory: every step of a chain is one pass over contiguous numbers, several times as
-# fast as over (..., 3, 3). What is handed out are views of that with the poses first.
-
-
 def _links_first(values: FloatArray) -> FloatArray:
     return np.ascontiguousarray(np.moveaxis(values, -1, 0))
-
-
-def _seen(axes: FloatArray, origins: FloatArray) -> Frames:
-    return Frames(
-        axes=np.moveaxis(axes, (0, 1, 2), (-3, -1, -2)),
-        origins_m=np.moveaxis(origins, (0, 1), (-2, -1)),
-    )
-
-
-def _stored(frames: Frames) -> tuple[FloatArray, FloatArray]:
-    """Axes [link, which axis, component, ...] and origins [link, component, ...]."""
-    return (
-        np.moveaxis(frames.axes, (-3, -1, -2), (0, 1, 2)),
-        np.moveaxis(frames.origins_m, (-2, -1), (0, 1)),
-    )
 
 
 def _cross(u: FloatArray, v: FloatArray, *, out: FloatArray) -> None:

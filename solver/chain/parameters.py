@@ -57,6 +57,11 @@ class DhEntry:
         return cls(DhKind[match[1].upper()], int(match[2]))
 
 
+def entries(names: Sequence[str]) -> tuple[DhEntry, ...]:
+    """Parse names such as ``theta_off_1``."""
+    return tuple(DhEntry.parse(name) for name in names)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
     """One unknown: its name, whether it is an angle, its nominal value (rad or m)."""

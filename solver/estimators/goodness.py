@@ -12,7 +12,6 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.closing import unsensed_step
 from solver.loops.closure import ClosureModel, ReducedError
-from solver.loops.placements import Placements
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,17 +58,14 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
     """
     if not model.unsensed_joints:
         return model.reduced(x, q)
-    if isinstance(model, Placements):
-        # Offsets of unsensed joints may belong to a placement: each fills in its own.
-        whole = model.with_all_joints_sensed()
-        return whole.merged(
-            [
-                (closure_at_readings(part, x[here], q[poses]), columns, poses)
-                for (part, here, poses), (_, columns, _) in zip(
-                    model.parts(), whole.parts(), strict=True
-                )
-            ]
-        )
+    # Offsets of unsensed joints may belong to a placement: each fills in its own.
+    parts = model.parts()
+    found = [_at_unsensed_angles(part, x[here], q[poses]) for part, here, poses in parts]
+    return model.with_all_joints_sensed().merged(found)
+
+
+def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
+    """Closure error of one placement with its unsensed joints at the angles that close it best."""
     u = model.initial_unsensed(x, q)
     error = model.loop(x, q, u)
     for _ in range(50):

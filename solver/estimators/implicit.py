@@ -17,12 +17,12 @@ belong to the corrected joints: taken once at the measured ones they are not the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.chain.parameters import nominal_vector
+from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.pose_order import back_to_caller, canonical_order
 from solver.closing import close_loops, reduced_equations, unsensed_step
 from solver.errors import PosesDoNotFitError
@@ -34,6 +34,9 @@ from solver.loops.closure import ClosureModel, LoopError, nearest_equivalent
 
 STEP_TOLERANCE = 1e-12
 MAX_ITERATIONS = 60
+
+SAME_DESCRIPTION = 1e-9
+"""Parameters (rad, m) that differ by less, and by full turns, describe a loop alike."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,9 +227,11 @@ def estimate_implicit(
             x0 = estimate_paper(sensed, q, progress=progress).x[here]
     fit = fit_implicit(model, q, noise, x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
-    if not np.array_equal(x, fit.x):
+    if np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION:
         # Another description of the same loop has another covariance: finish there.
         fit = fit_implicit(model, q, noise, x)
+    else:
+        fit = replace(fit, x=x)
     error = closure_at_readings(model, fit.x, q)
     return Estimate(
         estimator="implicit",

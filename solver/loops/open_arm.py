@@ -6,16 +6,15 @@ The instrument's noise is the closure's own (`NoiseModel.fixture_variance`). Kno
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray, frozen
-from solver.chain.arm_chain import ArmChain
-from solver.chain.parameters import Parameter
 from solver.chain.rotations import rotation_matrix, rotation_vector, rotation_vector_differential
-from solver.loops.closure import LoopError, ReducedError
+from solver.loops.arm_loop import ArmLoop
+from solver.loops.closure import LoopError
 
 BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 TIP_POINT = ("tip_x", "tip_y", "tip_z")
@@ -23,33 +22,33 @@ TIP_TURN = ("tip_rx", "tip_ry", "tip_rz")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredClosure:
-    """An arm observed from outside; a `ClosureModel` bound to the poses that were measured.
+class MeasuredClosure(ArmLoop):
+    """An arm of links 1..n observed from outside, bound to the poses that were measured.
 
     base_* is where the arm's base frame stands in the instrument's frame and tip_* where the observed
     target sits in the flange frame: a point, and a rotation vector that turns the nominal rotation,
-    ``R = exp(r) R_nominal`` (so that it stays small and its components are ordinary angles).
+    ``R = exp(r) R_nominal`` (so that it stays small and its components are ordinary angles). `own` says
+    which of base_x .. tip_rz are unknown; position-only measurements see no tip_r*.
 
     Attributes
     ----------
-    chain
-        The arm with its unknown entries and unsensed joints.
     base_m, base_rotation, tip_m, tip_rotation
         Nominal places: (3,) and (3, 3).
-    own
-        Which of base_x .. tip_rz are unknown. Position-only measurements see no tip_r*.
+    full_pose
+        Whether orientations are measured too.
     endpoint_m
         Measured positions of the target in the instrument's frame (m, 3); None before binding.
     endpoint_rotation
         Its measured orientations (m, 3, 3); None for position only.
     """
 
-    chain: ArmChain
+    OWN: ClassVar[tuple[str, ...]] = BASE + TIP_POINT + TIP_TURN
+    OWN_ANGLES: ClassVar[tuple[str, ...]] = BASE[3:] + TIP_TURN
+
     base_m: FloatArray
     base_rotation: FloatArray
     tip_m: FloatArray
     tip_rotation: FloatArray
-    own: tuple[str, ...]
     full_pose: bool
     endpoint_m: FloatArray | None = None
     endpoint_rotation: FloatArray | None = None
@@ -66,39 +65,17 @@ class MeasuredClosure:
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, frozen(value))
-        allowed = BASE + TIP_POINT + (TIP_TURN if self.full_pose else ())
-        if not set(self.own) <= set(allowed) or len(set(self.own)) != len(self.own):
-            raise ValueError(f"a measured endpoint has the unknowns {allowed}, each once")
+        if not self.full_pose and set(self.own) & set(TIP_TURN):
+            raise ValueError("positions alone do not see how the target is turned on the hand")
+        ArmLoop.__post_init__(self)
+
+    def _own_nominal(self) -> FloatArray:
+        return np.concatenate((self.base_m, np.zeros(3), self.tip_m, np.zeros(3)))
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The arm's unknown entries, then base and tip; rotation vectors have nominal zero."""
-        nominal = dict(zip(BASE[:3], self.base_m.tolist(), strict=True)) | dict(
-            zip(TIP_POINT, self.tip_m.tolist(), strict=True)
-        )
-        return self.chain.parameters + tuple(
-            Parameter(
-                name=name,
-                is_angle=name in BASE[3:] + TIP_TURN,
-                nominal=float(nominal.get(name, 0.0)),
-            )
-            for name in self.own
-        )
-
-    @property
-    def joint_count(self) -> int:
-        """Joints of the arm."""
-        return self.chain.joints
-
-    @property
-    def unsensed_joints(self) -> tuple[int, ...]:
-        """Arm joints (1-based) whose readings are not used."""
-        return self.chain.unsensed_joints
-
-    @property
-    def equations_per_pose(self) -> int:
-        """Six or three, less one for each unsensed joint."""
-        return (6 if self.full_pose else 3) - len(self.unsensed_joints)
+    def components(self) -> int:
+        """Rotation and position, or position only."""
+        return 6 if self.full_pose else 3
 
     def with_endpoints(
         self, position_m: FloatArray, rotation: FloatArray | None = None
@@ -117,11 +94,9 @@ class MeasuredClosure:
         self, x: FloatArray, q: FloatArray, u: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """Position (..., m, 3) and orientation (..., m, 3, 3) of the target, instrument's frame."""
-        x = np.asarray(x, dtype=np.float64)
-        split = len(self.chain.entries)
-        own = self._filled(x[..., split:])[..., None, :]
+        own = self.own_values(x)
         u = self.initial_unsensed(x, q) if u is None else u
-        frames = self.chain.frames(x[..., :split], q, u)
+        frames = self.frames(x, q, u)
         R_base = rotation_matrix(own[..., 3:6]) @ self.base_rotation
         tip = frames.p_end + (frames.R_end @ own[..., 6:9, None])[..., 0]
         R_tip = R_base @ frames.R_end @ rotation_matrix(own[..., 9:12]) @ self.tip_rotation
@@ -135,62 +110,23 @@ class MeasuredClosure:
             raise ValueError(
                 f"{q.shape[-2]} poses for {len(self.endpoint_m)} endpoint measurements"
             )
-        x = np.asarray(x, dtype=np.float64)
-        split = len(self.chain.entries)
-        own = self._filled(x[..., split:])[..., None, :]
-        frames = self.chain.frames(x[..., :split], q, u)
+        own = self.own_values(x)
+        frames = self.frames(x, q, u)
         R_base = rotation_matrix(own[..., 3:6]) @ self.base_rotation
         lever = (frames.R_end @ own[..., 6:9, None])[..., 0]
-        # Columns of the target point in the base frame, then turned into the instrument's.
-        columns = self.chain.columns_at(frames, lever)
-        shape = columns.shape
-        turn = R_base[..., None, :, :]
-        columns = (turn @ columns.reshape(*shape[:-3], 2, 3, -1)).reshape(shape)
         swung = (R_base @ (frames.p_end + lever)[..., None])[..., 0]
+        position = own[..., :3] + swung - self.endpoint_m
+        # Columns of the target in the base frame, turned into the instrument's.
+        J = self.columns(frames, lever)
         jac_own = self._own_columns(own, R_base @ frames.R_end, swung)
-        residual = own[..., :3] + swung - self.endpoint_m
-        rows = slice(3, 6)
-        if self.endpoint_rotation is not None:
-            R_tip = R_base @ frames.R_end @ rotation_matrix(own[..., 9:12]) @ self.tip_rotation
-            r = rotation_vector(R_tip @ np.swapaxes(self.endpoint_rotation, -1, -2))
-            E = rotation_vector_differential(r)
-            columns[..., :3, :, :] = (
-                E @ columns[..., :3, :, :].reshape(*shape[:-3], 3, -1)
-            ).reshape(*shape[:-3], 3, *shape[-2:])
-            jac_own[..., :3, :] = E @ jac_own[..., :3, :]
-            residual = np.concatenate((r, residual), axis=-1)
-            rows = slice(0, 6)
-        entries, sensed, unsensed = self.chain.split(columns[..., rows, :, :])
-        return LoopError(
-            residual=residual,
-            jac_x=np.concatenate((entries, jac_own[..., rows, :][..., self._indices()]), axis=-1),
-            jac_q=sensed,
-            jac_u=unsensed,
-        )
-
-    def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Readings with nominal offsets, for the unsensed joints."""
-        return self.chain.initial_unsensed(np.asarray(x, dtype=np.float64), q)
-
-    def reduced(self, x: FloatArray, q: FloatArray) -> ReducedError:
-        """Return the loop error: an open arm has no unsensed freedom to eliminate.
-
-        Raises
-        ------
-        ValueError
-            If arm joints are unsensed: they have to be solved for (`loop`).
-        """
-        if self.unsensed_joints:
-            raise ValueError("unsensed joints need `loop`")
-        u = self.initial_unsensed(x, q)
-        whole = self.loop(x, q, u)
-        return ReducedError(
-            residual=whole.residual,
-            jac_x=whole.jac_x,
-            rotation_rows=3 if self.full_pose else 0,
-            unsensed=u,
-            flipped=np.zeros(whole.residual.shape[:-1], dtype=np.bool_),
-        )
+        if self.endpoint_rotation is None:
+            return self.loop_error(position, R_base @ J[..., 3:, :], jac_own[..., 3:, :])
+        R_tip = R_base @ frames.R_end @ rotation_matrix(own[..., 9:12]) @ self.tip_rotation
+        r = rotation_vector(R_tip @ np.swapaxes(self.endpoint_rotation, -1, -2))
+        E = rotation_vector_differential(r)
+        jac_own[..., :3, :] = E @ jac_own[..., :3, :]
+        J = np.concatenate((E @ R_base @ J[..., :3, :], R_base @ J[..., 3:, :]), axis=-2)
+        return self.loop_error(np.concatenate((r, position), axis=-1), J, jac_own)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
         """The same place written with rotation vectors a full turn shorter, where they are long."""
@@ -208,10 +144,6 @@ class MeasuredClosure:
                         candidates.append(z)
         return np.stack(candidates)
 
-    def with_all_joints_sensed(self) -> MeasuredClosure:
-        """Return the same model with every joint's reading used and its offset an unknown."""
-        return replace(self, chain=self.chain.with_all_joints_sensed())
-
     @property
     def ground_side(self) -> tuple[str, ...]:
         """Where the instrument stands to the arm: base_*, as far as unknown."""
@@ -221,14 +153,6 @@ class MeasuredClosure:
     def hand_side(self) -> tuple[str, ...]:
         """Where the target sits on the hand: tip_*, as far as unknown."""
         return tuple(name for name in self.own if name not in BASE)
-
-    def without(self, names: Collection[str]) -> MeasuredClosure:
-        """Return the same model with the named unknowns held at their nominal values."""
-        return replace(
-            self,
-            chain=self.chain.without(names),
-            own=tuple(name for name in self.own if name not in names),
-        )
 
     def at_poses(self, poses: IntArray) -> MeasuredClosure:
         """Return the model bound to the measurements of these poses only."""
@@ -253,13 +177,3 @@ class MeasuredClosure:
         out[..., 3:, 6:9] = R_hand
         out[..., :3, 9:12] = R_hand @ right
         return out
-
-    def _indices(self) -> list[int]:
-        return [(BASE + TIP_POINT + TIP_TURN).index(name) for name in self.own]
-
-    def _filled(self, own: FloatArray) -> FloatArray:
-        """All twelve of base_x .. tip_rz (..., 12) from the unknown ones."""
-        nominal = np.concatenate((self.base_m, np.zeros(3), self.tip_m, np.zeros(3)))
-        whole = np.broadcast_to(nominal, (*own.shape[:-1], 12)).copy()
-        whole[..., self._indices()] = own
-        return whole

@@ -22,14 +22,15 @@ from math import prod
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.chain.parameters import Parameter
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry, Parameter
 from solver.loops.closure import ClosureModel, LoopError, ReducedError
 
 MAX_COMBINATIONS = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Placements:
+class Placements(ClosureModel):
     """A `ClosureModel` of all placements, bound to the placement of each pose.
 
     Attributes
@@ -42,6 +43,8 @@ class Placements:
         Number of the placement each pose belongs to, (m,).
     same_hand
         Whether the hand's side of the fixture is the same in all placements.
+    parameters
+        Shared unknowns first, then each placement's own, with its number in the name.
     """
 
     numbers: tuple[int, ...]
@@ -49,7 +52,7 @@ class Placements:
     placement: IntArray
     same_hand: bool
     # Worked out once: estimators ask for them at every step.
-    _parameters: tuple[Parameter, ...] = field(init=False, repr=False)
+    parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     _columns: tuple[IntArray, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -66,18 +69,13 @@ class Placements:
         }
         if len(facts) != 1:
             raise ValueError("all placements must have the same arm and the same kind of fixture")
-        object.__setattr__(self, "_parameters", self._listed())
-        names = [p.name for p in self._parameters]
+        object.__setattr__(self, "parameters", self._listed())
+        names = [p.name for p in self.parameters]
         columns = tuple(
             np.array([names.index(self._name(p.name, number)) for p in model.parameters])
             for number, model in zip(self.numbers, self.models, strict=True)
         )
         object.__setattr__(self, "_columns", columns)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Shared unknowns first, then each placement's own, with its number in the name."""
-        return self._parameters
 
     @property
     def joint_count(self) -> int:
@@ -88,6 +86,11 @@ class Placements:
     def unsensed_joints(self) -> tuple[int, ...]:
         """Arm joints (1-based) whose readings are not used."""
         return self.models[0].unsensed_joints
+
+    @property
+    def components(self) -> int:
+        """That of any one placement."""
+        return self.models[0].components
 
     @property
     def equations_per_pose(self) -> int:
@@ -143,28 +146,26 @@ class Placements:
         """Reduced closure error of every pose in its own placement."""
         x = np.asarray(x, dtype=np.float64)
         self._check(q)
-        found = [
-            (model.reduced(x[..., columns], q[..., poses, :]), columns, poses)
-            for model, columns, poses in self.parts()
-        ]
-        return self.merged(found)
+        return self.merged(
+            [
+                model.reduced(x[..., columns], q[..., poses, :])
+                for model, columns, poses in self.parts()
+            ]
+        )
 
-    def merged(self, found: Sequence[tuple[ReducedError, IntArray, IntArray]]) -> ReducedError:
-        """Put the reduced errors of all `parts` together, each with its parameter and pose indices."""
-        m = len(self.placement)
-        first = found[0][0]
+    def merged(self, found: Sequence[ReducedError]) -> ReducedError:
+        """Put the reduced errors of all `parts` together."""
+        m, first = len(self.placement), found[0]
+        places = [(columns, poses) for _, columns, poses in self.parts()]
         flipped = np.zeros((*first.flipped.shape[:-1], m), dtype=np.bool_)
-        for error, _, poses in found:
+        for error, (_, poses) in zip(found, places, strict=True):
             flipped[..., poses] = error.flipped
+        pieces = [(e, c, p) for e, (c, p) in zip(found, places, strict=True)]
         return ReducedError(
-            residual=_scatter([(e.residual, poses) for e, _, poses in found], m, 1),
-            jac_x=_spread(
-                [(e.jac_x, columns, poses) for e, columns, poses in found],
-                m,
-                len(self.parameters),
-            ),
+            residual=_scatter([(e.residual, poses) for e, _, poses in pieces], m, 1),
+            jac_x=_spread([(e.jac_x, c, poses) for e, c, poses in pieces], m, len(self.parameters)),
             rotation_rows=first.rotation_rows,
-            unsensed=_scatter([(e.unsensed, poses) for e, _, poses in found], m, 1),
+            unsensed=_scatter([(e.unsensed, poses) for e, _, poses in pieces], m, 1),
             flipped=flipped,
         )
 
@@ -230,6 +231,14 @@ class Placements:
                 for number, model in zip(self.numbers, self.models, strict=True)
             ),
         )
+
+    def freed(self, entries: Sequence[DhEntry]) -> Placements:
+        """Return the same loops with these entries of the arm's table unknown as well."""
+        return replace(self, models=tuple(model.freed(entries) for model in self.models))
+
+    def with_table(self, table: DhTable) -> Placements:
+        """Return the same loops with other nominal values of all their links."""
+        return replace(self, models=tuple(model.with_table(table) for model in self.models))
 
     def at_poses(self, poses: IntArray) -> Placements:
         """Return the model of a selection of poses; placements without poses keep their unknowns."""

@@ -17,38 +17,15 @@ common to all poses, so a pose on the flipped branch never passes for a closed o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable, Frames, forward
+from solver.loops.closure import Held, Hold
 
 RIDGE = 1e-9
 """Keeps the projection defined where t may slide along h; far below anything that matters."""
-
-
-class Hold(Enum):
-    """What of the hand a fixture holds still."""
-
-    POINT = "point"
-    AXIS = "axis"
-    FRAME = "frame"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Held:
-    """What the hand holds and where that is, for given offsets; see `HeldAxis` for the frames.
-
-    `direction` and `ground_direction` belong to a hinge; `rotation` is the mean of M_i, a rotation
-    where the hand is held rigidly.
-    """
-
-    direction: FloatArray
-    ground_direction: FloatArray
-    point_m: FloatArray
-    ground_point_m: FloatArray
-    rotation: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

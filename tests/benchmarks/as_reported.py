@@ -27,13 +27,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import numpy as np
 
 from solver.chain.kinematics import DhTable
+from solver.chain.parameters import entries
 from solver.chain.sensor_curve import SensorCurve
 from solver.estimators.component_model import ComponentPlan
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_implicit_with_components
 from solver.judging.statistics import chi2_test
-from solver.loops.closure import DhLoop, entries
+from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import (
     FULL_SCALE_RAD,

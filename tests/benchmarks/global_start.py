@@ -19,7 +19,8 @@ from solver.chain.parameters import wrap_angle, wrap_angles
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.paper import ClosureProblem
 from solver.judging.identifiability import identifiability
-from solver.loops.closure import DhLoop, nearest_equivalent
+from solver.loops.closure import nearest_equivalent
+from solver.loops.dh import DhLoop
 from solver.search.global_start import GlobalStart, global_start
 from tests.oracles.wild_loops import wild_problem, with_sensors
 from tests.solver.search.test_global_start import nothing_known

@@ -29,9 +29,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import numpy as np
 
 from solver.chain.kinematics import DhTable
+from solver.chain.parameters import entries
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
-from solver.loops.closure import DhLoop, entries
+from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import closed_poses, cramer_rao
 from tests.oracles.simulated_loops import PARAMETERS, Simulation
 

@@ -23,7 +23,8 @@ from solver.design.campaign import Campaign, CampaignSettings
 from solver.design.manifold import Ranges
 from solver.design.plan import PlanningTask
 from solver.design.pose_information import planning_noise
-from solver.loops.closure import DhLoop, nearest_equivalent
+from solver.loops.closure import nearest_equivalent
+from solver.loops.dh import DhLoop
 from tests.oracles.planned_session import PlantSession, Record, run_campaign
 
 CLOSED = 1e-6

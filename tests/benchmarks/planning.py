@@ -32,7 +32,7 @@ from solver.design.manifold import Ranges
 from solver.design.plan import PlanningTask, information_of, make_plan
 from solver.design.pose_information import planning_noise
 from solver.design.stop_rule import standard_deviations
-from solver.loops.closure import DhLoop
+from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import Truth, closed_poses
 
 WRIST = ("theta_off_6", "theta_off_7")

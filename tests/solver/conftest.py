@@ -9,8 +9,9 @@ import pytest
 
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
+from solver.chain.parameters import entries
 from solver.chain.sensors import Encoder, Rvdt
-from solver.loops.closure import DhLoop, entries
+from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import Truth, paper_truth
 
 NAMES = (

@@ -16,7 +16,6 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView
 from operator_app.tui.widgets.list_panel import ListPanel
-from solver.loops.closure import DhLoop
 
 GLYPHS = {
     Severity.OK: ("✓", "text"),
@@ -62,13 +61,12 @@ class PlacementPanel(Lines):
                     (f"  ±{math.degrees(spec.tolerance_rad):.0f} deg", "dim"),
                 )
             )
-        if isinstance(loop, DhLoop):
-            rows.append(
-                line(
-                    (" Unknowns   ", "dim"),
-                    f"{len(loop.parameters)} parameters, {loop.equations_per_pose} equations a pose",
-                )
+        rows.append(
+            line(
+                (" Unknowns   ", "dim"),
+                f"{len(loop.parameters)} parameters, {loop.equations_per_pose} equations a pose",
             )
+        )
         return rows
 
 

@@ -24,7 +24,6 @@ from operator_app.tui.widgets.residuals import (
     rvdt_joints,
 )
 from solver.estimators.goodness import TwoReadings
-from solver.loops.closure import DhLoop
 
 MM, MRAD = 1e3, 1e3
 
@@ -203,7 +202,7 @@ class ResultsPlot(Lines):
             self.retitle("Warnings in full (v: next)")
             return _in_full(s.solution, width)
         self.retitle("D-H table, nominal and found (v: next)")
-        if not isinstance(s.solution.model, DhLoop):
+        if s.solution.model.dh_table(s.solution.estimate.x) is None:
             return [line((" no D-H table for this fixture", "dim"))]
         return [line(row) for row in dh_table(s.solution).splitlines()]
 

@@ -15,7 +15,7 @@ from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.tui.lines import Lines
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
-from solver.loops.closure import DhLoop
+from solver.loops.closure import ClosureModel
 
 _TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
 _AXIS_M = 0.16
@@ -83,11 +83,12 @@ class ArmView(Lines):
         anew: bool,
     ) -> Sequence[Line]:
         model = s.procedure.fixture.fixture.model(s.procedure.arm)
-        if not isinstance(model, DhLoop):
-            return [line((" this fixture has no drawing", "dim"))]
         x = nominal_vector(model.parameters) if x is None else x
+        drawn = model.drawn(x, q)
+        if drawn is None:
+            return [line((" this fixture has no drawing", "dim"))]
         canvas = Canvas(width, height, ascii_only=self.app.look.ascii_only)  # type: ignore[attr-defined]
-        chain, axis = _chain(model, x, q)
+        chain, axis = drawn
         if self._box is None or self._box_of is not s.forecast:
             self._box, self._box_of = _box(model, x, q, s), s.forecast
         place = _Placing(self._box, canvas)
@@ -107,32 +108,28 @@ class ArmView(Lines):
         return canvas.lines()
 
 
-def _next(model: DhLoop, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
+def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
     """The chain at the next pose, and on a planned move the way of its hand."""
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:
             return ()
         some = way[:: max(1, len(way) // 12)]
-        return _chain(model, x, way[-1])[0], np.stack([_chain(model, x, q)[0][-1] for q in some])
+        return _points(model, x, way[-1]), np.stack([_points(model, x, q)[-1] for q in some])
     if s.forecast is None or s.next_waypoint is None:
         return ()
-    return (_chain(model, x, s.forecast.q_rad[s.next_waypoint])[0],)
+    return (_points(model, x, s.forecast.q_rad[s.next_waypoint]),)
 
 
-def _chain(model: DhLoop, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Origins of frames 0..n (n + 1, 3) and the hinge axis (3,), seen in the arm's base frame 0."""
-    # The hinge angle turns everything about the hinge: seen from frame 0 it changes nothing.
-    frames = model.frames(x, q[None, :], np.zeros((1, len(model.unsensed_rows))))
-    R0, p0 = frames.axes[0, 1], frames.origins_m[0, 1]
-    origins = (frames.origins_m[0, 1:] - p0) @ R0
-    return origins, frames.axes[0, -1, :, 2] @ R0
+def _points(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
+    drawn = model.drawn(x, q)
+    return np.empty((0, 3)) if drawn is None else drawn[0]
 
 
-def _box(model: DhLoop, x: FloatArray, q: FloatArray, s: SessionSnapshot) -> FloatArray:
+def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) -> FloatArray:
     """Lowest and highest screen coordinates (2, 2) over the poses that are planned."""
     poses = [q] if s.forecast is None else [q, *s.forecast.q_rad[s.forecast.reachable][:40]]
-    points = np.concatenate([_chain(model, x, pose)[0] for pose in poses]) @ _view().T
+    points = np.concatenate([_points(model, x, pose) for pose in poses]) @ _view().T
     low, high = points.min(axis=0), points.max(axis=0)
     return np.stack((low - 0.08, high + 0.08))
 

@@ -16,9 +16,9 @@ from hardware.virtual.scenarios import STIFF, LengthErrors, Scenario, scenario
 from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import wrap_angle
+from solver.chain.parameters import entries, wrap_angle
 from solver.chain.sensors import Encoder, Rvdt
-from solver.loops.closure import DhLoop, entries
+from solver.loops.dh import DhLoop
 
 Commands = Callable[[Mapping[int, float]], list[JointCommand]]
 

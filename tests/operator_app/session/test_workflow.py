@@ -25,7 +25,7 @@ from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, SessionSnapshot
 from operator_app.session.workflow import verify
 from solver.errors import TooFewPosesError
-from solver.loops.closure import DhLoop
+from solver.loops.dh import DhLoop
 
 MakeSession = Callable[..., Session]
 

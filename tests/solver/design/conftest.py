@@ -8,7 +8,7 @@ import pytest
 from solver.chain.parameters import nominal_vector
 from solver.design.manifold import Manifold, Ranges, grow_manifold
 from solver.design.pose_information import PoseInformation, planning_noise, pose_information
-from solver.loops.closure import DhLoop
+from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import ENCODER_SD
 from tests.solver.conftest import loop_of

@@ -8,7 +8,8 @@ import pytest
 
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.closing import close_loops, left_null_space, reduced_jacobian
-from solver.loops.closure import DhLoop, nearest_equivalent, poses_needed
+from solver.loops.closure import nearest_equivalent, poses_needed
+from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import Truth, closed_poses, closure_rates
 from tests.oracles.pinocchio_chain import PinocchioChain
 from tests.solver.conftest import NAMES, loop_of

@@ -10,12 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from fixtures.ball import Ball
 from fixtures.measured import Measured
-from solver.chain.arm_chain import ArmChain
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import nominal_vector
+from solver.chain.parameters import entries, nominal_vector
 from solver.chain.rotations import rotation_matrix, rotation_vector
 from solver.estimators.implicit import NoiseModel, estimate_implicit
-from solver.loops.closure import entries
 from solver.loops.endpoint_geometry import HeldAxis, held_frame_entries
 from solver.loops.point import PointClosure
 from tests.oracles.loop_oracle import paper_truth, product
@@ -32,10 +30,8 @@ def test_the_ball_is_where_the_matrices_put_it():
     off, s, a, alpha = columns(0)
     tip, ground = np.array([0.1, -0.2, 0.3]), np.array([0.4, 0.5, -0.6])
     model = PointClosure(
-        chain=ArmChain(
-            table=DhTable(theta_off_rad=off, s_m=s, a_m=a, alpha_rad=alpha),
-            entries=entries(["theta_off_2", "a_3"]),
-        ),
+        table=DhTable(theta_off_rad=off, s_m=s, a_m=a, alpha_rad=alpha),
+        entries=entries(["theta_off_2", "a_3"]),
         tip_m=tip,
         ground_m=ground,
     )

@@ -13,7 +13,8 @@ from solver.estimators.goodness import closure_at_readings
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
 from solver.judging.identifiability import identifiability
-from solver.loops.closure import DhLoop, nearest_equivalent
+from solver.loops.closure import nearest_equivalent
+from solver.loops.dh import DhLoop
 from solver.loops.placements import Placements, place
 from tests.oracles.loop_oracle import Truth, closed_poses, paper_truth
 from tests.solver.conftest import NAMES, loop_of

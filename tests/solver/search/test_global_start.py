@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.chain.arm_chain import ArmChain
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import wrap_angle, wrap_angles
+from solver.chain.parameters import entries, wrap_angle, wrap_angles
 from solver.errors import TooFewPosesError
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.paper import ClosureProblem
-from solver.loops.closure import DhLoop, entries, nearest_equivalent
+from solver.loops.closure import nearest_equivalent
+from solver.loops.dh import DhLoop
 from solver.loops.open_arm import BASE, TIP_POINT, MeasuredClosure
 from solver.loops.placements import place
 from solver.loops.point import PointClosure
@@ -141,10 +141,8 @@ def ball(offsets: np.ndarray, home: np.ndarray) -> tuple[PointClosure, np.ndarra
         theta -= step * np.minimum(1.0, 0.3 / np.abs(step).max(-1, keepdims=True).clip(1e-300))
     assert np.abs((product(theta, s, a, alpha) @ tip)[:, :3] - ground).max() < 1e-12
     model = PointClosure(
-        chain=ArmChain(
-            table=DhTable(theta_off_rad=np.zeros(7), s_m=s, a_m=a, alpha_rad=alpha),
-            entries=entries([f"theta_off_{j}" for j in range(2, 7)]),
-        ),
+        table=DhTable(theta_off_rad=np.zeros(7), s_m=s, a_m=a, alpha_rad=alpha),
+        entries=entries([f"theta_off_{j}" for j in range(2, 7)]),
         tip_m=np.zeros(3),
         ground_m=np.zeros(3),
     )
@@ -195,7 +193,8 @@ def test_a_fixture_that_cannot_be_projected_out_is_searched_whole():
         theta_off_rad=np.zeros(7), s_m=truth.s[1:], a_m=truth.a[1:], alpha_rad=truth.alpha[1:]
     )
     model = MeasuredClosure(
-        chain=ArmChain(table=table, entries=entries([f"theta_off_{j}" for j in range(2, 7)])),
+        table=table,
+        entries=entries([f"theta_off_{j}" for j in range(2, 7)]),
         base_m=np.zeros(3),
         base_rotation=np.eye(3),
         tip_m=np.zeros(3),

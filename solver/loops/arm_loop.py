@@ -1,0 +1,187 @@
+"""What the loops of one placement share: an arm of D-H links with unknown entries, and its fixture's own.
+
+A subclass says which links there are, what its endpoint adds to the unknowns, and how far from closed it
+is (`loop`). Knows no estimator and no number of joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.kinematics import DhTable, Frames, forward, jacobian, picked
+from solver.chain.parameters import DhEntry, DhKind, Parameter
+from solver.chain.rotations import skew
+from solver.loops.closure import ClosureModel, LoopError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmLoop(ClosureModel):
+    """A chain of D-H links with sensed and unsensed joints.
+
+    Attributes
+    ----------
+    table
+        Nominal D-H table of the links, the first of which is number `FIRST_LINK`.
+    entries
+        Which entries are unknown, in the order of the parameter vector.
+    unsensed_joints
+        Arm joints (1-based) whose readings are not used; their angles are unknowns of each pose.
+    own
+        Names of the endpoint's unknowns; they follow the entries.
+    """
+
+    FIRST_LINK: ClassVar[int] = 1
+    OWN: ClassVar[tuple[str, ...]] = ()
+    OWN_ANGLES: ClassVar[tuple[str, ...]] = ()
+    """Unknowns that an endpoint can have, and which of them are angles."""
+
+    table: DhTable
+    entries: tuple[DhEntry, ...]
+    unsensed_joints: tuple[int, ...] = ()
+    own: tuple[str, ...] = ()
+    # Worked out once: estimators ask for them at every step.
+    parameters: tuple[Parameter, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        links = range(self.FIRST_LINK, self.FIRST_LINK + self.table.links)
+        if any(e.row not in links for e in self.entries):
+            raise ValueError("a free entry names a link the table does not have")
+        if len(set(self.entries)) != len(self.entries):
+            raise ValueError("a free entry is listed twice")
+        if any(not 1 <= j <= self.joint_count for j in self.unsensed_joints):
+            raise ValueError("an unsensed joint is none of the arm's")
+        if any(e.kind is DhKind.THETA_OFF and e.row in self.unsensed_joints for e in self.entries):
+            raise ValueError(f"joints {self.unsensed_joints} are unsensed: they have no offset")
+        if not set(self.own) <= set(self.OWN) or len(set(self.own)) != len(self.own):
+            raise ValueError(f"this endpoint has the unknowns {self.OWN}, each once")
+        stacked = self.table.stacked()
+        kinds, rows = self._indices()
+        nominal = dict(zip(self.OWN, self._own_nominal().tolist(), strict=True))
+        found = [
+            Parameter(name=e.name, is_angle=e.kind.is_angle, nominal=float(value))
+            for e, value in zip(self.entries, stacked[kinds, rows], strict=True)
+        ]
+        found += [
+            Parameter(name=name, is_angle=name in self.OWN_ANGLES, nominal=nominal[name])
+            for name in self.own
+        ]
+        object.__setattr__(self, "parameters", tuple(found))
+
+    def _own_nominal(self) -> FloatArray:
+        """Nominal values of all of `OWN`."""
+        return np.zeros(0)
+
+    @property
+    def joint_count(self) -> int:
+        """Joints of the arm."""
+        return self.table.links - 1 + self.FIRST_LINK
+
+    def arm_rows(self) -> FloatArray:
+        """Nominal rows 1..n (4, n): theta_off, s, a, alpha."""
+        return self.table.stacked()[:, 1 - self.FIRST_LINK :]
+
+    @property
+    def unsensed_rows(self) -> tuple[int, ...]:
+        """Links whose angle is an unknown of each pose."""
+        return self.unsensed_joints
+
+    @property
+    def equations_per_pose(self) -> int:
+        """One for each component, less one for each unsensed freedom."""
+        return self.components - len(self.unsensed_rows)
+
+    def tables(self, x: FloatArray) -> FloatArray:
+        """Fill parameter vectors (..., P) into the nominal table: (..., 4, links)."""
+        x = np.asarray(x, dtype=np.float64)
+        stacked = np.broadcast_to(self.table.stacked(), (*x.shape[:-1], 4, self.table.links)).copy()
+        kinds, rows = self._indices()
+        stacked[..., kinds, rows] = x[..., : len(self.entries)]
+        return stacked
+
+    def own_values(self, x: FloatArray) -> FloatArray:
+        """Values of all of `OWN` for parameter vectors (..., P): (..., 1, O), to go with every pose."""
+        x = np.asarray(x, dtype=np.float64)
+        whole = np.broadcast_to(self._own_nominal(), (*x.shape[:-1], len(self.OWN))).copy()
+        whole[..., self._own_indices()] = x[..., len(self.entries) :]
+        return whole[..., None, :]
+
+    def frames(self, x: FloatArray, q: FloatArray, u: FloatArray) -> Frames:
+        """All frames of the chain at every pose, seen in its first frame."""
+        table = self.tables(x)[..., None, :, :]
+        offsets = table[..., 0, :]
+        shape = np.broadcast_shapes(offsets.shape, (*q.shape[:-1], self.table.links))
+        theta = np.broadcast_to(offsets, shape).copy()
+        theta[..., 1 - self.FIRST_LINK :] += q
+        for k, row in enumerate(self.unsensed_rows):
+            theta[..., row - self.FIRST_LINK] = u[..., k]
+        return forward(theta, table[..., 1, :], table[..., 2, :], table[..., 3, :])
+
+    def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
+        """Readings with nominal offsets, for the unsensed joints."""
+        lost = [j - 1 for j in self.unsensed_joints]
+        offsets = self.table.theta_off_rad[[j - self.FIRST_LINK for j in self.unsensed_joints]]
+        lead = np.broadcast_shapes((*np.shape(x)[:-1], 1), q.shape[:-1])
+        return np.broadcast_to(q[..., lost] + offsets, (*lead, len(lost))).copy()
+
+    def with_all_joints_sensed(self) -> Self:
+        """Return the same loop with every joint's reading used and its offset an unknown."""
+        offsets = tuple(DhEntry(DhKind.THETA_OFF, j) for j in self.unsensed_joints)
+        return replace(self, entries=self.entries + offsets, unsensed_joints=())
+
+    def without(self, names: Collection[str]) -> Self:
+        """Return the same loop with the named unknowns held at their nominal values."""
+        return replace(
+            self,
+            entries=tuple(e for e in self.entries if e.name not in names),
+            own=tuple(name for name in self.own if name not in names),
+        )
+
+    def freed(self, entries: Sequence[DhEntry]) -> Self:
+        """Return the same loop with these entries of the arm's table unknown as well."""
+        new = tuple(e for e in entries if e not in self.entries)
+        return replace(self, entries=self.entries + new)
+
+    def with_table(self, table: DhTable) -> Self:
+        """Return the same loop with other nominal values of its links."""
+        return replace(self, table=table)
+
+    def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
+        """Screws (..., 6, P_entries + links) of the unknown entries, then of every link's angle.
+
+        Of the end of the chain, or of a point of its last link `lever_m` (..., 3) from there, seen in
+        the chain's first frame: ``v_tip = v_end + w x lever``.
+        """
+        kinds, rows = self._indices()
+        links = self.table.links
+        J = picked(jacobian(frames), kinds + [DhKind.THETA_OFF] * links, rows + list(range(links)))
+        if lever_m is not None:
+            J[..., 3:, :] -= skew(lever_m) @ J[..., :3, :]
+        return J
+
+    def loop_error(
+        self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
+    ) -> LoopError:
+        """Sort `columns` (..., k, P_entries + links) and those of all of `OWN` (..., k, O)."""
+        split = len(self.entries)
+        jac_x, jac_theta = J[..., :split], J[..., split:]
+        jac_q = jac_theta[..., 1 - self.FIRST_LINK :]
+        if self.unsensed_joints:
+            jac_q = jac_q.copy()
+            jac_q[..., [j - 1 for j in self.unsensed_joints]] = 0.0
+        if jac_own is not None:
+            jac_x = np.concatenate((jac_x, jac_own[..., self._own_indices()]), axis=-1)
+        unsensed = [row - self.FIRST_LINK for row in self.unsensed_rows]
+        return LoopError(
+            residual=residual, jac_x=jac_x, jac_q=jac_q, jac_u=jac_theta[..., unsensed]
+        )
+
+    def _indices(self) -> tuple[list[int], list[int]]:
+        return [int(e.kind) for e in self.entries], [e.row - self.FIRST_LINK for e in self.entries]
+
+    def _own_indices(self) -> list[int]:
+        return [self.OWN.index(name) for name in self.own]

@@ -1,0 +1,198 @@
+"""The loop of every fixture that is itself a D-H link of the chain: rigid and hinge (paper, section 2.3).
+
+Reads beside the paper's eqs. 8 to 13. Knows no estimator, no fixture and no number of joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.kinematics import DhTable, Frames, turned
+from solver.chain.parameters import DhKind
+from solver.chain.rotations import rotation_vector, rotation_vector_differential, skew
+from solver.loops.arm_loop import ArmLoop
+from solver.loops.closure import ClosureModel, Held, Hold, LoopError, ReducedError
+from solver.loops.endpoint_geometry import HeldAxis, held_frame_entries
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DhLoop(ArmLoop):
+    """A closed chain of D-H links 0..n: link 0 is the fixture, links 1..n the arm (section 2.3).
+
+    ``A_0(theta_0) A_1 ... A_n = I``: frame n is frame -1, and z_n = z_-1 is the fixture's axis.
+
+    Attributes
+    ----------
+    hinge
+        Whether theta_0 is an unsensed joint (hinge) or a constant (rigid).
+    """
+
+    FIRST_LINK: ClassVar[int] = 0
+
+    hinge: bool
+
+    @property
+    def components(self) -> int:
+        """Rotation and position."""
+        return 6
+
+    @property
+    def unsensed_rows(self) -> tuple[int, ...]:
+        """Links whose angle is an unknown of each pose: the hinge, then the unsensed joints."""
+        return ((0,) if self.hinge else ()) + self.unsensed_joints
+
+    def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
+        """Six closure components: rotation vector over position, in frame -1 (eqs. 8 and 10)."""
+        frames = self.frames(x, q, u)
+        r = rotation_vector(frames.R_end)
+        J = self.columns(frames)
+        J[..., :3, :] = rotation_vector_differential(r) @ J[..., :3, :]
+        return self.loop_error(np.concatenate((r, frames.p_end), axis=-1), J)
+
+    def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
+        """Hinge angle by eq. 12; unsensed arm joints start from their readings and nominal offsets."""
+        joints = ArmLoop.initial_unsensed(self, x, q)
+        if not self.hinge:
+            return joints
+        u = np.concatenate((np.zeros((*joints.shape[:-1], 1)), joints), axis=-1)
+        u[..., 0] = _hinge_angle(self.frames(x, q, u))
+        return u
+
+    def reduced(self, x: FloatArray, q: FloatArray) -> ReducedError:
+        """Eliminate the hinge angle and see the loop in frame -1 (paper, eqs. 10 to 13).
+
+        The two rotations are the swing that carries z_-1 onto z_7. To first order they are
+        eq. 12's ``dx = -R23``, ``dy = R13``; unlike those they do not vanish again when the hand is
+        upside down, so a pose on the flipped branch cannot pass for a closed one.
+
+        Raises
+        ------
+        ValueError
+            If arm joints are unsensed: eqs. 10-13 eliminate the hinge only.
+        """
+        if not self.hinge or self.unsensed_joints:
+            return ClosureModel.reduced(self, x, q)
+        at_zero = self.frames(x, q, np.zeros((*q.shape[:-1], 1)))
+        theta_0 = _hinge_angle(at_zero)
+        frames = turned(at_zero, theta_0)
+        J = self.columns(frames)
+        by_hinge = J[..., len(self.entries), None]
+        jac = J[..., : len(self.entries)]
+        R = frames.R_end
+        # theta_0 answers to every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31.
+        hinge_rate = jac[..., 0, :] * (R[..., 2, 0] / R[..., 0, 0])[..., None] - jac[..., 2, :]
+        jac = jac + by_hinge * hinge_rate[..., None, :]
+        dx_dy, by_rotation = _swing(R[..., :, 2])
+        return ReducedError(
+            residual=np.concatenate((dx_dy, frames.p_end), axis=-1),
+            jac_x=np.concatenate((by_rotation @ jac[..., :3, :], jac[..., 3:, :]), axis=-2),
+            rotation_rows=2,
+            unsensed=theta_0[..., None],
+            flipped=R[..., 2, 2] < 0.0,
+        )
+
+    def equivalents(self, x: FloatArray) -> FloatArray:
+        """Eight equal descriptions of a hinge loop, none of which a rigid loop has.
+
+        (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); likewise at link n; and the
+        hinge axis turned round: (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi, alpha_n - pi).
+        A description needs all entries it changes to be free.
+        """
+        candidates = [np.asarray(x, dtype=np.float64)]
+        if self.hinge:
+            n = self.joint_count
+            moves = (
+                (("a_0", -1.0, 0.0), ("alpha_0", -1.0, 0.0), ("theta_off_1", 1.0, np.pi)),
+                ((f"a_{n}", -1.0, 0.0), (f"alpha_{n}", -1.0, 0.0), (f"theta_off_{n}", 1.0, np.pi)),
+                (("s_0", -1.0, 0.0), ("alpha_0", 1.0, np.pi), (f"alpha_{n}", 1.0, -np.pi)),
+            )
+            index = {e.name: k for k, e in enumerate(self.entries)}
+            unsensed = {f"theta_off_{j}" for j in self.unsensed_joints}
+            for move in moves:
+                # An unsensed joint's offset is part of its per-pose angle and needs no entry.
+                changes = [c for c in move if c[0] not in unsensed]
+                if all(name in index for name, _, _ in changes):
+                    for y in list(candidates):
+                        z = y.copy()
+                        for name, sign, shift in changes:
+                            z[index[name]] = sign * z[index[name]] + shift
+                        candidates.append(z)
+        return np.stack(candidates)
+
+    @property
+    def ground_side(self) -> tuple[str, ...]:
+        """Link 0, and what of joint 1 is measured from its common normal: s_1 and theta_off_1."""
+        return tuple(
+            e.name
+            for e in self.entries
+            if e.row == 0 or (e.row == 1 and e.kind in (DhKind.THETA_OFF, DhKind.S))
+        )
+
+    @property
+    def hand_side(self) -> tuple[str, ...]:
+        """Link n whole: its offset too is measured to the common normal of the fixture's axis."""
+        return tuple(e.name for e in self.entries if e.row == self.joint_count)
+
+    @property
+    def hold(self) -> Hold:
+        """A line of the hand, or the hand whole."""
+        return Hold.AXIS if self.hinge else Hold.FRAME
+
+    def held_entries(self, held: Held) -> dict[str, float]:
+        """D-H entries of the fixture when the hand is held like that."""
+        if not self.hinge:
+            return held_frame_entries(held.rotation, held.ground_point_m, self.joint_count)
+        return HeldAxis(
+            ground_direction=held.ground_direction,
+            ground_point_m=held.ground_point_m,
+            hand_direction=held.direction,
+            hand_point_m=held.point_m,
+        ).entries(self.joint_count)
+
+    def dh_table(self, x: FloatArray) -> DhTable:
+        """Links 0..n are all there is."""
+        theta_off, s, a, alpha = self.tables(x)
+        return DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
+
+    def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Origins of frames 0..n (n + 1, 3) and the hinge axis (3,), for joint angles `q` (n,)."""
+        # The hinge angle turns everything about the hinge: seen from frame 0 it changes nothing.
+        frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_rows))))
+        R_0, p_0 = frames.axes[0, 1], frames.origins_m[0, 1]
+        return (frames.origins_m[0, 1:] - p_0) @ R_0, frames.axes[0, -1, :, 2] @ R_0
+
+
+def _hinge_angle(at_zero: Frames) -> FloatArray:
+    """theta_0 (...) that brings R21 to zero, from frames with the hinge at zero: eq. 12."""
+    R_c = at_zero.R_end
+    return np.asarray(-np.arctan2(R_c[..., 1, 0], R_c[..., 0, 0]))
+
+
+def _swing(n: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotation in the xy plane that carries z onto the unit vector `n`, and its rate.
+
+    Returns
+    -------
+    swing
+        (..., 2), rad: angle between z and n, along z x n.
+    by_rotation
+        (..., 2, 3): derivative of the swing for a spatial angular increment w, ``dn = w x n``.
+    """
+    nx, ny, nz = n[..., 0], n[..., 1], n[..., 2]
+    sine = np.hypot(nx, ny)
+    # Below this the quotients lose digits and their series are exact to double precision.
+    tiny = (sine < 1e-4) & (nz > 0.0)
+    safe = np.where(tiny | (sine == 0.0), 1.0, sine)
+    ratio = np.where(tiny, 1.0 + sine**2 / 6.0, np.arctan2(sine, nz) / safe)
+    slope = np.where(tiny, -2.0 / 3.0, (nz - ratio) / safe**2)
+    dn = -skew(n)
+    dratio = slope[..., None] * (nx[..., None] * dn[..., 0, :] + ny[..., None] * dn[..., 1, :])
+    dratio = dratio - dn[..., 2, :]
+    first = -dn[..., 1, :] * ratio[..., None] - ny[..., None] * dratio
+    second = dn[..., 0, :] * ratio[..., None] + nx[..., None] * dratio
+    swing = np.stack((-ny * ratio, nx * ratio), axis=-1)
+    return swing, np.stack((first, second), axis=-2)

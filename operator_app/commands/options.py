@@ -55,6 +55,17 @@ def tolerance_m(args: argparse.Namespace) -> float | None:
     return found / 1e3
 
 
+def force_option(parser: argparse.ArgumentParser) -> None:
+    """``--force``."""
+    parser.add_argument(
+        "--force",
+        metavar="REASON",
+        default="",
+        help="export a calibration even if it is not accepted; the reason is kept in the journal and "
+        "in the parameters",
+    )
+
+
 def plan_option(parser: argparse.ArgumentParser) -> None:
     """``--plan``."""
     parser.add_argument(

@@ -11,6 +11,7 @@ from operator_app.commands.options import (
     bus_options,
     choices_from,
     estimator_options,
+    force_option,
     json_option,
     plan_option,
     scenario_options,
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--record", action="store_true", help="record the bus to bus.blf in the session folder"
     )
+    force_option(parser)
     plan_option(parser)
     estimator_options(parser)
     tolerance_option(parser)
@@ -69,7 +71,7 @@ def execute(args: argparse.Namespace) -> int:
         with unattended(opening, record_to=record_to, cut_short=listener.cut_short) as session:
             if opening.resumed:
                 listener.resumed(session)
-            result = run(session, listener)
+            result = run(session, listener, forced=args.force.strip())
     except UnidentifiableError as error:
         # Only an open session calibrates.
         _report_unidentifiable(args, session, error)

@@ -32,8 +32,10 @@ class RunResult:
     advice: str = ""
 
 
-def run(session: Session, listener: Listener) -> RunResult:
+def run(session: Session, listener: Listener, *, forced: str = "") -> RunResult:
     """Go from Connect to Export; every refusal is raised with its reason.
+
+    `forced` says why a calibration is exported even if it is not accepted; empty: it is not.
 
     A resumed session goes through Connect, Fixture and Modes again: the arm may have been moved.
     """
@@ -48,7 +50,7 @@ def run(session: Session, listener: Listener) -> RunResult:
     known = session.calibrated()
     solution = session.calibrate() if known is None else known.solution
     listener.solved(solution)
-    exported = session.export(solution) if solution.accepted else None
+    exported = session.export(solution, forced=forced) if solution.accepted or forced else None
     return RunResult(
         solution=solution, exported=exported, capture=end, advice=_advice(session, solution, end)
     )

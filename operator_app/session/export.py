@@ -51,8 +51,12 @@ def parameters_document(
     fixture: FixtureSpec,
     poses: PoseSet,
     utc: datetime,
+    forced: str = "",
 ) -> ParametersDocument:
-    """Return the document that describes a calibration completely."""
+    """Return the document that describes a calibration completely.
+
+    `forced` says why one that was not accepted is used all the same: the first of its warnings.
+    """
     estimate, model = solution.estimate, solution.model
     table = model.dh_table(estimate.x)
     if table is None:
@@ -78,7 +82,10 @@ def parameters_document(
             sigma_ori_mrad=_figures(estimate.sigmas.orientation_rad),
             chi2_per_dof=estimate.chi2_per_dof,
         ),
-        warnings=tuple(DocumentWarning(code=n.code, text=n.text) for n in solution.warnings),
+        warnings=(
+            *_in_spite_of(solution, forced),
+            *(DocumentWarning(code=n.code, text=n.text) for n in solution.warnings),
+        ),
         estimator=estimate.estimator,
         pose_set_sha256=poses.sha256(),
         software_version=version("sarcal"),
@@ -109,6 +116,15 @@ def upload(arm: Arm, document: bytes, expected_counts: tuple[int | None, ...]) -
                 "upload again; if it happens twice, do not move the arm and look at that drive",
             )
     return receipt
+
+
+def _in_spite_of(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]:
+    if not reason:
+        return ()
+    # One line, as every text of the document.
+    said = " ".join(reason.split())
+    text = f"not accepted ({'; '.join(solution.reasons)}); used all the same: {said}"
+    return (DocumentWarning(code="FORCED", text=text),)
 
 
 def _figures(reading: TwoReadings) -> TwoFigures:

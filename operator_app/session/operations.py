@@ -276,14 +276,14 @@ class Operations:
         """Write the session's files."""
         self._export(upload_too=False)
 
-    def upload(self) -> None:
-        """Write the files, hold the arm, upload, read back."""
+    def upload(self, forced: str = "") -> None:
+        """Write the files, hold the arm, upload, read back; `forced` says why, if it was not accepted."""
         session = self._session
         session.hold()
-        self._export(upload_too=True)
+        self._export(upload_too=True, forced=forced)
 
-    def _export(self, *, upload_too: bool) -> None:
-        exported = self._session.export(self._judged(), upload_too=upload_too)
+    def _export(self, *, upload_too: bool, forced: str = "") -> None:
+        exported = self._session.export(self._judged(), upload_too=upload_too, forced=forced)
         digest = hashlib.sha256(exported.parameters.read_bytes()).hexdigest()
         written = Written(
             folder=exported.folder,

@@ -370,7 +370,7 @@ class Session:
 
     # -- 7 Export --------------------------------------------------------------------------------
 
-    def document(self, solution: Solution) -> ParametersDocument:
+    def document(self, solution: Solution, *, forced: str = "") -> ParametersDocument:
         """Return what an export of this calibration would write."""
         return parameters_document(
             solution,
@@ -379,12 +379,25 @@ class Session:
             fixture=self.procedure.fixture,
             poses=self.state.pose_set(),
             utc=self._clock(),
+            forced=forced,
         )
 
-    def export(self, solution: Solution, *, upload_too: bool | None = None) -> Exported:
-        """Write the session's files and upload the parameters, unless the procedure says not to."""
+    def export(
+        self, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
+    ) -> Exported:
+        """Write the session's files and upload the parameters, unless the procedure says not to.
+
+        A calibration that was not accepted is refused, but for a reason: `forced`. It is kept in the
+        journal and in the file, for whoever finds these parameters on the controller one day.
+        """
+        if not solution.accepted and not forced:
+            raise GuardError(
+                f"the calibration was not accepted: {'; '.join(solution.reasons)}",
+                "see what it asks for; or say why it is to be used all the same (--force REASON)",
+            )
+        forced = "" if solution.accepted else forced
         poses = self.state.pose_set()
-        document = self.document(solution)
+        document = self.document(solution, forced=forced)
         folder = self.journal.path.parent
         save_poses(folder / POSES_NAME, poses)
         data = format_parameters(document)
@@ -399,6 +412,7 @@ class Session:
                 "file": PARAMETERS_NAME,
                 "sha256": hashlib.sha256(data).hexdigest(),
                 "uploaded": None if receipt is None else asdict(receipt),
+                "forced": forced,
             },
         )
         return Exported(

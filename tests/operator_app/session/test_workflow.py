@@ -303,3 +303,38 @@ def test_a_resumed_session_is_not_solved_again_whichever_face_resumes_it(
     other.exclude(2, "bumped")
     assert not other.state.solved
     other.close("left")
+
+
+def test_what_is_not_accepted_is_exported_for_a_reason_only_and_the_reason_is_kept(
+    make_session: MakeSession,
+) -> None:
+    session = make_session(hinge(5))
+    result = run(session, Listener())
+    assert not result.solution.accepted
+    assert result.exported is None
+    with pytest.raises(GuardError, match=r"was not accepted: .*condition") as refused:
+        session.export(result.solution, upload_too=True)
+    assert "--force" in refused.value.remedy
+    assert session.arm.active_parameters() == b""
+    assert not session.state.exported
+
+    forced = run(session, Listener(), forced="the demo\nis tonight")
+    assert forced.exported is not None
+    assert session.state.exported["forced"] == "the demo\nis tonight"
+    document = load_parameters(forced.exported.parameters)
+    assert document.warnings[0].code == "FORCED"
+    assert document.warnings[0].text.endswith("used all the same: the demo is tonight")
+    assert "condition" in document.warnings[0].text
+    assert session.arm.active_parameters() == forced.exported.parameters.read_bytes()
+    session.close("done")
+
+
+def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session: MakeSession) -> None:
+    session = make_session(hinge(20))
+    result = run(session, Listener(), forced="just in case")
+    assert result.solution.accepted
+    assert result.exported is not None
+    assert session.state.exported["forced"] == ""
+    codes = [w.code for w in load_parameters(result.exported.parameters).warnings]
+    assert "FORCED" not in codes
+    session.close("done")

@@ -258,11 +258,9 @@ def _choices(node: dict[str, Any], whole: dict[str, Any], value: Any) -> list[di
     """What a node of a JSON Schema stands for; of several kinds only the one that `value` names."""
     if "$ref" in node:
         return [whole["$defs"][node["$ref"].rpartition("/")[2]]]
-    found = [
-        choice
-        for option in node.get("anyOf", node.get("oneOf", ()))
-        for choice in _choices(option, whole, value)
-    ]
+    # Older versions of pydantic write a reference with a default as allOf of one.
+    options = (option for word in ("anyOf", "oneOf", "allOf") for option in node.get(word, ()))
+    found = [choice for option in options for choice in _choices(option, whole, value)]
     kind = value.get("kind") if isinstance(value, dict) else None
     named = [n for n in found if n.get("properties", {}).get("kind", {}).get("const", kind) == kind]
     return named if found else [node]

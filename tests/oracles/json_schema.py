@@ -64,6 +64,9 @@ def complaints(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iter
             fits = sum(not list(complaints(value, option, root)) for option in wanted)
             if not fits or (word == "oneOf" and fits > 1):
                 yield f"{value!r} fits {fits} of {len(wanted)} choices"
+        elif word == "allOf":
+            for option in wanted:
+                yield from complaints(value, option, root)
         elif word not in SAYS_NOTHING | {"properties", "items", "prefixItems"}:
             raise NotImplementedError(f"keyword {word}")
     for item, own in parts(value, schema):

@@ -10,6 +10,7 @@ import yaml
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.fixture_file import parse_fixture
 from operator_app.config.resources import resolve
+from tests.oracles.shop_floor import Sizes
 
 PLACEMENT = {
     "a_0": "a_0_mm",
@@ -22,8 +23,16 @@ PLACEMENT = {
 }
 
 
-def written(nominal: dict[str, float]) -> tuple[bytes, bytes]:
-    """Arm and fixture files (YAML) with nominal entries (rad, m) replaced, by D-H name."""
+def written(nominal: dict[str, float], stated: Sizes | None = None) -> tuple[bytes, bytes]:
+    """Arm and fixture files (YAML) as an operator may write them.
+
+    Parameters
+    ----------
+    nominal
+        Entries (rad, m) that replace the shipped ones, by D-H name.
+    stated
+        How large the errors are that the files admit; None leaves what is shipped.
+    """
     arm = yaml.safe_load(resolve("arm", "sarcos_dextrous").data)
     fixture = yaml.safe_load(resolve("fixture", "hinge").data)
     for name, value in nominal.items():
@@ -35,6 +44,20 @@ def written(nominal: dict[str, float]) -> tuple[bytes, bytes]:
         else:
             row = int(name.removeprefix("theta_off_"))
             arm["dh"][row - 1]["theta_off_deg"] = float(np.rad2deg(value))
+    if stated is not None:
+        arm["tolerance"] = {
+            "length_mm": float(1e3 * stated.length_m),
+            "twist_deg": float(np.rad2deg(stated.twist_rad)),
+        }
+        for joint in arm["joints"]:
+            joint["backlash_deg"] = float(np.rad2deg(stated.backlash_rad))
+            joint["sag_deg"] = float(np.rad2deg(stated.sag_rad))
+            if joint["sensor"]["kind"] == "encoder":
+                joint["sensor"]["accuracy_deg"] = float(np.rad2deg(stated.encoder_rad))
+        fixture["give"] = {
+            "position_mm": float(1e3 * stated.give_m),
+            "orientation_mrad": float(1e3 * stated.give_rad),
+        }
     return tuple(yaml.safe_dump(document, sort_keys=False).encode() for document in (arm, fixture))
 
 
@@ -43,6 +66,6 @@ def _read(arm: bytes, fixture: bytes):
     return parse_arm(arm, "arm.yaml"), parse_fixture(fixture, "hinge.yaml").fixture
 
 
-def read(nominal: dict[str, float]):
+def read(nominal: dict[str, float], stated: Sizes | None = None):
     """Return arm and fixture as they are read from `written`."""
-    return _read(*written(nominal))
+    return _read(*written(nominal, stated))

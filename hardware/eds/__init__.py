@@ -1,1 +1,1 @@
-"""Electronic data sheets of the two devices, generated from `hardware.objects` and never edited."""
+"""Electronic data sheets of the two devices, the source of their object dictionaries. Knows no bus."""

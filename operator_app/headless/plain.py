@@ -14,8 +14,8 @@ from typing import Protocol
 
 from operator_app.headless.plain_words import describe, results
 from operator_app.session import actions, guards
-from operator_app.session.desk import Desk
 from operator_app.session.face import Action, Question, Typed, YesNo, perform
+from operator_app.session.runner import Runner
 from operator_app.session.sessions import Sessions
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
@@ -66,7 +66,7 @@ class Plain:
         self._row: int | None = None
         self._heard = 0
         self._left = False
-        self.runner: Desk = sessions.new() if resume is None else sessions.resumed(resume)
+        self.runner: Runner = sessions.new() if resume is None else sessions.resumed(resume)
 
     def run(self) -> str:
         """Ask until the operator leaves; Ctrl-C is STOP, and leaves when nothing is under way."""
@@ -212,7 +212,7 @@ class Plain:
         """The item that was listed."""
         return self._row
 
-    def open(self, make: Callable[[], Desk]) -> None:
+    def open(self, make: Callable[[], Runner]) -> None:
         """Take another session."""
         try:
             self.runner = make()
@@ -222,7 +222,7 @@ class Plain:
             return
         self._step, self._heard = Step.CONNECT, 0
 
-    def write_report(self, s: SessionSnapshot, runner: Desk) -> Path:
+    def write_report(self, s: SessionSnapshot, runner: Runner) -> Path:
         """Write the report page."""
         from operator_app.report.of_session import write_report
 

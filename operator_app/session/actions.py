@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 
 from operator_app.session import guards
-from operator_app.session.desk import Desk
 from operator_app.session.face import (
     EVERYWHERE,
     Action,
@@ -25,6 +24,7 @@ from operator_app.session.face import (
 from operator_app.session.guards import Missing
 from operator_app.session.keys import QUIT_KEYS, STOP_KEYS
 from operator_app.session.operations import Operations
+from operator_app.session.runner import Runner
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.state import SessionState
 from operator_app.session.steps import Step
@@ -51,7 +51,7 @@ def _task(kind: TaskKind, text: str, work: Callable[[Operations], None]) -> Work
     return lambda chosen: chosen.hand(kind, text, work)
 
 
-def _note_down(runner: Desk, item: str, text: str) -> None:
+def _note_down(runner: Runner, item: str, text: str) -> None:
     runner.submit(TaskKind.NOTE, "noting", lambda: runner.operations.confirm(item, text))
 
 
@@ -104,7 +104,7 @@ def open_items(s: SessionSnapshot) -> dict[int, str]:
     return {k: f"Confirm: {text}" for k, text in enumerate(items) if k not in s.ticked}
 
 
-def _tick(runner: Desk, s: SessionSnapshot, ticked: frozenset[int]) -> None:
+def _tick(runner: Runner, s: SessionSnapshot, ticked: frozenset[int]) -> None:
     runner.publish(lambda now: replace(now, ticked=ticked))
     items = s.procedure.fixture.checklist
     for k in sorted(ticked - s.ticked):
@@ -133,7 +133,7 @@ def _toggle_joint(face: FullScreen) -> None:
         _mark(runner, tuple(sorted({*s.wanted_joints} ^ {face.joint()})))
 
 
-def _mark(runner: Desk, joints: tuple[int, ...]) -> None:
+def _mark(runner: Runner, joints: tuple[int, ...]) -> None:
     runner.publish(lambda s: replace(s, wanted_joints=joints))
 
 

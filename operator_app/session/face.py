@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from operator_app.session.desk import Desk
 from operator_app.session.guards import Missing
 from operator_app.session.operations import Operations
+from operator_app.session.runner import Runner
 from operator_app.session.sessions import Sessions
 from operator_app.session.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
@@ -59,7 +59,7 @@ class Face(Protocol):
     """Where an operator chooses actions."""
 
     @property
-    def runner(self) -> Desk | None:
+    def runner(self) -> Runner | None:
         """What runs the session; None before there is one."""
         ...
 
@@ -88,11 +88,11 @@ class Face(Protocol):
         """Item of the check list that is meant, from 0."""
         ...
 
-    def open(self, make: Callable[[], Desk]) -> None:
+    def open(self, make: Callable[[], Runner]) -> None:
         """Take another session; the one before is closed, the arm held."""
         ...
 
-    def write_report(self, s: SessionSnapshot, runner: Desk) -> Path:
+    def write_report(self, s: SessionSnapshot, runner: Runner) -> Path:
         """Write the report page; on the worker's thread."""
         ...
 
@@ -229,7 +229,7 @@ class Chosen:
 
     action: Action
     face: Face
-    runner: Desk
+    runner: Runner
     s: SessionSnapshot
 
     def hand(self, kind: TaskKind, text: str, work: Callable[[Operations], None]) -> None:

@@ -21,7 +21,7 @@ from operator_app.session.drives import choose_by_prediction
 from operator_app.session.listener import Listener
 from operator_app.session.parameter_diff import diff_rows
 from operator_app.session.session import Session
-from operator_app.session.snapshot import Change, Iteration, Level, Verification, Written
+from operator_app.session.snapshot import Change, Iteration, Level, Verified, Written
 from operator_app.session.solving import Solver, SolvingProcess
 from operator_app.session.state import CapturedPose, SessionState
 from operator_app.session.workflow import take_poses, verify
@@ -34,7 +34,7 @@ from solver.loops.closure import ClosureModel
 WIGGLE_RAD = float(np.deg2rad(2.0))
 
 
-class Board(Protocol):
+class Publisher(Protocol):
     """Where operations put what they found, and hear that they should end."""
 
     def publish(self, change: Change) -> None:
@@ -53,11 +53,11 @@ class Board(Protocol):
 class Operations:
     """The work of the seven steps."""
 
-    def __init__(self, session: Session, board: Board) -> None:
+    def __init__(self, session: Session, publisher: Publisher) -> None:
         self._session = session
-        self._board = board
-        self._listener = _OnTheBoard(self, board)
-        session.cancelled = board.cancelled
+        self._publisher = publisher
+        self._listener = _Publishing(self, publisher)
+        session.cancelled = publisher.cancelled
         self._forecast: Forecast | None = None
         self._live: LiveQuality | None = None
         self._solution: Solution | None = None
@@ -71,12 +71,12 @@ class Operations:
         try:
             identity = self._session.connect()
         finally:
-            self._board.publish(lambda s: replace(s, identity=self._session.identity))
-        self._board.publish(lambda s: replace(s, stop=None, at_waypoint=None))
+            self._publisher.publish(lambda s: replace(s, identity=self._session.identity))
+        self._publisher.publish(lambda s: replace(s, stop=None, at_waypoint=None))
         if all("virtual" in node.device_name for node in identity.nodes):
             # On whatever bus: these nodes say themselves that nothing real moves.
-            self._board.publish(lambda s: replace(s, simulated=True))
-        self._board.say(
+            self._publisher.publish(lambda s: replace(s, simulated=True))
+        self._publisher.say(
             Level.INFO,
             f"connected to {identity.model}, serial {identity.serial_number}, "
             f"{len(identity.nodes)} nodes",
@@ -89,7 +89,7 @@ class Operations:
         known = self._session.calibrated()
         if self._solution is None and known is not None:
             self._solution = known.solution
-            self._board.publish(lambda s: replace(s, checks_of_it=known.checks))
+            self._publisher.publish(lambda s: replace(s, checks_of_it=known.checks))
             if known.solution.accepted:
                 self._compare()
 
@@ -105,7 +105,7 @@ class Operations:
             choice = choose_by_prediction(session)
             joints, ranked = choice.drives, choice.ranked
         best = ranked[0].drives if ranked else ()
-        self._board.publish(
+        self._publisher.publish(
             lambda s: replace(
                 s, checks=checks, ranked=ranked, wanted_joints=s.wanted_joints or best
             )
@@ -129,7 +129,7 @@ class Operations:
         session = self._session
         session.set_modes(position_joints)
         names = " and ".join(f"J{j}" for j in position_joints)
-        self._board.say(Level.INFO, f"{names} in position mode, the others free: read back")
+        self._publisher.say(Level.INFO, f"{names} in position mode, the others free: read back")
         start = session.state.start_rad
         if start is not None:
             self._foresee(session.plan(), start)
@@ -154,8 +154,8 @@ class Operations:
                 f"J{j} {moved[j - 1]:+.1f}" for j in range(1, len(moved) + 1) if j != joint
             )
             said.append(f"J{joint} {moved[joint - 1]:+.1f} deg moved {followed} deg")
-        self._board.publish(lambda s: replace(s, wiggle="; ".join(said)))
-        self._board.say(Level.INFO, "trial wiggle done: " + "; ".join(said))
+        self._publisher.publish(lambda s: replace(s, wiggle="; ".join(said)))
+        self._publisher.say(Level.INFO, "trial wiggle done: " + "; ".join(said))
 
     # -- 4 Capture ---------------------------------------------------------------------------------
 
@@ -165,9 +165,9 @@ class Operations:
         reached = self._session.visit(waypoint)
         self._at(waypoint if reached else None)
         if reached:
-            self._board.say(Level.INFO, f"at waypoint {waypoint + 1}: capture when still")
+            self._publisher.say(Level.INFO, f"at waypoint {waypoint + 1}: capture when still")
         else:
-            self._board.say(
+            self._publisher.say(
                 Level.WARNING, f"waypoint {waypoint + 1} cannot be reached and was passed over"
             )
         self.refresh()
@@ -181,37 +181,41 @@ class Operations:
         """Say what there is now."""
         self.refresh()
         noise = float(np.rad2deg(pose.sd_rad.max()))
-        self._board.say(Level.INFO, f"pose {pose.number} captured (noise up to {noise:.4f} deg)")
+        self._publisher.say(
+            Level.INFO, f"pose {pose.number} captured (noise up to {noise:.4f} deg)"
+        )
 
     def automatic(self) -> None:
         """Take the poses that are left, as they come or by a plan; any key ends it."""
         try:
             end = take_poses(self._session, self._listener)
         finally:
-            self._board.publish(lambda s: replace(s, heading=None))
+            self._publisher.publish(lambda s: replace(s, heading=None))
         self.refresh()
         if end is None:
             wanted = self._session.procedure.capture.poses
-            self._board.say(Level.INFO, f"all {wanted} poses captured")
+            self._publisher.say(Level.INFO, f"all {wanted} poses captured")
         else:
             level = Level.INFO if end.complete else Level.WARNING
-            self._board.say(level, f"capture {'complete' if end.complete else 'ended'}: {end.text}")
+            self._publisher.say(
+                level, f"capture {'complete' if end.complete else 'ended'}: {end.text}"
+            )
 
     def undo(self) -> None:
         """Take back the last pose."""
         pose = self._session.undo()
         self.refresh()
-        self._board.say(Level.INFO, f"pose {pose.number} taken back")
+        self._publisher.say(Level.INFO, f"pose {pose.number} taken back")
 
     def exclude(self, number: int) -> None:
         """Exclude a pose, or let it count again."""
         pose = next((p for p in self._session.state.poses if p.number == number), None)
         if pose is not None and pose.excluded:
             self._session.include(number)
-            self._board.say(Level.INFO, f"pose {number} counts again")
+            self._publisher.say(Level.INFO, f"pose {number} counts again")
         else:
             self._session.exclude(number, "by the operator")
-            self._board.say(Level.INFO, f"pose {number} excluded: it stays in the journal")
+            self._publisher.say(Level.INFO, f"pose {number} excluded: it stays in the journal")
         self.refresh()
 
     def note(self, number: int, text: str) -> None:
@@ -223,12 +227,12 @@ class Operations:
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
         """Calibrate, in a process of its own; each iteration is published, and cancelling ends it at once."""
-        self._board.publish(lambda s: replace(s, iterations=()))
+        self._publisher.publish(lambda s: replace(s, iterations=()))
         with SolvingProcess(self._go_on) as process:
             self._calibrate(process, estimator, unsensed_joints)
 
     def _go_on(self) -> None:
-        if self._board.cancelled():
+        if self._publisher.cancelled():
             raise Cancelled
 
     def _calibrate(self, solver: Solver, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
@@ -236,14 +240,14 @@ class Operations:
 
         def progress(number: int, cost: float) -> None:
             steps.append(Iteration(number=number, cost=cost))
-            self._board.publish(lambda s: replace(s, iterations=tuple(steps)))
+            self._publisher.publish(lambda s: replace(s, iterations=tuple(steps)))
 
         solution = self._session.calibrate(
             progress, estimator=estimator, unsensed_joints=unsensed_joints, solver=solver
         )
         self._solution = solution
         # All at once, and only now: what was said of an earlier calibration does not hold for this one.
-        self._board.publish(
+        self._publisher.publish(
             lambda s: replace(
                 s, solution=solution, checks_of_it=None, written=None, diff=(), receipt=None,
                 verification=None, report=None,
@@ -251,14 +255,14 @@ class Operations:
         )  # fmt: skip
         self.refresh()
         verdict = "accepted" if solution.accepted else "not accepted"
-        self._board.say(
+        self._publisher.say(
             Level.INFO if solution.accepted else Level.WARNING,
             f"calibrated from {solution.poses} poses: {verdict}",
         )
         if solution.estimate.corrections is not None:
             # Five smaller calibrations and one per pose: seconds, so the verdict is shown before.
             found = self._session.check(solution, solver)
-            self._board.publish(lambda s: replace(s, checks_of_it=found))
+            self._publisher.publish(lambda s: replace(s, checks_of_it=found))
         if solution.accepted:
             self._compare()
 
@@ -270,7 +274,7 @@ class Operations:
         active_bytes = session.arm.active_parameters() if session.identity is not None else b""
         active = parse_parameters(active_bytes, "active parameters") if active_bytes else None
         rows = diff_rows(session.document(solution), active)
-        self._board.publish(lambda s: replace(s, diff=rows))
+        self._publisher.publish(lambda s: replace(s, diff=rows))
 
     def write(self) -> None:
         """Write the session's files."""
@@ -291,14 +295,14 @@ class Operations:
             poses=exported.poses,
             sha256=digest,
         )
-        self._board.publish(lambda s: replace(s, written=written))
+        self._publisher.publish(lambda s: replace(s, written=written))
         self.refresh()
         if exported.receipt is None:
-            self._board.say(Level.INFO, f"written: {exported.parameters}")
+            self._publisher.say(Level.INFO, f"written: {exported.parameters}")
         else:
-            self._board.publish(lambda s: replace(s, receipt=exported.receipt))
+            self._publisher.publish(lambda s: replace(s, receipt=exported.receipt))
             self._compare()
-            self._board.say(
+            self._publisher.say(
                 Level.INFO,
                 f"uploaded to slot {exported.receipt.slot} and read back: the same "
                 f"{exported.receipt.length} bytes",
@@ -308,7 +312,7 @@ class Operations:
         """Take new poses elsewhere and judge them by the parameters as they are; any key ends it."""
         verdict, _ = verify(self._session, self._judged(), poses, self._listener)
         judged = verdict.verification
-        found = Verification(
+        found = Verified(
             poses=verdict.poses,
             position_m=judged.sigmas.position_m.rms,
             orientation_rad=judged.sigmas.orientation_rad.rms,
@@ -316,8 +320,8 @@ class Operations:
             holds=verdict.holds,
         )
         self.refresh()
-        self._board.publish(lambda s: replace(s, verification=found))
-        self._board.say(
+        self._publisher.publish(lambda s: replace(s, verification=found))
+        self._publisher.say(
             Level.INFO,
             f"verified with {found.poses} new poses: {1e3 * found.position_m:.2f} mm rms",
         )
@@ -327,8 +331,8 @@ class Operations:
     def reset(self) -> None:
         """Clear STOP; the drives stay disabled."""
         self._session.arm.reset_stop()
-        self._board.publish(lambda s: replace(s, stop=None))
-        self._board.say(Level.INFO, "STOP reset: nothing moves; apply the modes again (step 3)")
+        self._publisher.publish(lambda s: replace(s, stop=None))
+        self._publisher.say(Level.INFO, "STOP reset: nothing moves; apply the modes again (step 3)")
 
     def hold(self) -> None:
         """All joints to position mode where they are."""
@@ -361,7 +365,7 @@ class Operations:
                 forecast=self._forecast,
                 open_waypoints=left,
             )
-        self._board.publish(
+        self._publisher.publish(
             lambda s: replace(
                 s,
                 state=state,
@@ -386,11 +390,11 @@ class Operations:
             plan=plan,
             poses=session.procedure.capture.poses,
         )
-        self._board.publish(lambda s: replace(s, plan=plan, forecast=self._forecast))
+        self._publisher.publish(lambda s: replace(s, plan=plan, forecast=self._forecast))
 
     def _at(self, waypoint: int | None) -> None:
         """Say at which waypoint the arm is; None before it moves."""
-        self._board.publish(lambda s: replace(s, at_waypoint=waypoint))
+        self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
 
     @property
     def _model(self) -> ClosureModel:
@@ -402,20 +406,20 @@ class Operations:
         return self._solution
 
 
-class _OnTheBoard(Listener):
+class _Publishing(Listener):
     """Shows how a capture goes on."""
 
-    def __init__(self, operations: Operations, board: Board) -> None:
-        self._operations, self._board = operations, board
+    def __init__(self, operations: Operations, publisher: Publisher) -> None:
+        self._operations, self._publisher = operations, publisher
 
     def going(self, move: GoTo | None) -> None:
-        self._board.publish(lambda s: replace(s, at_waypoint=None, heading=move))
+        self._publisher.publish(lambda s: replace(s, at_waypoint=None, heading=move))
 
     def arrived(self, waypoint: int) -> None:
-        self._board.publish(lambda s: replace(s, at_waypoint=waypoint))
+        self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
         self._operations.captured(state.poses[-1])
 
     def told(self, text: str) -> None:
-        self._board.say(Level.INFO, text)
+        self._publisher.say(Level.INFO, text)

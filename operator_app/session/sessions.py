@@ -1,4 +1,4 @@
-"""The sessions a face can open, one desk at a time. Knows no screen; which arm there is, `join` decides."""
+"""The sessions a face can open, one runner at a time. Knows no screen; which arm there is, `join` decides."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import builtin_names
-from operator_app.session.desk import Desk
 from operator_app.session.folder import SessionEntry, list_sessions
 from operator_app.session.journal import JOURNAL_NAME
 from operator_app.session.opening import Choices, Opening, Rig, begin, open_session, resume
+from operator_app.session.runner import Runner
 
 
 class Sessions:
@@ -45,21 +45,23 @@ class Sessions:
     ) -> None:
         self._procedure, self._choices, self._root, self._join = procedure, choices, root, join
         self._stack = ExitStack()
-        self._desk: Desk | None = None
+        self._runner: Runner | None = None
         self.last: Path | None = None
 
-    def new(self, procedure: str | None = None) -> Desk:
+    def new(self, procedure: str | None = None) -> Runner:
         """Begin a session; a procedure that is named stays chosen."""
         named = procedure or self._procedure
-        desk = self._open(begin(named, self._choices, root=self._root), "another session was begun")
+        runner = self._open(
+            begin(named, self._choices, root=self._root), "another session was begun"
+        )
         self._procedure = named
-        return desk
+        return runner
 
     def procedures(self) -> tuple[Procedure, ...]:
         """The packaged procedures, one of which a session can follow."""
         return tuple(load_procedure(name) for name in builtin_names("procedure"))
 
-    def resumed(self, reference: str) -> Desk:
+    def resumed(self, reference: str) -> Runner:
         """Go on with a session, named by its folder."""
         opening = resume(reference, self._choices, root=self._root)
         return self._open(opening, "another session was resumed")
@@ -69,35 +71,35 @@ class Sessions:
         return list_sessions(self._root)[::-1]
 
     def close(self, reason: str) -> None:
-        """Close the desk that is open: arm held, journal whole. Safe to call twice."""
-        desk, self._desk = self._desk, None
-        if desk is not None:
+        """Close the runner that is open: arm held, journal whole. Safe to call twice."""
+        runner, self._runner = self._runner, None
+        if runner is not None:
             try:
-                desk.close(reason)
+                runner.close(reason)
             finally:
                 self._stack.close()
-                kept = not _removed_if_empty(desk)
-                self.last = desk.session.journal.path.parent if kept else None
+                kept = not _removed_if_empty(runner)
+                self.last = runner.session.journal.path.parent if kept else None
 
-    def _open(self, opening: Opening, farewell: str) -> Desk:
+    def _open(self, opening: Opening, farewell: str) -> Runner:
         """Open a session; the one that was open is closed when nothing can go wrong any more."""
         with ExitStack() as stack:
             rig = stack.enter_context(self._join(opening))
             session = open_session(rig)
             stack.callback(session.journal.close)
-            desk = Desk(session, simulated=rig.simulated, bus=rig.bus)
+            runner = Runner(session, simulated=rig.simulated, bus=rig.bus)
             opened = stack.pop_all()
         self.close(farewell)
-        self._desk, self._stack = desk, opened
-        return desk
+        self._runner, self._stack = runner, opened
+        return runner
 
 
-def _removed_if_empty(desk: Desk) -> bool:
+def _removed_if_empty(runner: Runner) -> bool:
     """Take away the folder of a session in which no arm was ever connected: it holds nothing."""
-    folder = desk.session.journal.path.parent
+    folder = runner.session.journal.path.parent
     if not folder.is_dir():
         return True
-    if desk.session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:
+    if runner.session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:
         return False
     (folder / JOURNAL_NAME).unlink()
     folder.rmdir()

@@ -130,7 +130,7 @@ class DiffRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verification:
+class Verified:
     """New poses judged by parameters that were fixed before.
 
     rms of the closure at the readings, chi2/dof, and whether the parameters predict as well as they
@@ -206,7 +206,7 @@ class SessionSnapshot:
     diff: tuple[DiffRow, ...] = ()
     receipt: UploadReceipt | None = None
     report: Path | None = None
-    verification: Verification | None = None
+    verification: Verified | None = None
     stop: StopReport | None = None
     task: Task | None = None
     messages: tuple[Message, ...] = field(default=())

@@ -16,9 +16,12 @@ import traceback
 from collections.abc import Callable
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from operator_app.errors import SessionError
+
+if TYPE_CHECKING:
+    from solver.estimators.least_squares import Progress
 
 T = TypeVar("T")
 
@@ -27,8 +30,6 @@ LOOK_S = 0.02
 NICENESS = 5
 """The screen and the bus come first."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-Progress = Callable[[int, float], None]
 
 
 class Solver(Protocol):

@@ -33,7 +33,7 @@ from operator_app.tui.palette import ActionProvider
 from operator_app.tui.start_screen import StartScreen
 
 if TYPE_CHECKING:
-    from operator_app.session.desk import Desk
+    from operator_app.session.runner import Runner
     from operator_app.session.sessions import Sessions
     from operator_app.session.snapshot import SessionSnapshot
     from operator_app.tui.face import ScreenFace
@@ -70,7 +70,7 @@ class SarcalApp(App[str]):
         self.theme = NO_COLOUR if colourless else theme
         self.look: Look = look(self.theme, ascii_only=ascii_only)
         self.resume_first = resume
-        self.desk: Desk | None = None
+        self.runner: Runner | None = None
         self.step = Step.CONNECT
         self.picture: SessionSnapshot | None = None
         self.loaded = False
@@ -148,12 +148,12 @@ class SarcalApp(App[str]):
 
     def poll(self) -> None:
         """Take one snapshot and show it."""
-        desk = self.desk
-        if desk is None or not self.main.is_running:
+        runner = self.runner
+        if runner is None or not self.main.is_running:
             return
-        if desk.defect is not None:
-            raise RuntimeError("the session's worker met a defect") from desk.defect
-        self.picture = desk.snapshot()
+        if runner.defect is not None:
+            raise RuntimeError("the session's worker met a defect") from runner.defect
+        self.picture = runner.snapshot()
         self.face.follow(self.picture)
         self.main.show(self.picture)
 
@@ -165,16 +165,16 @@ class SarcalApp(App[str]):
 
     def at_the_door(self, event: Pressed) -> None:
         """STOP from the thread that reads keys and mouse; the loop hears of it when it has time."""
-        desk = self.desk
-        if desk is None or not desk.connected:
+        runner = self.runner
+        if runner is None or not runner.connected:
             return
         if isinstance(event, events.MouseDown):
             # On the strip, which a dialog leaves uncovered but keeps from hearing of the mouse.
             if event.button and event.y == 0 and event.x < STOP_WIDTH:
-                desk.stop()
+                runner.stop()
         elif self._is_stop(event):
             self._stopped_at_the_door.append(event)
-            desk.stop()
+            runner.stop()
 
     def _was_done_at_the_door(self, event: events.Key) -> bool:
         before = len(self._stopped_at_the_door)
@@ -209,10 +209,10 @@ class SarcalApp(App[str]):
         if self._is_stop(event):
             self.face.stop()
             return True
-        desk = self.desk
+        runner = self.runner
         task = None if self.picture is None else self.picture.task
-        if desk is not None and task is not None and task.moves:
-            desk.cancel()
+        if runner is not None and task is not None and task.moves:
+            runner.cancel()
             self.main.refuse("")
             return True
         if self.screen is not self.main:

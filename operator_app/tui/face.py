@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.session import actions, guards
-from operator_app.session.desk import Desk
 from operator_app.session.face import Action, OnScreen, Question, YesNo, perform
 from operator_app.session.next_thing import next_thing
+from operator_app.session.runner import Runner
 from operator_app.session.sessions import Sessions
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
@@ -72,9 +72,9 @@ class ScreenFace:
     # -- what an action may ask --------------------------------------------------------------------
 
     @property
-    def runner(self) -> Desk | None:
+    def runner(self) -> Runner | None:
         """What runs the session."""
-        return self.app.desk
+        return self.app.runner
 
     @property
     def sessions(self) -> Sessions:
@@ -83,8 +83,8 @@ class ScreenFace:
 
     def look(self) -> SessionSnapshot | None:
         """Take a fresh picture."""
-        if self.app.desk is not None:
-            self.app.picture = self.app.desk.snapshot()
+        if self.app.runner is not None:
+            self.app.picture = self.app.runner.snapshot()
         return self.app.picture
 
     def refuse(self, why: str) -> None:
@@ -118,7 +118,7 @@ class ScreenFace:
         """The marked joint."""
         return self.app.main.query_one(ModesView).cursor + 1
 
-    def write_report(self, s: SessionSnapshot, runner: Desk) -> Path:
+    def write_report(self, s: SessionSnapshot, runner: Runner) -> Path:
         """Write the report page."""
         from operator_app.report.of_session import write_report
 
@@ -152,24 +152,24 @@ class ScreenFace:
         )
 
     def open(
-        self, make: Callable[[], Desk], then: Callable[[], Awaitable[None]] | None = None
+        self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None = None
     ) -> None:
         """Take another session, in a thread: the one before may have to end work and hold the arm."""
         if self._opening:
             self.refuse("wait: another session is being opened")
             return
         self._opening = True
-        if self.app.desk is not None:
+        if self.app.runner is not None:
             self.refuse("closing this session: its work is ended and the arm held")
         self.app.run_worker(self._open(make, then))
 
     async def _open(
-        self, make: Callable[[], Desk], then: Callable[[], Awaitable[None]] | None
+        self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None
     ) -> None:
         try:
-            self.app.desk = await asyncio.to_thread(make)
+            self.app.runner = await asyncio.to_thread(make)
         except EXPECTED as error:
-            if self.app.desk is None:
+            if self.app.runner is None:
                 self.app.give_up(error)
                 return
             said = words(error)
@@ -241,9 +241,9 @@ class ScreenFace:
 
     def stop(self) -> None:
         """Software STOP, from this thread, at once."""
-        desk = self.app.desk
-        if desk is not None and desk.connected:
-            desk.stop()
+        runner = self.app.runner
+        if runner is not None and runner.connected:
+            runner.stop()
             self.refuse("")
         else:
             self.refuse("STOP: no arm is connected, nothing was sent")

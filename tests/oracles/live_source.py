@@ -9,8 +9,8 @@ from pathlib import Path
 
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.desk import Desk
 from operator_app.session.opening import Choices, Opening, Rig
+from operator_app.session.runner import Runner
 from operator_app.session.sessions import Sessions
 from oracles.live_arm import LiveArm
 
@@ -38,9 +38,9 @@ class FakeSource(Sessions):
         self._made = 0
 
     @property
-    def desk(self) -> Desk | None:
-        """The desk that is open."""
-        return self._desk
+    def runner(self) -> Runner | None:
+        """The runner that is open."""
+        return self._runner
 
     @contextmanager
     def _joined(self, opening: Opening) -> Iterator[Rig]:

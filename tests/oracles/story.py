@@ -17,8 +17,8 @@ import numpy as np
 
 from hardware.arm import ArmSnapshot, DriveState
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.desk import Desk
 from operator_app.session.motion import Motion
+from operator_app.session.runner import Runner
 from operator_app.session.snapshot import (
     DataState,
     SessionSnapshot,
@@ -76,7 +76,7 @@ def story() -> Mapping[str, SessionSnapshot]:
     with TemporaryDirectory() as root:
         arm = StillArm(procedure, "datasheet")
         session = opened(Path(root) / "session", arm, procedure, clock=clock)
-        desk = Desk(
+        runner = Runner(
             session,
             simulated=True,
             bus="the virtual bus of this program",
@@ -85,36 +85,36 @@ def story() -> Mapping[str, SessionSnapshot]:
         )
 
         def tell(name: str) -> None:
-            told[name] = _still(desk.snapshot())
+            told[name] = _still(runner.snapshot())
 
         try:
             tell("start")
-            desk.operations.connect()
+            runner.operations.connect()
             tell("connected")
             ticked = frozenset(range(len(procedure.fixture.checklist)))
-            desk.publish(lambda s: replace(s, ticked=ticked))
+            runner.publish(lambda s: replace(s, ticked=ticked))
             tell("ticked")
-            desk.operations.set_modes((1, 5))
+            runner.operations.set_modes((1, 5))
             tell("modes")
             for _ in range(3):
-                desk.operations.go(session.state.next_waypoint)
-                desk.operations.capture(session.state.next_waypoint)
-            desk.operations.note(2, "cable touched?")
+                runner.operations.go(session.state.next_waypoint)
+                runner.operations.capture(session.state.next_waypoint)
+            runner.operations.note(2, "cable touched?")
             tell("capturing")
-            desk.operations.automatic()
-            desk.operations.exclude(3)
-            desk.operations.automatic()
+            runner.operations.automatic()
+            runner.operations.exclude(3)
+            runner.operations.automatic()
             tell("captured")
-            desk.operations.calibrate("implicit", ())
+            runner.operations.calibrate("implicit", ())
             tell("solved")
-            desk.operations.write()
+            runner.operations.write()
             tell("written")
-            desk.operations.verify(3)
+            runner.operations.verify(3)
             tell("verified")
-            desk.operations.upload()
+            runner.operations.upload()
             tell("uploaded")
         finally:
-            desk.close("told")
+            runner.close("told")
     return told
 
 

@@ -86,7 +86,7 @@ def app_state(pilot: Pilot[str]) -> object:
 
 def idle(app: SarcalApp) -> bool:
     """Whether the worker has nothing to do."""
-    return app.desk is not None and app.desk.snapshot().task is None
+    return app.runner is not None and app.runner.snapshot().task is None
 
 
 def under_way(app: SarcalApp) -> bool:

@@ -19,7 +19,7 @@ from solver.design.actions import GoTo
 MakeSession = Callable[..., Session]
 
 
-class Board:
+class Publisher:
     """Keeps what is published, and asks to end after so many poses."""
 
     def __init__(self, session: Session) -> None:
@@ -71,31 +71,31 @@ def wanted_poses(session: Session) -> int:
 
 
 def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -> None:
-    board = Board(session)
-    work = Operations(session, board)
+    publisher = Publisher(session)
+    work = Operations(session, publisher)
     work.connect()
-    assert board.shown.ranked[0].drives == (1, 5)
-    assert "reaches" in board.shown.ranked[0].reasons[0]
+    assert publisher.shown.ranked[0].drives == (1, 5)
+    assert "reaches" in publisher.shown.ranked[0].reasons[0]
     assert session.state.modes == ()
     work.set_modes(session.state.drives)
     assert wanted_poses(session) == 2
 
-    board.end_after = 3
+    publisher.end_after = 3
     with pytest.raises(Cancelled):
         work.automatic()
     assert len(session.state.poses) == 3
     assert wanted_poses(session) == 5
 
-    board.end_after = None
+    publisher.end_after = None
     work.automatic()
     used = session.state.used_poses
     assert sum(p.planned for p in used) == 2
     assert wanted_poses(session) == len(used)
-    assert board.said[-1] == (Level.INFO, "capture complete: all 2 planned poses are taken")
-    assert any("Explored" in text for _, text in board.said)
+    assert publisher.said[-1] == (Level.INFO, "capture complete: all 2 planned poses are taken")
+    assert any("Explored" in text for _, text in publisher.said)
 
     # Every move was shown before it began, on the planned ones the poses on the way as well.
-    *moves, last = board.headings
+    *moves, last = publisher.headings
     assert last is None
     traced = [m.trace_rad for m in moves if m is not None and m.trace_rad is not None]
     assert len(traced) >= 2

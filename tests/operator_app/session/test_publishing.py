@@ -10,17 +10,17 @@ ROOT = Path(__file__).parents[3]
 SNIPPET = """
 from dataclasses import replace
 
-from operator_app.session.desk import Desk
-from operator_app.session.operations import Board
+from operator_app.session.runner import Runner
+from operator_app.session.operations import Publisher
 
 
-def publish(desk: Desk, board: Board) -> None:
-    desk.publish(lambda s: replace(s, stop_tested=True))
-    board.publish(lambda s: replace(s, stop_tested=True))
-    desk.publish(lambda s: replace(s, stop_testd=True))
-    board.publish(lambda s: replace(s, stop_testd=True))
-    desk.publish(lambda s: replace(s, estimator=("paper",)))
-    board.publish(lambda s: replace(s, estimator=("paper",)))
+def publish(runner: Runner, publisher: Publisher) -> None:
+    runner.publish(lambda s: replace(s, stop_tested=True))
+    publisher.publish(lambda s: replace(s, stop_tested=True))
+    runner.publish(lambda s: replace(s, stop_testd=True))
+    publisher.publish(lambda s: replace(s, stop_testd=True))
+    runner.publish(lambda s: replace(s, estimator=("paper",)))
+    publisher.publish(lambda s: replace(s, estimator=("paper",)))
 """
 
 

@@ -190,7 +190,7 @@ def test_an_unreachable_waypoint_is_passed_over_and_recorded(make_session: MakeS
 
 
 class Quiet:
-    """A board on which nobody ends anything."""
+    """A publisher on which nobody ends anything."""
 
     def __init__(self, session: Session) -> None:
         self.shown = SessionSnapshot(
@@ -284,10 +284,10 @@ def test_a_resumed_session_is_not_solved_again_whichever_face_resumes_it(
     session.close("done")
 
     again = make_session(hinge(5), resume=True)
-    board = Quiet(again)
-    Operations(again, board).connect()
-    assert board.shown.solution is not None
-    np.testing.assert_array_equal(board.shown.solution.estimate.x, solution.estimate.x)
+    publisher = Quiet(again)
+    Operations(again, publisher).connect()
+    assert publisher.shown.solution is not None
+    np.testing.assert_array_equal(publisher.shown.solution.estimate.x, solution.estimate.x)
     again.close("left")
 
     last = make_session(hinge(5), resume=True)

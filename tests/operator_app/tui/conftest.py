@@ -18,14 +18,14 @@ from operator_app.session.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.driver import watched
 from oracles.live_source import FakeSource
-from oracles.still_desk import StillSource
+from oracles.still_runner import StillSource
 
 PATIENCE_S = 30.0
 
 
 @pytest.fixture
 def source(tmp_path: Path) -> Iterator[FakeSource]:
-    """A source whose desk is closed in the end."""
+    """A source whose runner is closed in the end."""
     made = FakeSource(tmp_path / "sessions")
     yield made
     made.close("end of the test")
@@ -39,9 +39,9 @@ class Driver:
         self.pressed = 0
 
     @property
-    def desk(self):
-        """The desk that is open: a `Desk`, or a `StillDesk` with what it was asked."""
-        return self.app.desk
+    def runner(self):
+        """The runner that is open: a `Runner`, or a `StillRunner` with what it was asked."""
+        return self.app.runner
 
     @property
     def s(self) -> SessionSnapshot:
@@ -66,12 +66,12 @@ class Driver:
         return " ".join(self.text(selector).split())
 
     async def see(self, picture: SessionSnapshot, step: Step) -> None:
-        """Put another picture and step on the screen of a still desk, as if just come to it."""
+        """Put another picture and step on the screen of a still runner, as if just come to it."""
         while self.app.screen is not self.app.main:
             self.app.pop_screen()
             await self.settle()
-        desk = self.app.desk
-        desk.picture, desk.asked, desk.stops, desk.cancels = picture, [], 0, 0
+        runner = self.app.runner
+        runner.picture, runner.asked, runner.stops, runner.cancels = picture, [], 0, 0
         self.app.main.refuse("")
         self.app.step = step
         self.app.main.go_to(step)
@@ -114,9 +114,9 @@ class Driver:
 
     async def idle(self) -> None:
         """Wait until the worker has nothing to do and the screen shows it."""
-        desk = self.app.desk
-        assert desk is not None
-        await self.until(lambda: not desk._hand and desk.snapshot().task is None, "idle")
+        runner = self.app.runner
+        assert runner is not None
+        await self.until(lambda: not runner._hand and runner.snapshot().task is None, "idle")
         self.app.poll()
         await self.settle()
 

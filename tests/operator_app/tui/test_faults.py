@@ -189,7 +189,7 @@ async def test_a_defect_of_the_worker_ends_the_app_with_the_arm_held(drive, sour
     with pytest.raises(RuntimeError, match="defect"):  # noqa: PT012 - raised when the app ends
         async with drive() as d:
             await d.to_step(Step.CAPTURE)
-            d.app.desk.submit(TaskKind.NOTE, "breaking", lambda: 1 / 0)
+            d.app.runner.submit(TaskKind.NOTE, "breaking", lambda: 1 / 0)
             await d.until(lambda: not d.app.is_running, "ended")
     source.close("failed")
     assert source.arm.closed == 1

@@ -1,4 +1,4 @@
-"""Every key of every step: what the desk is asked for, or what the screen says or shows."""
+"""Every key of every step: what the runner is asked for, or what the screen says or shows."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from operator_app.session.steps import Step
 from operator_app.tui.dialogs import Ask, Choose, Confirm, Read
 from operator_app.tui.help import help_text
 from operator_app.tui.palette import ActionProvider, title
-from oracles.still_desk import entry
+from oracles.still_runner import entry
 from oracles.story import busy, real, stale, stopped, story
 
 ASKS = [
-    # step, told, key, what the desk is asked
+    # step, told, key, what the runner is asked
     (Step.CONNECT, "start", "c", TaskKind.CONNECT),
     (Step.CONNECT, "start", "enter", TaskKind.CONNECT),
     (Step.FIXTURE, "connected", "k", TaskKind.CHECK),
@@ -38,12 +38,12 @@ ASKS = [
 ]
 
 
-async def test_a_key_asks_the_desk(still):
+async def test_a_key_asks_the_runner(still):
     async with still(story()["start"]) as d:
         for step, told, key, kind in ASKS:
             await d.see(story()[told], step)
             await d.press(key)
-            assert [k for k, _ in d.desk.asked] == [kind], (step, told, key)
+            assert [k for k, _ in d.runner.asked] == [kind], (step, told, key)
 
 
 REFUSALS = [
@@ -84,7 +84,7 @@ async def test_a_key_that_cannot_be_followed_says_why(still):
             d.app.poll()
             assert d.hint.startswith("▲ "), (step, told, key)
             assert words in d.hint, (step, told, key)
-            assert (d.desk.asked, d.desk.stops) == ([], 0)
+            assert (d.runner.asked, d.runner.stops) == ([], 0)
             assert d.app.step is step
 
 
@@ -97,7 +97,7 @@ async def test_stale_data_block_capture_and_are_marked(still):
         assert "▲ STALE" in row
         assert "+0.0" not in row
         assert "J5 STALE" in d.text("#strip")
-        assert d.desk.asked == []
+        assert d.runner.asked == []
 
 
 async def test_stop_works_at_every_step(still):
@@ -106,18 +106,18 @@ async def test_stop_works_at_every_step(still):
             for key in ("space", "f8"):
                 await d.see(story()["solved"], step)
                 await d.press(key)
-                assert (d.desk.stops, d.desk.asked) == (1, []), (step, key)
+                assert (d.runner.stops, d.runner.asked) == (1, []), (step, key)
 
 
 async def test_stop_does_not_wait_for_the_event_loop(still):
     async with still(story()["solved"], step=Step.RESULTS) as d:
         d.app._driver.process_message(events.Key("f8", None))
         # Nothing was awaited: the loop has had no turn yet.
-        assert d.desk.stops == 1
+        assert d.runner.stops == 1
         await d.settle()
-        assert d.desk.stops == 1
+        assert d.runner.stops == 1
         await d.press("n", "f8")
-        assert d.desk.stops == 2
+        assert d.runner.stops == 2
 
 
 DIALOGS = [
@@ -143,10 +143,10 @@ async def test_a_dialog_opens_does_nothing_on_escape_and_f8_stops_in_it(still):
             if kind is Confirm:
                 assert d.app.focused.id == "cancel"
             await d.press("f8")
-            assert d.desk.stops == 1
+            assert d.runner.stops == 1
             await d.press("escape")
             assert d.app.screen is d.app.main, (step, key)
-            assert d.desk.asked == []
+            assert d.runner.asked == []
             assert d.app.step is step
             assert d.app.is_running
 
@@ -155,34 +155,34 @@ async def test_space_stops_in_a_dialog_but_is_a_space_in_a_note(still):
     async with still(story()["capturing"], step=Step.CAPTURE) as d:
         await d.press("q")
         await d.press("space")
-        assert d.desk.stops == 1
+        assert d.runner.stops == 1
         await d.press("escape")
         await d.press("n")
         await d.press("a", "space", "b")
-        assert d.desk.stops == 1
+        assert d.runner.stops == 1
         await d.press("f8")
-        assert d.desk.stops == 2
+        assert d.runner.stops == 2
         await d.press("enter")
         await d.settle()
-        assert [k for k, _ in d.desk.asked] == [TaskKind.NOTE]
+        assert [k for k, _ in d.runner.asked] == [TaskKind.NOTE]
 
 
 async def test_yes_applies_the_modes_and_enter_on_cancel_does_not(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
         await d.press("a", "enter")
-        assert d.desk.asked == []
+        assert d.runner.asked == []
         await d.press("a", "tab", "enter")
         await d.settle()
-        assert [k for k, _ in d.desk.asked] == [TaskKind.MODES]
+        assert [k for k, _ in d.runner.asked] == [TaskKind.MODES]
         await d.press("a", "y")
         await d.settle()
-        assert len(d.desk.asked) == 2
+        assert len(d.runner.asked) == 2
 
 
 async def test_verifying_moves_only_after_a_question(still):
     async with still(story()["solved"], step=Step.EXPORT) as d:
         await d.press("y", "y")
-        assert [k for k, _ in d.desk.asked] == [TaskKind.VERIFY]
+        assert [k for k, _ in d.runner.asked] == [TaskKind.VERIFY]
 
 
 async def test_stop_is_heard_with_shift_and_by_mouse_under_a_dialog(still):
@@ -190,10 +190,10 @@ async def test_stop_is_heard_with_shift_and_by_mouse_under_a_dialog(still):
         await d.press("y")
         d.app._driver.process_message(events.Key("shift+space", " "))
         d.app._driver.process_message(events.Key("ctrl+f8", None))
-        assert d.desk.stops == 2
+        assert d.runner.stops == 2
         for x, y in [(3, 0), (40, 0), (3, 1)]:
             d.app._driver.process_message(mouse_down(x, y))
-        assert d.desk.stops == 3
+        assert d.runner.stops == 3
         await d.settle()
 
 
@@ -214,11 +214,11 @@ async def test_upload_wants_the_serial_number_typed(still):
         await d.press("u", *"SDA-0009", "enter")
         await d.settle()
         assert isinstance(d.app.screen, Ask)
-        assert d.desk.asked == []
+        assert d.runner.asked == []
         await d.press("escape")
         await d.press("u", *"SDA-0001", "enter")
         await d.settle()
-        assert [k for k, _ in d.desk.asked] == [TaskKind.UPLOAD]
+        assert [k for k, _ in d.runner.asked] == [TaskKind.UPLOAD]
 
 
 async def test_any_key_ends_a_motion_and_does_nothing_else(still):
@@ -228,7 +228,7 @@ async def test_any_key_ends_a_motion_and_does_nothing_else(still):
             await d.see(moving, Step.CAPTURE)
             assert "ANY KEY STOPS" in d.text("#banner")
             await d.press(key)
-            assert (d.desk.cancels, d.desk.stops, d.desk.asked) == (1, 0, []), key
+            assert (d.runner.cancels, d.runner.stops, d.runner.asked) == (1, 0, []), key
             assert d.app.screen is d.app.main
             assert d.app.step is Step.CAPTURE
 
@@ -237,15 +237,15 @@ async def test_z_cancels_a_calibration_and_other_keys_go_on(still):
     solving = busy(story()["captured"], TaskKind.CALIBRATE, moves=False)
     async with still(solving, step=Step.CALIBRATE) as d:
         await d.press("v")
-        assert d.desk.cancels == 0
+        assert d.runner.cancels == 0
         await d.press("z")
-        assert d.desk.cancels == 1
+        assert d.runner.cancels == 1
 
 
 async def test_stop_during_a_motion_is_stop_not_only_its_end(still):
     async with still(busy(story()["capturing"], TaskKind.MOVE, moves=True), step=Step.CAPTURE) as d:
         await d.press("space")
-        assert (d.desk.stops, d.desk.cancels) == (1, 0)
+        assert (d.runner.stops, d.runner.cancels) == (1, 0)
 
 
 async def test_after_stop_only_the_reset_is_offered(still):
@@ -254,9 +254,9 @@ async def test_after_stop_only_the_reset_is_offered(still):
         assert "all 7 drives stopped within 12 ms" in d.text("#banner")
         await d.press("a")
         await d.until(lambda: "STOP is latched" in d.hint)
-        assert d.desk.asked == []
+        assert d.runner.asked == []
         await d.press("R")
-        assert [k for k, _ in d.desk.asked] == [TaskKind.RESET]
+        assert [k for k, _ in d.runner.asked] == [TaskKind.RESET]
 
 
 async def test_back_goes_back_and_loses_nothing(still):
@@ -269,7 +269,7 @@ async def test_back_goes_back_and_loses_nothing(still):
         for step in list(Step)[1:]:
             await d.press("right_square_bracket")
             assert d.app.step is step
-        assert d.desk.asked == []
+        assert d.runner.asked == []
 
 
 async def test_digits_go_to_steps_that_are_open(still):
@@ -293,7 +293,7 @@ async def test_toggle_marks_and_explains_before_anything_is_applied(still):
         await d.press("p")
         best = story()["ticked"].ranked[0].drives
         assert d.s.wanted_joints == best != before
-        assert d.desk.asked == []
+        assert d.runner.asked == []
 
 
 async def test_on_a_real_arm_every_item_is_ticked_by_itself(still):
@@ -304,10 +304,10 @@ async def test_on_a_real_arm_every_item_is_ticked_by_itself(still):
             assert f"{items - k} left" in d.hint
             await d.press("enter")
             d.app.poll()
-        assert d.desk.picture.ticked == frozenset(range(items))
-        assert len(d.desk.asked) == items
+        assert d.runner.picture.ticked == frozenset(range(items))
+        assert len(d.runner.asked) == items
         await d.press("x")
-        assert len(d.desk.picture.ticked) == items - 1
+        assert len(d.runner.picture.ticked) == items - 1
 
 
 async def test_on_a_real_arm_the_stop_test_comes_before_anything_else(still):
@@ -316,7 +316,7 @@ async def test_on_a_real_arm_the_stop_test_comes_before_anything_else(still):
         await d.until(lambda: "hardware stop is not tested" in d.hint)
         await d.press("t")
         d.app.poll()
-        assert d.desk.picture.stop_tested
+        assert d.runner.picture.stop_tested
         await d.press("2")
         assert d.app.step is Step.FIXTURE
         assert "REAL ARM" in d.text("#banner")
@@ -324,15 +324,15 @@ async def test_on_a_real_arm_the_stop_test_comes_before_anything_else(still):
 
 async def test_estimator_and_unsensed_joints_go_round(still):
     async with still(story()["captured"], step=Step.CALIBRATE) as d:
-        first = d.desk.picture.estimator
+        first = d.runner.picture.estimator
         await d.press("e")
-        assert d.desk.picture.estimator != first
+        assert d.runner.picture.estimator != first
         await d.press("e")
-        assert d.desk.picture.estimator == first
+        assert d.runner.picture.estimator == first
         seen = []
         for _ in range(4):
             await d.press("j")
-            seen.append(d.desk.picture.unsensed_joints)
+            seen.append(d.runner.picture.unsensed_joints)
         assert seen == [(6,), (7,), (6, 7), ()]
 
 
@@ -423,7 +423,7 @@ async def test_q_leaves_at_once_or_after_a_question(still, told):
 async def test_a_click_does_what_the_key_does(still):
     async with still(story()["capturing"], step=Step.CAPTURE) as d:
         await d.pilot.click("#strip", offset=(3, 0))
-        assert d.desk.stops == 1
+        assert d.runner.stops == 1
         await d.pilot.click("#rail", offset=(3, 0))
         assert d.app.step is Step.CONNECT
         at = d.text("#footer").index("Quit")
@@ -475,7 +475,7 @@ async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still
     async with still(story()["captured"], step=Step.CONNECT) as d:
         d.app.face.do_anywhere(by_name("calibrate"))
         assert d.app.step is Step.CALIBRATE
-        assert [k for k, _ in d.desk.asked] == [TaskKind.CALIBRATE]
+        assert [k for k, _ in d.runner.asked] == [TaskKind.CALIBRATE]
         d.app.face.do_anywhere(by_name("write"))
         assert d.app.step is Step.CALIBRATE
-        assert len(d.desk.asked) == 1
+        assert len(d.runner.asked) == 1

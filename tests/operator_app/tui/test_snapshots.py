@@ -8,7 +8,7 @@ from operator_app.session.snapshot import TaskKind
 from operator_app.session.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.look import DARK, LIGHT, NO_COLOUR
-from oracles.still_desk import StillSource
+from oracles.still_runner import StillSource
 from oracles.story import busy, lost, stale, stopped, story
 
 SIZES = [(120, 36), (80, 24)]
@@ -34,7 +34,7 @@ def compare(snap_compare, monkeypatch):
         app = SarcalApp(lambda: StillSource(picture), **options)
 
         async def show(pilot) -> None:
-            while app.desk is None:
+            while app.runner is None:
                 await pilot.pause(0.001)
             app.step = step
             app.main.go_to(step)

@@ -1,4 +1,4 @@
-"""The desk's promises to a screen: what it shows of work in hand, and that nothing waits."""
+"""The runner's promises to a screen: what it shows of work in hand, and that nothing waits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from operator_app.errors import SessionError
-from operator_app.session.desk import UNSEEN_S, Desk
+from operator_app.session.runner import UNSEEN_S, Runner
 from operator_app.session.snapshot import TaskKind
 from oracles.live_source import FakeSource
 
@@ -19,7 +19,7 @@ PATIENCE_S = 30.0
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[Desk]:
+def runner(tmp_path: Path) -> Iterator[Runner]:
     source = FakeSource(tmp_path / "sessions")
     yield source.new()
     source.close("end of the test")
@@ -44,48 +44,48 @@ class Eager(queue.SimpleQueue):
             self._waits.release()
 
 
-def finish(desk: Desk) -> None:
+def finish(runner: Runner) -> None:
     """Wait until the worker has done everything that was handed in before."""
     done = threading.Event()
-    desk.submit(TaskKind.NOTE, "the last", done.set)
+    runner.submit(TaskKind.NOTE, "the last", done.set)
     assert done.wait(PATIENCE_S)
     for _ in range(10_000):
-        if not desk._hand:
+        if not runner._hand:
             return
         threading.Event().wait(0.001)
 
 
 def test_work_that_is_over_at_once_is_not_shown_for_ever(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("operator_app.session.desk.queue", SimpleNamespace(SimpleQueue=Eager))
+    monkeypatch.setattr("operator_app.session.runner.queue", SimpleNamespace(SimpleQueue=Eager))
     source = FakeSource(tmp_path / "sessions")
-    desk = source.new()
+    runner = source.new()
     ran: list[int] = []
     for k in range(3):
-        desk.submit(TaskKind.CONNECT, f"job {k}", lambda k=k: ran.append(k))
-        assert desk.snapshot().task is None
+        runner.submit(TaskKind.CONNECT, f"job {k}", lambda k=k: ran.append(k))
+        assert runner.snapshot().task is None
     assert ran == [0, 1, 2]
     source.close("end of the test")
 
 
-def test_work_is_shown_before_it_begins_and_while_it_lasts(desk: Desk) -> None:
+def test_work_is_shown_before_it_begins_and_while_it_lasts(runner: Runner) -> None:
     begun, go_on = threading.Event(), threading.Event()
 
     def work() -> None:
         begun.set()
         go_on.wait(PATIENCE_S)
 
-    desk.submit(TaskKind.CALIBRATE, "the first", work)
+    runner.submit(TaskKind.CALIBRATE, "the first", work)
     assert begun.wait(PATIENCE_S)
-    desk.submit(TaskKind.NOTE, "the second", lambda: None)
-    task = desk.snapshot().task
+    runner.submit(TaskKind.NOTE, "the second", lambda: None)
+    task = runner.snapshot().task
     assert task is not None
     assert (task.kind, task.text) == (TaskKind.CALIBRATE, "the first")
     go_on.set()
-    finish(desk)
-    assert desk.snapshot().task is None
+    finish(runner)
+    assert runner.snapshot().task is None
 
 
-def test_what_waits_behind_cancelled_work_never_begins(desk: Desk) -> None:
+def test_what_waits_behind_cancelled_work_never_begins(runner: Runner) -> None:
     begun, go_on = threading.Event(), threading.Event()
     ran: list[str] = []
 
@@ -93,88 +93,88 @@ def test_what_waits_behind_cancelled_work_never_begins(desk: Desk) -> None:
         begun.set()
         go_on.wait(PATIENCE_S)
 
-    desk.submit(TaskKind.AUTOMATIC, "the first", work)
-    desk.submit(TaskKind.MOVE, "the second", lambda: ran.append("second"))
+    runner.submit(TaskKind.AUTOMATIC, "the first", work)
+    runner.submit(TaskKind.MOVE, "the second", lambda: ran.append("second"))
     assert begun.wait(PATIENCE_S)
-    desk.cancel()
+    runner.cancel()
     go_on.set()
-    finish(desk)
+    finish(runner)
     assert not ran
-    assert any("the second: ended by the operator" in m.text for m in desk.snapshot().messages)
+    assert any("the second: ended by the operator" in m.text for m in runner.snapshot().messages)
 
 
-def test_a_motion_that_nobody_looks_at_is_ended(desk: Desk) -> None:
+def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
     """A screen on a terminal that is not read any more takes no key that stops."""
     ended = threading.Event()
 
     def work() -> None:
-        while not desk.cancelled():
+        while not runner.cancelled():
             threading.Event().wait(0.01)
         ended.set()
 
-    desk.submit(TaskKind.MOVE, "moving", work)
+    runner.submit(TaskKind.MOVE, "moving", work)
     # Looked at, it goes on.
     for _ in range(int(2 * UNSEEN_S / 0.05)):
-        desk.snapshot()
+        runner.snapshot()
         assert not ended.wait(0.05)
     assert ended.wait(PATIENCE_S)
-    assert any("the screen did not answer" in m.text for m in desk.snapshot().messages)
+    assert any("the screen did not answer" in m.text for m in runner.snapshot().messages)
 
 
 def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path, monkeypatch) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(Desk, "_look_at_motion", broken)
+    monkeypatch.setattr(Runner, "_look_at_motion", broken)
     source = FakeSource(tmp_path / "sessions")
-    desk = source.new()
+    runner = source.new()
     for _ in range(1000):
-        if desk.defect is not None:
+        if runner.defect is not None:
             break
         threading.Event().wait(0.01)
-    assert isinstance(desk.defect, ZeroDivisionError)
+    assert isinstance(runner.defect, ZeroDivisionError)
     assert source.arm is not None
     assert source.arm.stops
     source.close("end of the test")
 
 
-def test_a_plan_once_begun_is_the_plan_that_is_shown(desk: Desk) -> None:
-    work = desk.operations
+def test_a_plan_once_begun_is_the_plan_that_is_shown(runner: Runner) -> None:
+    work = runner.operations
     work.connect()
     work.set_modes((1, 5))
-    before = desk.snapshot().plan
+    before = runner.snapshot().plan
     work.go(3)
     work.check_fixture()
-    assert desk.snapshot().plan == before == desk.session.plan()
-    assert desk.snapshot().at_waypoint == 3
+    assert runner.snapshot().plan == before == runner.session.plan()
+    assert runner.snapshot().at_waypoint == 3
 
 
-def test_a_new_calibration_was_not_verified(desk: Desk) -> None:
-    work = desk.operations
+def test_a_new_calibration_was_not_verified(runner: Runner) -> None:
+    work = runner.operations
     work.connect()
     work.set_modes((1, 5))
     work.automatic()
     work.calibrate("implicit", ())
     work.verify(2)
-    assert desk.snapshot().verification is not None
+    assert runner.snapshot().verification is not None
     work.calibrate("implicit", ())
-    shown = desk.snapshot()
+    shown = runner.snapshot()
     assert shown.verification is None
     assert shown.written is None
     assert shown.solution is not None
 
 
-def test_held_joints_are_not_driven_against_each_other(desk: Desk) -> None:
-    work = desk.operations
+def test_held_joints_are_not_driven_against_each_other(runner: Runner) -> None:
+    work = runner.operations
     work.connect()
     work.set_modes((1, 5))
     work.hold()
-    before = desk.session.arm.snapshot().positions_rad
+    before = runner.session.arm.snapshot().positions_rad
     with pytest.raises(SessionError, match="7"):
         work.go(0)
     with pytest.raises(SessionError, match="7"):
         work.wiggle()
     with pytest.raises(SessionError, match="7"):
         work.capture(0)
-    assert abs(desk.session.arm.snapshot().positions_rad - before).max() < 0.02
-    assert not desk.session.state.poses
+    assert abs(runner.session.arm.snapshot().positions_rad - before).max() < 0.02
+    assert not runner.session.state.poses

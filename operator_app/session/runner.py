@@ -1,4 +1,4 @@
-"""The desk between a screen and a session: commands go in, snapshots come out, nothing waits.
+"""Runs a session for a face: commands go in, snapshots come out, nothing waits.
 
 One worker thread owns every blocking call. STOP does not go through it: `stop` calls the arm from
 whichever thread asks. A watchman looks at the age of the data whether or not a screen does. Knows no
@@ -55,7 +55,7 @@ class _Job:
     cancel: threading.Event
 
 
-class Desk:
+class Runner:
     """Runs a session for a screen.
 
     Parameters
@@ -113,7 +113,7 @@ class Desk:
         self._worker.start()
         self._watchman.start()
 
-    # -- the board ---------------------------------------------------------------------------------
+    # -- publishing ----------------------------------------------------------------------------------
 
     def publish(self, change: Change) -> None:
         """Put the changed snapshot in the place of the present one, from any thread."""

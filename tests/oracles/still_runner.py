@@ -1,4 +1,4 @@
-"""A desk that shows one picture and writes down what it is asked: for tests of keys and screens."""
+"""A runner that shows one picture and writes down what it is asked: for tests of keys and screens."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from operator_app.session.folder import SessionEntry
 from operator_app.session.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
 
 
-class StillDesk:
+class StillRunner:
     """See the module. `asked` lists (kind, text); `stops` and `cancels` count."""
 
     def __init__(self, picture: SessionSnapshot) -> None:
@@ -52,10 +52,10 @@ class StillDesk:
 
 
 class StillSource:
-    """Gives the one desk; `entries` are the sessions there are."""
+    """Gives the one runner; `entries` are the sessions there are."""
 
     def __init__(self, picture: SessionSnapshot, entries: tuple[SessionEntry, ...] = ()) -> None:
-        self.desk = StillDesk(picture)
+        self.runner = StillRunner(picture)
         self.entries = entries
         self.begun = 0
         self.procedure_named: str | None = None
@@ -64,14 +64,14 @@ class StillSource:
     def new(self, procedure: str | None = None) -> Any:
         self.begun += 1
         self.procedure_named = procedure
-        return self.desk
+        return self.runner
 
     def procedures(self) -> tuple[Procedure, ...]:
         return tuple(load_procedure(name) for name in ("hinge", "hinge_planned"))
 
     def resumed(self, reference: str) -> Any:
         self.resumed_names.append(reference)
-        return self.desk
+        return self.runner
 
     def sessions(self) -> tuple[SessionEntry, ...]:
         return self.entries

@@ -1,4 +1,4 @@
-"""Second opinions on a calibration from its own poses: jackknife, outliers, hold-out. Knows no screen."""
+"""Second opinions on a calibration from its own poses: jackknife, hold-out. Knows no screen."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.noise import component_plan, noise_model, without_known_errors
+from operator_app.calibration.noise import error_model, noise_model, soften, without_known_errors
 from operator_app.calibration.solve import Solution
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.errors import SolverError
-from solver.estimators.estimate import Estimate, require_enough_poses
+from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import NoiseModel
-from solver.estimators.variance_components import estimate_implicit_with_components
+from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.holdout import HoldOut, far_block, fold_poses, hold_out
-from solver.judging.outliers import Outlier, outlier_poses
 from solver.judging.statistics import jackknife
 from solver.loops.closure import ClosureModel
 
@@ -33,8 +32,6 @@ class Checks:
     ----------
     jackknife_sd
         Standard deviation of every parameter (P,) by leaving out each pose in turn.
-    outliers
-        Poses that do not fit the others; indices into the poses used.
     held_out
         Parts of the poses judged by what the others give.
     far_block
@@ -42,7 +39,6 @@ class Checks:
     """
 
     jackknife_sd: FloatArray | None = None
-    outliers: tuple[Outlier, ...] = ()
     held_out: HoldOut | None = None
     far_block: HoldOut | None = None
 
@@ -64,9 +60,8 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
         )
     return Checks(
         jackknife_sd=None if solution.tolerated else _jackknife_sd(loop, straight, found, x),
-        outliers=outlier_poses(loop, straight, found, x),
-        held_out=_held_out(solution, arm, fixture, q, stated, fold_poses(q, FOLDS)),
-        far_block=_held_out(solution, arm, fixture, q, stated, (far_block(q, FAR_SHARE),)),
+        held_out=_held_out(solution, arm, fixture, poses, kept, fold_poses(q, FOLDS)),
+        far_block=_held_out(solution, arm, fixture, poses, kept, (far_block(q, FAR_SHARE),)),
     )
 
 
@@ -83,25 +78,38 @@ def _held_out(
     solution: Solution,
     arm: ArmModel,
     fixture: Fixture,
-    q: FloatArray,
-    noise: NoiseModel,
+    poses: PoseSet,
+    kept: BoolArray,
     parts: tuple[IntArray, ...],
 ) -> HoldOut | None:
-    if solution.tolerated:
-        # Without their tolerances the lengths cannot be estimated from a part of the poses.
-        return None
+    model, there = solution.model, np.flatnonzero(kept)
+    tolerance = {
+        name: sd
+        for name, sd in soften(model.without(solution.tolerated), arm)[1].items()
+        if name in solution.tolerated
+    }
+    errors = error_model(
+        arm,
+        fixture,
+        poses,
+        kept,
+        unsensed_joints=model.unsensed_joints,
+        tolerance=tolerance,
+    )
 
-    def estimator(model: ClosureModel, rest: FloatArray, of_rest: NoiseModel) -> Estimate:
-        plan = component_plan(
-            arm,
-            model.unsensed_joints,
-            fixture,
-            dof=require_enough_poses(model, len(rest)),
-        )
-        return estimate_implicit_with_components(model, rest, of_rest, plan)[0]
+    def estimator(rest: IntArray) -> Estimate:
+        return estimate_with_errors(
+            model.at_poses(rest),
+            poses.q_rad[there[rest]],
+            errors.at_poses(rest),
+            x0=solution.estimate.x,
+            group=poses.placement[there[rest]],
+        ).estimate
 
     try:
-        return hold_out(estimator, solution.model, q, noise, parts)
+        return hold_out(
+            estimator, model, poses.q_rad[kept], noise_model(arm, fixture, poses, kept), parts
+        )
     except SolverError:
         # The rest is too small to be estimated from.
         return None

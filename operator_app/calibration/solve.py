@@ -27,32 +27,38 @@ from operator_app.calibration.judgement import (
     setup_notices,
 )
 from operator_app.calibration.loop import loop_of_poses
-from operator_app.calibration.noise import component_plan, noise_model, soften, without_known_errors
+from operator_app.calibration.noise import (
+    error_model,
+    first_of_each,
+    soften,
+)
 from operator_app.config.procedure import AcceptanceLimits
-from solver.arrays import BoolArray, FloatArray
+from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Rvdt
 from solver.errors import UnidentifiableError
-from solver.estimators.component_model import ComponentPlan
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import (
+    Calibrated,
     VarianceComponents,
-    estimate_implicit_with_components,
+    estimate_with_errors,
 )
 from solver.judging.dropping import drop_unidentifiable
 from solver.judging.identifiability import Identifiability, identifiability
-from solver.judging.outliers import outlier_poses
 from solver.judging.ranges import range_findings
 from solver.judging.rvdt import RvdtVerdict, rvdt_verdicts
 from solver.loops.closure import ClosureModel
 from solver.search.global_start import GlobalStart, global_start
 
 ESTIMATORS = ("implicit", "paper")
+
+OUTLIER_LEVEL = 0.01
+"""Chance of naming any pose of a pose set in which all are sound."""
 
 
 class FixtureRefusedError(FixtureError):
@@ -84,9 +90,10 @@ class Solution:
     held
         Unknowns that were dropped on request: held at their nominal values.
     tolerated
-        Link lengths corrected within their tolerance; they are parameters of `estimate` as well.
+        Lengths and twists corrected within their tolerance; they are parameters of `estimate` as well.
     components
-        Noise of the RVDTs and flexure of the fixture as found with the parameters.
+        What was found with the parameters: noise and curves of the RVDTs, give of the fixture, and
+        what each source of error brings to every parameter.
     search
         The global start, where one was asked for.
     outliers
@@ -96,6 +103,8 @@ class Solution:
         What the loops say of each RVDT, its joint taken as unsensed for that.
     reasons
         Why it is not accepted; empty when it is.
+    assumed
+        Figures of the error model that no file states.
     """
 
     model: ClosureModel
@@ -113,11 +122,17 @@ class Solution:
     rvdt: tuple[RvdtVerdict, ...]
     warnings: tuple[Notice, ...]
     reasons: tuple[str, ...]
+    assumed: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
         """Whether the calibration meets its limits."""
         return not self.reasons
+
+    @property
+    def identified(self) -> Estimate:
+        """The estimate of what calibration identifies: without the lengths and twists it corrected."""
+        return self.estimate.without(self.tolerated)
 
     def with_notices(self, notices: Iterable[Notice]) -> Solution:
         """Return the same solution with more warnings."""
@@ -144,8 +159,8 @@ def calibrate(
     search
         Start from everywhere (global start) instead of from the nominal values.
     length_tolerance_m
-        How well the maker's link lengths are known (standard deviation); None takes them as exact.
-        The implicit estimator then corrects them within that.
+        How well the maker's link lengths are known (standard deviation), instead of what the arm's
+        file states. The implicit estimator corrects them within that.
     drop
         Hold at their nominal values what the poses cannot see, instead of refusing.
 
@@ -174,13 +189,13 @@ def calibrate(
         else set_aside(found.set_aside, len(poses))
     )
     model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
-    dof = require_enough_poses(model, len(q))
+    require_enough_poses(model, len(q))
     sigma = arm.sigma_rad()
     x0 = None if found is None else found.x
     held: tuple[str, ...] = ()
     if drop:
         model, held = drop_unidentifiable(model, x0, q, sigma_rad=sigma)
-        dof = require_enough_poses(model, len(q))
+        require_enough_poses(model, len(q))
         if held and search:
             # What is held now has other values than in the search: it is done again without it.
             found = global_start(model, q, progress=progress)
@@ -191,26 +206,35 @@ def calibrate(
         _require_identifiable(model, paper.x, q, sigma)
         x0 = paper.x
     components = None
-    tolerance: dict[str, float]
+    tolerance: dict[str, float] = {}
+    outliers: tuple[int, ...] = ()
     if estimator == "paper" and paper is not None:
-        estimate, tolerance = paper, {}
+        estimate = paper
         seen = _require_identifiable(model, estimate.x, q, sigma)
     else:
         hard = model
-        tolerance = {}
-        if length_tolerance_m is not None:
-            model, tolerance = soften(hard, length_tolerance_m)
-            if x0 is not None:
-                x0 = np.concatenate((x0, nominal_vector(model.parameters)[len(x0) :]))
-        estimate, components = estimate_implicit_with_components(
-            model,
-            q,
-            noise_model(arm, fixture, poses, kept),
-            component_plan(arm, unsensed_joints, fixture, dof=dof, tolerance=tolerance),
-            x0=x0,
+        model, tolerance = soften(hard, arm, length_tolerance_m=length_tolerance_m, held=held)
+        there = np.flatnonzero(kept)
+        distinct, which = first_of_each(poses, kept)
+        found_there = np.searchsorted(there, distinct)
+        whole = estimate_with_errors(
+            model.at_poses(found_there),
+            q[found_there],
+            error_model(
+                arm,
+                fixture,
+                poses,
+                distinct,
+                unsensed_joints=unsensed_joints,
+                tolerance=tolerance,
+            ),
+            x0=None if x0 is None else in_order(model, hard, x0),
+            group=poses.placement[distinct],
             progress=progress,
         )
-        seen = _require_identifiable(hard, estimate.x[: len(hard.parameters)], q, sigma)
+        estimate, components = for_every_pose(whole, which)
+        outliers = _outliers(whole, distinct)
+        seen = _require_identifiable(hard, in_order(hard, model, estimate.x), q, sigma)
     nominal = nominal_vector(model.parameters)
     at_nominal = closure_at_readings(model, nominal, q)
     solution = Solution(
@@ -225,8 +249,9 @@ def calibrate(
         tolerated=tuple(tolerance),
         components=components,
         search=found,
-        outliers=_outliers(estimate, components, model, q, poses, kept, tuple(tolerance)),
+        outliers=tuple(poses.label[k] for k in outliers),
         rvdt=_rvdt(arm, fixture, poses, kept, held, estimate, length_tolerance_m),
+        assumed=(*arm.assumed, *fixture.give.assumed),
         warnings=(),
         reasons=(),
     )
@@ -246,24 +271,49 @@ def calibrate(
     )
 
 
-def _outliers(
-    estimate: Estimate,
-    components: VarianceComponents | None,
-    model: ClosureModel,
-    q: FloatArray,
-    poses: PoseSet,
-    kept: BoolArray,
-    tolerated: tuple[str, ...],
-) -> tuple[str, ...]:
-    """Name poses that do not fit, by the noise found with the parameters; `paper` has no noise model."""
-    if components is None:
-        return ()
-    there = np.flatnonzero(kept)
-    model, x, straight = without_known_errors(
-        model, estimate.x, q, tolerated=tolerated, components=components
+def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
+    """Parameters (P,) of `model`, those that `other` has as in its `x`, the rest nominal."""
+    known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
+    return np.array([known.get(p.name, p.nominal) for p in model.parameters])
+
+
+def for_every_pose(found: Calibrated, which: IntArray) -> tuple[Estimate, VarianceComponents]:
+    """Return results of distinct poses for poses of which each is one of those, by index `which` (m,)."""
+    estimate, components = found.estimate, found.components
+    if len(which) == len(estimate.residual):
+        return estimate, components
+    return (
+        replace(
+            estimate,
+            residual=estimate.residual[which],
+            flipped=tuple(int(k) for k in np.flatnonzero(np.isin(which, estimate.flipped))),
+            pose_chi2=None if estimate.pose_chi2 is None else estimate.pose_chi2[which],
+            corrections=None if estimate.corrections is None else estimate.corrections[which],
+        ),
+        replace(
+            components,
+            noise=replace(
+                components.noise,
+                joint_variance=components.noise.joint_variance[which],
+            ),
+            curves_rad={j: curve[which] for j, curve in components.curves_rad.items()},
+        ),
     )
-    found = outlier_poses(model, straight, components.noise, x)
-    return tuple(poses.label[there[outlier.pose]] for outlier in found)
+
+
+def _outliers(found: Calibrated, of_each: IntArray) -> tuple[int, ...]:
+    """Indices of poses whose readings the others do not predict, the worst first.
+
+    `of_each` are the indices of the poses that `found` was made of.
+    """
+    from scipy.special import chdtrc
+
+    chances = []
+    for k in range(len(found.order)):
+        chi2, dof = found.linear.held_out_chi2(np.array([k]))
+        chances.append(float(chdtrc(dof, chi2)) if dof else 1.0)
+    named = [k for k in np.argsort(chances) if chances[k] < OUTLIER_LEVEL / len(chances)]
+    return tuple(int(of_each[found.order[k]]) for k in named)
 
 
 def _rvdt(
@@ -285,14 +335,11 @@ def _rvdt(
     q = poses.q_rad[kept]
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return ()
-    plan = ComponentPlan()
-    if length_tolerance_m is not None:
-        model, tolerance = soften(model, length_tolerance_m)
-        plan = ComponentPlan(tolerance=tolerance)
+    model, tolerance = soften(model, arm, length_tolerance_m=length_tolerance_m, held=held)
     known = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
     x0 = np.array([known.get(p.name, p.nominal) for p in model.parameters])
-    noise = noise_model(arm, fixture, poses, kept)
-    return rvdt_verdicts(model, arm, q, noise, plan=plan, x0=x0)
+    errors = error_model(arm, fixture, poses, kept, unsensed_joints=blind, tolerance=tolerance)
+    return rvdt_verdicts(model, arm, q, errors, x0=x0)
 
 
 def _require_identifiable(

@@ -12,7 +12,7 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.loop import loop_of_poses
-from operator_app.calibration.noise import noise_model, soften
+from operator_app.calibration.noise import freed, noise_model
 from operator_app.calibration.solve import Solution
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -114,9 +114,8 @@ def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -
         The parameters are not those of this loop: another fixture, or another number of placements.
     """
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=fixed.unsensed_joints)
-    if any(name not in {p.name for p in model.parameters} for name in fixed.values):
-        # A calibration that corrected link lengths within their tolerance has those as well.
-        model = _with_lengths(model)
+    # A calibration that corrected lengths and twists within their tolerance has those as well.
+    model = freed(model, fixed.values)
     x, covariance = _in_order(model, fixed)
     everything = np.ones(len(poses), dtype=np.bool_)
     stated = noise_model(arm, fixture, poses, everything)
@@ -139,11 +138,6 @@ def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -
         odd_poses=tuple(int(k) for k in odd[np.argsort(found.pose_probability[odd])]),
         poses=len(poses),
     )
-
-
-def _with_lengths(model: ClosureModel) -> ClosureModel:
-    nominal = nominal_vector(model.parameters)
-    return soften(model, 1.0)[0] if model.dh_table(nominal) is not None else model
 
 
 def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:

@@ -48,17 +48,17 @@ def report_html(subject: Subject) -> bytes:
 
 def sections_of(subject: Subject) -> tuple[Section, ...]:
     """Return all sections in which there is something to say, most important first."""
-    estimate = None if subject.solution is None else subject.solution.estimate
+    estimate = None if subject.solution is None else subject.solution.identified
     found: list[Section | None] = [result_sections.warnings(subject), provenance.facts(subject)]
-    if estimate is not None:
+    if subject.solution is not None and estimate is not None:
         found += [
             result_sections.parameters(subject, estimate),
-            result_sections.dh(subject, estimate),
+            result_sections.dh(subject, subject.solution.estimate),
             result_sections.determined(subject),
             evidence_sections.closure(subject, estimate),
         ]
     found += [evidence_sections.joints(subject), evidence_sections.rvdt(subject)]
-    if estimate is not None:
+    if subject.solution is not None and estimate is not None:
         found += [result_sections.noise(subject), evidence_sections.correlations(estimate)]
     found += [evidence_sections.poses(subject, estimate), provenance.method(subject)]
     return tuple(section for section in found if section is not None)

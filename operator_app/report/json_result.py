@@ -29,7 +29,7 @@ NOT_IDENTIFIABLE = "not identifiable"
 
 def solution_json(solution: Solution) -> dict[str, Any]:
     """Return the object for a solved calibration."""
-    estimate = solution.estimate
+    estimate = solution.identified
     return {
         **estimate_json(estimate),
         **components_json(solution.components),
@@ -37,6 +37,13 @@ def solution_json(solution: Solution) -> dict[str, Any]:
         "outlier_poses": list(solution.outliers),
         "held": list(solution.held),
         "tolerated": list(solution.tolerated),
+        "tolerated_parameters": _tolerated_json(solution),
+        "repeatability": _repeatability_json(solution),
+        "budget": _budget_json(solution),
+        "stated_chi2_per_dof": None
+        if solution.components is None
+        else solution.components.stated_chi2 / solution.components.stated_dof,
+        "assumed": list(solution.assumed),
         "global_start": _search_json(solution),
         "rank": solution.seen.rank,
         "unidentifiable": [],
@@ -58,12 +65,55 @@ def solution_json(solution: Solution) -> dict[str, Any]:
     }
 
 
+def _tolerated_json(solution: Solution) -> dict[str, dict[str, float]]:
+    """Lengths (m) and twists (deg) corrected within their tolerances."""
+    estimate = solution.estimate
+    return {
+        p.name: {
+            "nominal": in_file_units(p, p.nominal),
+            "value": in_file_units(p, float(x)),
+            "sigma": in_file_units(p, float(s)),
+        }
+        for p, x, s in zip(
+            estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
+        )
+        if p.name in solution.tolerated
+    }
+
+
+def _repeatability_json(solution: Solution) -> dict[str, float] | None:
+    """Type A: standard deviations of what the same poses taken again would give."""
+    if solution.components is None:
+        return None
+    sd = np.sqrt(np.diagonal(solution.components.repeatability))
+    return {
+        p.name: in_file_units(p, float(s))
+        for p, s in zip(solution.estimate.parameters, sd, strict=True)
+        if p.name not in solution.tolerated
+    }
+
+
+def _budget_json(solution: Solution) -> dict[str, dict[str, float]]:
+    """Share of every parameter's variance that each source of error brings; they add up to 1."""
+    if solution.components is None:
+        return {}
+    total = np.diagonal(solution.estimate.covariance)
+    return {
+        p.name: {
+            source: float(values[k] / total[k]) if total[k] > 0.0 else 0.0
+            for source, values in solution.components.budget.items()
+        }
+        for k, p in enumerate(solution.estimate.parameters)
+        if p.name not in solution.tolerated
+    }
+
+
 def checks_json(solution: Solution, checks: Checks) -> dict[str, Any]:
     """Return the second opinions: jackknife, hold-out, far block."""
     return {
         "jackknife_sigma": None
         if checks.jackknife_sd is None
-        else _named(solution.estimate, checks.jackknife_sd),
+        else _named(solution.identified, checks.jackknife_sd),
         "hold_out": _hold_out_json(checks.held_out),
         "far_block": _hold_out_json(checks.far_block),
     }

@@ -77,7 +77,7 @@ def method(subject: Subject) -> Section:
 def _solving(subject: Subject) -> list[str]:
     if subject.solution is None:
         return []
-    estimate, fixture = subject.solution.estimate, subject.procedure.fixture
+    estimate, fixture = subject.solution.identified, subject.procedure.fixture
     tolerance = (
         f"{significant(1e3 * fixture.tolerance_m, 2)} mm and "
         f"{significant(1e3 * fixture.tolerance_rad, 2)} mrad"

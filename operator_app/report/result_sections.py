@@ -35,12 +35,6 @@ def warnings(subject: Subject) -> Section | None:
     ]
     if subject.solution is not None and (doubt := noise_doubt(subject.solution.estimate)):
         texts.insert(0, doubt)
-    texts += [
-        f"pose {subject.used[o.pose].number} does not fit the others (chi2 {significant(o.chi2)} with "
-        f"{o.dof} dof; a chance of {significant(o.probability, 2)} in a sound set): look at it, take "
-        "it again, or exclude it and say why"
-        for o in subject.checks.outliers
-    ]
     drift = subject.drift_from_journal
     if drift is not None and drift > SAME:
         texts.append(
@@ -90,7 +84,7 @@ def parameters(subject: Subject, estimate: Estimate) -> Section:
         if estimate.chi2 is not None
         else "Sigma and the 95 % interval (Student's) follow from the size of the residuals."
     )
-    if subject.checks.jackknife_sd is not None and estimate is subject.implicit:
+    if subject.checks.jackknife_sd is not None and estimate.estimator == "implicit":
         words += (
             " The jackknife leaves out each pose in turn: where it is much larger than sigma, the noise "
             "model is too good to be true."
@@ -141,7 +135,7 @@ def determined(subject: Subject) -> Section | None:
     """Return condition numbers, rank and observability."""
     if subject.solution is None:
         return None
-    seen, estimate = subject.solution.seen, subject.solution.estimate
+    seen, estimate = subject.solution.seen, subject.solution.identified
     weakest = [
         f"{name} {significant(weight, 2)}"
         for name, weight in zip(seen.weakest.parameters[:4], seen.weakest.weights, strict=False)

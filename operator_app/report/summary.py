@@ -60,7 +60,7 @@ def tiles(subject: Subject) -> Html:
     poses = _tile("poses used", str(len(subject.used)), "", f"{left_out} left out")
     if solution is None:
         return element("dl", poses, class_="tiles")
-    estimate, before, seen = solution.estimate, solution.before, solution.seen
+    estimate, before, seen = solution.identified, solution.before, solution.seen
     shown = [
         _tile(
             "sigma_pos, rms",

@@ -31,7 +31,7 @@ def parameter_table(subject: Subject, estimate: Estimate) -> Html:
         Column(title="to", group=chosen),
     ]
     bounds = intervals(estimate)
-    spread = subject.checks.jackknife_sd if estimate is subject.implicit else None
+    spread = subject.checks.jackknife_sd if estimate.estimator == "implicit" else None
     if spread is not None:
         columns.append(Column(title="sigma by jackknife", group=chosen))
     if other is not None:
@@ -130,7 +130,11 @@ def sigma_table(subject: Subject, estimate: Estimate) -> Html:
     for figure, unit in (("sigma_pos", "mm"), ("sigma_ori", "mrad")):
         group = f"{figure} [{unit}]"
         columns += [Column(title="rms", group=group), Column(title="as printed", group=group)]
-    others = [e for e in (subject.implicit, subject.paper) if e is not None and e is not estimate]
+    others = [
+        e
+        for e in (subject.implicit, subject.paper)
+        if e is not None and e.estimator != estimate.estimator
+    ]
     held = subject.checks.held_out
     rows = [
         ["nominal, before", *_sigmas(solution.before, estimate)],

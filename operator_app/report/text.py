@@ -34,7 +34,7 @@ def solution_text(solution: Solution) -> str:
 
 def parameter_table(solution: Solution) -> str:
     """Return nominal, identified, change and standard deviation of every parameter."""
-    estimate, paper = solution.estimate, solution.paper
+    estimate, paper = solution.identified, solution.paper
     beside = paper is not None and paper is not estimate
     rows = [["parameter", "unit", "nominal", "identified", "change", "sigma"]]
     if beside:
@@ -123,7 +123,7 @@ def checks_text(solution: Solution, checks: Checks) -> str:
                 )
     blocks = [aligned(rows) if len(rows) > 1 else "Hold-out: too few poses."]
     if checks.jackknife_sd is not None:
-        estimate = solution.estimate
+        estimate = solution.identified
         rows = [["parameter", "unit", "sigma", "jackknife"]]
         for k, p in enumerate(estimate.parameters):
             unit, scale = ("deg", 180.0 / math.pi) if p.is_angle else ("mm", 1e3)
@@ -182,11 +182,11 @@ def _verdict(solution: Solution) -> str:
 
 
 def _quality(solution: Solution) -> str:
-    estimate, seen = solution.estimate, solution.seen
+    estimate, seen = solution.identified, solution.seen
     condition = (
         f"Scaled condition number {seen.scaled_condition_number:.1f} "
         f"(below {CONDITION_ACCEPTABLE} is acceptable; the paper had {CONDITION_PAPER}); "
-        f"rank {seen.rank} of {len(estimate.parameters) - len(solution.tolerated)}; {solution.poses} poses, "
+        f"rank {seen.rank} of {len(estimate.parameters)}; {solution.poses} poses, "
         f"{estimate.dof} degrees of freedom, {estimate.iterations} iterations."
     )
     rows = [

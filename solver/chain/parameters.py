@@ -76,6 +76,11 @@ class Parameter:
         return "rad" if self.is_angle else "m"
 
 
+def is_entry(name: str) -> bool:
+    """Whether `name` is that of an entry of a D-H table."""
+    return re.fullmatch(r"(theta_off|s|a|alpha)_\d+", name) is not None
+
+
 def nominal_vector(parameters: Iterable[Parameter]) -> FloatArray:
     """Nominal values as a vector, shape (P,), rad and m."""
     return np.array([p.nominal for p in parameters])

@@ -10,16 +10,16 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Rvdt
 
-SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.25, 0.125)
-"""Prior sizes of Legendre P2..P6: a transformer's curve is mostly a bow and an S."""
+SHAPE_WEIGHTS = (0.5, 1.0, 1.0, 0.5, 0.25, 0.125)
+"""Prior sizes of Legendre P1..P6: a transformer's curve is mostly a bow and an S, and its gain is off."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorCurve:
-    """Deviation of one sensor from its best-fit line: ``sum_k c_k P_k(x)``, k = 2, 3, ...
+    """Deviation of one sensor from the true angle: ``sum_k c_k P_k(x)``, k = 1, 2, 3, ...
 
-    x is the angle from `middle_rad` over `half_scale_rad`. Without P_0 and P_1 the deviation's
-    least-squares line over full scale is zero: offset and gain are not part of a curve.
+    x is the angle from `middle_rad` over `half_scale_rad`. P_1 is an error of the gain; without P_0
+    the deviation's mean over full scale is zero: that is the joint's offset.
 
     Attributes
     ----------
@@ -40,13 +40,13 @@ class SensorCurve:
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         # Beyond full scale a sensor saturates; polynomials would run away there.
         x = np.clip(x, -1.2, 1.2)
-        shapes = np.polynomial.legendre.legvander(x, len(SHAPE_WEIGHTS) + 1)[..., 2:]
+        shapes = np.polynomial.legendre.legvander(x, len(SHAPE_WEIGHTS))[..., 1:]
         return np.asarray(shapes * np.array(SHAPE_WEIGHTS))
 
 
 def rms_per_amplitude() -> float:
     """Expected rms deviation over full scale of a curve whose coefficients have unit amplitude."""
-    degrees = np.arange(2, 2 + len(SHAPE_WEIGHTS))
+    degrees = np.arange(1, 1 + len(SHAPE_WEIGHTS))
     return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -69,6 +70,18 @@ class Estimate:
     def chi2_per_dof(self) -> float | None:
         """chi2 over degrees of freedom, near 1 when the noise model is right."""
         return None if self.chi2 is None else self.chi2 / self.dof
+
+    def without(self, names: Collection[str]) -> Estimate:
+        """Return the same estimate with some parameters not listed."""
+        kept = [k for k, p in enumerate(self.parameters) if p.name not in names]
+        if len(kept) == len(self.parameters):
+            return self
+        return replace(
+            self,
+            parameters=tuple(self.parameters[k] for k in kept),
+            x=self.x[kept],
+            covariance=self.covariance[np.ix_(kept, kept)],
+        )
 
     def value(self, name: str) -> float:
         """Value of one parameter, rad or m."""

@@ -1,15 +1,8 @@
-"""How noisy each RVDT is and how much the fixture gives, estimated together with the parameters.
+"""The implicit estimator with every stated source of error: parameters, effects and variances at once.
 
-The specification of an encoder can be believed; an RVDT's noise and a fixture's flexure cannot.
-They separate, because an RVDT's error acts along its own joint's column only. On the reduced linear
-system of the implicit estimator
-
-    V_i = B_i S B_i' + sum_j v_j b_ij b_ij' + E_i' (v_rad I_rot + v_m I_pos) E_i
-
-the variances v maximise the restricted likelihood (`solver.estimators.reml`), alternating with the implicit
-iteration. The flexure stays zero unless a likelihood-ratio test asks for it. Two errors that are no
-noise may be planned as well, since no number of poses averages them out: the curve of a sensor, and
-lengths known to a tolerance. Knows no fixture, no screen and no file.
+The specification of an encoder can be believed; an RVDT's noise and a fixture's give cannot, and a
+maker's lengths are known to a tolerance. All of it is one linear mixed model
+(`solver.estimators.effects`), iterated by `solver.estimators.mixed_fit`. Knows no fixture and no file.
 """
 
 from __future__ import annotations
@@ -21,22 +14,18 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.parameters import nominal_vector
 from solver.chain.pose_order import back_to_caller, canonical_order
-from solver.chain.sensor_curve import rms_per_amplitude
-from solver.estimators.component_model import ComponentModel, ComponentPlan
 from solver.estimators.component_report import Component, FlexureTest, components, flexure_test
-from solver.estimators.estimate import Estimate
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
-from solver.estimators.implicit import ImplicitFit, NoiseModel, estimate_implicit, fit_implicit
+from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.least_squares import Progress
-from solver.estimators.reml import MixedModel, RemlFit, fit_reml
-from solver.loops.closure import ClosureModel
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.mixed_fit import MixedFit, fit_mixed
+from solver.loops.closure import ClosureModel, nearest_equivalent
 
-ALTERNATIONS = 40
-SETTLED = 1e-5
-"""Change of every variance and parameter, in standard errors, that ends the alternation."""
-
-NULL_ITERATIONS = 25
-"""A rigid fixture that is anywhere near plausible is fitted in far fewer."""
+EQUAL = 1e-9
+"""Two descriptions of a loop that differ by less (rad, m) are the same."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,21 +35,32 @@ class VarianceComponents:
     Attributes
     ----------
     components
-        Every component with its interval; the fixture's only when it was found to give.
+        Every component with its interval.
     flexure
-        The test of the fixture; None where it was not asked for.
+        Whether the fixture gives more than is stated; None where it was not asked for.
     noise
-        The noise model that the estimate used, rows in the order of the poses.
+        What is left as noise of each pose at the variances found, rows in the order of the poses.
     curves_rad
-        Predicted deviation (m,) of each planned curve at each pose's reading, by joint.
+        Predicted deviation (m,) of each sensor with a curve at each pose's reading, by joint.
+    repeatability
+        Covariance (P, P) of the parameters by noise alone: what the same poses again would give.
+    budget
+        Variance that each source brings to every parameter (P,), by source; they add up to that of
+        the estimate.
+    stated_chi2, stated_dof
+        Misfit under the stated variances, none of them fitted, and its expectation.
     iterations, converged
-        Alternations between the implicit iteration and the likelihood.
+        Rounds of the iteration.
     """
 
     components: tuple[Component, ...]
     flexure: FlexureTest | None
     noise: NoiseModel
     curves_rad: dict[int, FloatArray]
+    repeatability: FloatArray
+    budget: dict[str, FloatArray]
+    stated_chi2: float
+    stated_dof: int
     iterations: int
     converged: bool
 
@@ -69,180 +69,126 @@ class VarianceComponents:
         return next((c.sd for c in self.components if c.name == name), 0.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _State:
-    """Where the alternation is: parameters and variances that belong together."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Calibrated:
+    """An estimate, what was found beside it, and the linear fit that further tests ask.
 
-    fit: ImplicitFit
-    mixed: MixedModel
-    reml: RemlFit
-    shift: FloatArray
-    iterations: int
-    converged: bool
+    `order` (m,) are the caller's indices of the poses in `linear`, which has them in canonical order.
+    """
+
+    estimate: Estimate
+    components: VarianceComponents
+    linear: LinearFit
+    order: IntArray
 
 
-def estimate_implicit_with_components(
+def estimate_with_errors(
     model: ClosureModel,
     q: FloatArray,
-    noise: NoiseModel,
-    plan: ComponentPlan,
+    errors: ErrorModel,
     *,
     x0: FloatArray | None = None,
+    group: IntArray | None = None,
     progress: Progress | None = None,
-) -> tuple[Estimate, VarianceComponents]:
-    """Fit parameters, joint corrections and variances to joint angles `q` (m, n), rad.
+) -> Calibrated:
+    """Fit parameters, joint corrections, effects and variances to joint angles `q` (m, n), rad.
 
     Parameters
     ----------
-    noise
-        Stated noise; for the planned joints it is a first value only.
-
-    Returns
-    -------
-    The estimate, whose covariance holds for the variances found, and the variances. `chi2` counts
-    the planned curves and tolerances as random; `pose_chi2` is what is left of each pose with them
-    taken out.
+    x0
+        Start (P,): by default from the plain estimator, toleranced parameters at their nominal values.
+    group
+        Placement of each pose (m,).
 
     Raises
     ------
     ValueError
-        If the plan names a joint without a used reading or a parameter that is not free.
+        If the errors name a joint without a used reading or a parameter that is not free.
     TooFewPosesError
         No degree of freedom would be left.
     """
     order = canonical_order(q)
-    stated = np.broadcast_to(noise.joint_variance, q.shape)[order]
-    problem = ComponentModel(
-        model=model.at_poses(order),
-        q=q[order],
-        noise=NoiseModel(joint_variance=stated, fixture_variance=noise.fixture_variance),
-        plan=plan,
-    )
-    x, iterations, test = _first(problem, x0, progress), 0, None
-    chosen = None
-    if plan.flexure:
-        # A rigid model of a fixture that gives can be too far off to be fitted at all: the test is
-        # made where the giving one has converged.
-        chosen = _alternate(problem, x, flexure=True, progress=progress)
-        x, iterations = chosen.fit.x, chosen.iterations
-        start = np.where(problem.of_fixture, 0.0, chosen.reml.variances)
-        rigid = fit_reml(
-            chosen.mixed,
-            start,
-            held=problem.held | problem.of_fixture,
-            max_iterations=NULL_ITERATIONS,
-        )
-        test = flexure_test(rigid.solution, chosen.reml.solution, problem.of_fixture)
-    if chosen is None or (test is not None and not test.gives):
-        chosen = _alternate(problem, x, flexure=False, progress=progress)
-        iterations += chosen.iterations
     back = back_to_caller(order)
-    return _estimate(problem, chosen, back), _report(problem, chosen, test, iterations, back)
-
-
-def _first(problem: ComponentModel, x0: FloatArray | None, progress: Progress | None) -> FloatArray:
-    """Parameters (P,) to start from, those with a tolerance at their nominal values."""
-    x = nominal_vector(problem.model.parameters)
-    hard = ~problem.soft
-    exact = problem.model.without(tuple(problem.plan.tolerance))
-    first = estimate_implicit(
-        exact,
-        problem.q,
-        problem.noise,
-        x0=None if x0 is None else x0[hard],
-        progress=progress,
-    )
-    x[hard] = first.x
-    return x
-
-
-def _alternate(
-    problem: ComponentModel, x: FloatArray, *, flexure: bool, progress: Progress | None
-) -> _State:
-    held = problem.held if flexure else problem.held | problem.of_fixture
-    variances = problem.first_variances(flexure=flexure)
-    shift = np.zeros_like(problem.q)
-    curves = tuple(np.zeros(b.shape[-1]) for b in problem.curve_basis(problem.q))
-    settled = False
-    for iteration in range(1, ALTERNATIONS + 1):
-        basis = problem.curve_basis(problem.q - shift)
-        fit = fit_implicit(
-            problem.model,
-            problem.q - shift,
-            problem.noise_at(variances),
-            x,
-            prior=problem.prior(),
-            progress=progress,
-        )
-        mixed = problem.mixed(fit, basis, curves)
-        reml = fit_reml(mixed, variances, held=held)
-        error = np.sqrt(np.maximum(np.diagonal(reml.solution.information), 0.0))
-        moved = float((np.abs(reml.variances - variances) * error).max(initial=0.0))
-        sd = np.sqrt(np.diagonal(problem.parameter_covariance(reml.solution.covariance)))
-        moved = max(moved, float((np.abs(fit.x - x) / sd).max(initial=0.0)))
-        x, variances = fit.x, reml.variances
-        settled = iteration > 1 and moved < SETTLED
-        if settled or iteration == ALTERNATIONS:
-            break
-        curves = reml.solution.effects[: len(basis)]
-        shift = np.zeros_like(problem.q)
-        for curve, shapes, b in zip(problem.plan.curves, basis, curves, strict=True):
-            shift[:, curve.joint - 1] = shapes @ b
-    return _State(
-        fit=fit,
-        mixed=mixed,
-        reml=reml,
-        shift=shift,
-        iterations=iteration,
-        converged=settled and fit.converged and reml.converged,
-    )
-
-
-def _estimate(problem: ComponentModel, state: _State, back: IntArray) -> Estimate:
-    fit, solution = state.fit, state.reml.solution
-    error = closure_at_readings(problem.model, fit.x, problem.q)
-    return Estimate(
+    model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
+    group = None if group is None else group[order]
+    dof = require_enough_poses(model, len(q), known=len(errors.tolerance))
+    nominal = nominal_vector(model.parameters)
+    if x0 is None:
+        x0 = _first(model, q, errors, progress)
+    found = fit_mixed(model, q, errors, x0, group=group, progress=progress)
+    x = nearest_equivalent(model, found.x, nominal)
+    if np.abs(x - found.x).max() > EQUAL:
+        # Another description of the same loop has another covariance: finish there.
+        found = fit_mixed(model, q, errors, x, group=group)
+    fit = found.fit
+    error = closure_at_readings(model, found.x, q)
+    estimate = Estimate(
         estimator="implicit",
-        parameters=problem.model.parameters,
-        x=fit.x,
-        covariance=problem.parameter_covariance(solution.covariance),
+        parameters=model.parameters,
+        x=found.x,
+        covariance=fit.covariance,
         residual=error.residual[back],
         rotation_rows=error.rotation_rows,
         sigmas=closure_sigmas(error.residual, error.rotation_rows),
         flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
-        dof=fit.dof,
-        chi2=solution.chi2,
-        pose_chi2=fit.pose_chi2[back],
-        corrections=(fit.corrections - state.shift)[back],
-        iterations=fit.iterations,
-        converged=state.converged,
+        dof=dof,
+        chi2=fit.chi2,
+        pose_chi2=_pose_chi2(fit)[back],
+        corrections=found.corrections[back],
+        iterations=found.iterations,
+        converged=found.converged,
+    )
+    return Calibrated(
+        estimate=estimate, components=_report(found, errors, back), linear=fit, order=order
     )
 
 
-def _report(
-    problem: ComponentModel,
-    state: _State,
-    test: FlexureTest | None,
-    iterations: int,
-    back: IntArray,
-) -> VarianceComponents:
-    labels = problem.labels
-    floors = problem.floor_variance().mean(axis=0)
-    floor, to_sd = np.zeros(len(labels)), np.ones(len(labels))
-    for k, name in enumerate(labels):
-        if name.startswith("rvdt_"):
-            floor[k] = floors[int(name.removeprefix("rvdt_")) - 1]
-        elif name.startswith("curve_"):
-            to_sd[k] = rms_per_amplitude()
-    silent = problem.held | (problem.of_fixture if test is None or not test.gives else False)
-    noise = problem.noise_at(state.reml.variances)
+def _first(
+    model: ClosureModel, q: FloatArray, errors: ErrorModel, progress: Progress | None
+) -> FloatArray:
+    """Parameters (P,) to start from, those with a tolerance at their nominal values."""
+    x = nominal_vector(model.parameters)
+    hard = np.array([p.name not in errors.tolerance for p in model.parameters])
+    variance = errors.joint_variance.copy()
+    for a in errors.analogue:
+        variance[:, a.joint - 1] += a.variance * a.share
+    endpoint = errors.endpoint_variance if errors.endpoint_variance.any() else None
+    noise = NoiseModel(joint_variance=variance, fixture_variance=endpoint)
+    exact = model.without(tuple(errors.tolerance))
+    x[hard] = estimate_implicit(exact, q, noise, progress=progress).x
+    return x
+
+
+def _pose_chi2(fit: LinearFit) -> FloatArray:
+    """What is left of each pose (m,) with all effects taken out."""
+    return np.concatenate(
+        [((part.w + part.M @ fit.coefficients) ** 2).sum(-1) for part in fit.parts()]
+    )
+
+
+def _report(found: MixedFit, errors: ErrorModel, back: IntArray) -> VarianceComponents:
+    fit = found.fit
+    design, v = fit.design, fit.v
+    stated = fit.stated
+    give = np.zeros(6)
+    give[6 - design.rows :] = design.fixture_variance(v).mean(axis=0)
+    for g in design.groups:
+        if g.source == "fixture_give":
+            rows = (
+                slice(0, 3) if g.names[0].split("_")[1] == "0" and design.rows == 6 else slice(3, 6)
+            )
+            give[rows] += g.variance(v)
     return VarianceComponents(
-        components=components(state.reml, labels, held=silent, floor=floor, to_sd=to_sd),
-        flexure=test,
-        noise=NoiseModel(
-            joint_variance=noise.joint_variance[back], fixture_variance=noise.fixture_variance
-        ),
-        curves_rad={c.joint: state.shift[back, c.joint - 1] for c in problem.plan.curves},
-        iterations=iterations,
-        converged=state.converged,
+        components=components(found, design),
+        flexure=flexure_test(stated, design),
+        noise=NoiseModel(joint_variance=design.joint_variance(v)[back], fixture_variance=give),
+        curves_rad={
+            a.joint: -found.shift[back, a.joint - 1] for a in errors.analogue if a.curve is not None
+        },
+        repeatability=fit.repeatability,
+        budget=fit.budget(),
+        stated_chi2=stated.chi2,
+        stated_dof=stated.dof,
+        iterations=found.iterations,
+        converged=found.converged,
     )

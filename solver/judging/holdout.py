@@ -20,8 +20,8 @@ from solver.judging.pose_adjustment import adjust_poses
 from solver.judging.statistics import Chi2Test, chi2_test
 from solver.loops.closure import ClosureModel
 
-Estimator = Callable[[ClosureModel, FloatArray, NoiseModel], Estimate]
-"""Fits a model to readings (m, n) under a noise model."""
+Estimator = Callable[[IntArray], Estimate]
+"""Fits the model of a pose set to a selection of its poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,7 +198,7 @@ def hold_out(
     found, outside, inside, rows = [], [], [], 0
     for poses in parts:
         rest = np.setdiff1d(everything, poses)
-        estimate = estimator(model.at_poses(rest), q[rest], noise_of(rest))
+        estimate = estimator(rest)
         there = model.at_poses(poses)
         verification = verify(there, estimate.x, estimate.covariance, q[poses], noise_of(poses))
         found.append(HeldOut(poses=poses, estimate=estimate, verification=verification))

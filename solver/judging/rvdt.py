@@ -16,9 +16,8 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
 from solver.chain.sensors import Rvdt
-from solver.estimators.component_model import ComponentPlan
-from solver.estimators.implicit import NoiseModel
-from solver.estimators.variance_components import estimate_implicit_with_components
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.loop_angles import LoopAngle, loop_angles
 from solver.judging.rvdt_figures import RvdtFigures, measure, sensor_angle
 from solver.loops.closure import ClosureModel
@@ -81,9 +80,8 @@ def rvdt_verdicts(
     model: ClosureModel,
     arm: ArmModel,
     q: FloatArray,
-    noise: NoiseModel,
+    errors: ErrorModel,
     *,
-    plan: ComponentPlan | None = None,
     x0: FloatArray | None = None,
 ) -> tuple[RvdtVerdict, ...]:
     """Judge every RVDT among the unsensed joints of `model` by readings `q` (m, n), rad.
@@ -92,9 +90,8 @@ def rvdt_verdicts(
     ----------
     model
         One placement's loop with the RVDT joints unsensed, so that their readings take no part.
-    plan
-        Variances to estimate beside the parameters; by default the fixture's flexure, since a
-        fixture that gives would pass for noise of the RVDT.
+    errors
+        What is stated of all other sources, which would pass for noise of the RVDT.
 
     Raises
     ------
@@ -110,9 +107,8 @@ def rvdt_verdicts(
     }
     if not sensors:
         raise ValueError("none of the model's unsensed joints has an RVDT to judge")
-    estimate, found = estimate_implicit_with_components(
-        model, q, noise, ComponentPlan() if plan is None else plan, x0=x0
-    )
+    whole = estimate_with_errors(model, q, errors, x0=x0)
+    estimate, found = whole.estimate, whole.components
     angles = {a.joint: a for a in loop_angles(model, estimate.x, q, found.noise)}
     # A fixture that turns looks like noise of the wrist, and no pose tells the two apart: where it
     # gives at all, none of the scatter is held against the sensor.

@@ -19,7 +19,6 @@ from operator_app.tui.widgets.list_panel import ListPanel
 from operator_app.tui.widgets.residuals import (
     by_joint,
     by_pose,
-    kept_numbers,
     rvdt_curve,
     rvdt_joints,
 )
@@ -93,12 +92,11 @@ def _second_opinion(s: SessionSnapshot) -> list[Line]:
                 (f"   inside {MM * held.inside_sigmas.position_m.rms:.4f} mm", "dim"),
             )
         )
-    numbers = kept_numbers(s, s.solution)
-    for outlier in s.checks_of_it.outliers:
+    for label in s.solution.outliers:
         rows.append(
             line(
                 (
-                    f" ▲ pose {numbers[outlier.pose]} does not fit the others: x excludes it in Capture",
+                    f" ▲ pose {label} does not fit the others: x excludes it in Capture",
                     "warn",
                 )
             )
@@ -130,7 +128,7 @@ class ParametersPanel(ListPanel):
 
     def count(self, s: SessionSnapshot) -> int:
         """Parameters."""
-        return len(s.solution.estimate.parameters) if s.solution else 0
+        return len(s.solution.identified.parameters) if s.solution else 0
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Titles."""
@@ -146,7 +144,7 @@ class ParametersPanel(ListPanel):
 
 
 def _parameter(solution: Solution, k: int) -> Line:
-    estimate, paper = solution.estimate, solution.paper
+    estimate, paper = solution.identified, solution.paper
     p = estimate.parameters[k]
     unit, scale = ("deg", 180.0 / math.pi) if p.is_angle else ("mm ", 1e3)
     value = float(estimate.x[k])
@@ -154,8 +152,7 @@ def _parameter(solution: Solution, k: int) -> Line:
     if p.is_angle:
         change = math.remainder(change, 2.0 * math.pi)
     sigma = float(estimate.standard_deviation[k])
-    known = paper is not None and p.name not in solution.tolerated
-    beside = f"{paper.value(p.name) * scale:8.2f}" if paper and known else "       —"
+    beside = f"{paper.value(p.name) * scale:8.2f}" if paper else "       —"
     return line(
         f" {p.name:<11}{p.nominal * scale:9.3f} {value * scale:10.4f} ",
         (f"{change * scale:+9.3f}", "bold"),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fixtures.base import Give
 from fixtures.hinge import Hinge
 from operator_app.calibration.solve import FixtureRefusedError, calibrate
 from operator_app.config.arm_file import load_arm
@@ -15,6 +16,7 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
+from solver.chain.sensors import Encoder
 from solver.closing import close_loops
 from solver.judging.ranges import ReadingsOutOfRangeError
 
@@ -91,25 +93,75 @@ def test_near_parallel_axes_warn_and_then_refuse(
         assert check.severity.value == "warning"
 
 
-def test_lengths_within_their_tolerance_are_parameters_with_honest_sigmas(
+TWISTS = {f"alpha_{j}" for j in range(1, 7)}
+LENGTHS = {f"a_{j}" for j in range(1, 7)} | {f"s_{j}" for j in range(2, 7)}
+
+
+def stated_exact(arm: ArmModel, hinge: Hinge) -> tuple[ArmModel, Hinge]:
+    """The same arm and hinge, whose files state that nothing is off."""
+    joints = tuple(
+        replace(
+            joint,
+            backlash_rad=0.0,
+            sag_rad=0.0,
+            sensor=replace(joint.sensor, accuracy_rad=0.0)
+            if isinstance(joint.sensor, Encoder)
+            else joint.sensor,
+        )
+        for joint in arm.joints
+    )
+    return replace(arm, joints=joints, tolerances=()), replace(hinge, give=Give())
+
+
+def test_what_the_files_state_is_corrected_and_in_the_sigmas(
     arm: ArmModel, hinge: Hinge, poses: PoseSet
 ) -> None:
-    exact = calibrate(arm, hinge, poses)
-    tolerant = calibrate(arm, hinge, poses, length_tolerance_m=1.5e-3)
-    assert set(tolerant.tolerated) == {f"a_{j}" for j in range(1, 7)} | {
-        f"s_{j}" for j in range(2, 7)
-    }
+    exact = calibrate(*stated_exact(arm, hinge), poses)
+    found = calibrate(arm, hinge, poses)
+    assert exact.tolerated == ()
+    assert set(found.tolerated) == LENGTHS | TWISTS
+    names = [p.name for p in found.identified.parameters]
+    assert names == [p.name for p in exact.estimate.parameters]
+    # Not knowing the table exactly can only make the rest less certain.
+    sd = found.identified.standard_deviation
+    assert np.all(sd >= 0.99 * exact.estimate.standard_deviation)
+    assert found.components is not None
+    total = sum(found.components.budget.values())
+    assert total == pytest.approx(np.diagonal(found.estimate.covariance), rel=1e-4)
+    # By noise alone: what the same poses taken again would give.
+    repeatability = np.sqrt(np.diagonal(found.components.repeatability))
+    assert np.all(repeatability[:14] < sd)
+
+
+def test_a_length_tolerance_replaces_that_of_the_file(
+    arm: ArmModel, hinge: Hinge, poses: PoseSet
+) -> None:
+    exact_arm, exact_hinge = stated_exact(arm, hinge)
+    tolerant = calibrate(exact_arm, exact_hinge, poses, length_tolerance_m=1.5e-3)
+    assert set(tolerant.tolerated) == LENGTHS
     names = [p.name for p in tolerant.estimate.parameters]
-    assert names[:14] == [p.name for p in exact.estimate.parameters]
-    # Not knowing the lengths exactly can only make the rest less certain.
-    assert np.all(
-        tolerant.estimate.standard_deviation[:14] >= 0.99 * exact.estimate.standard_deviation
-    )
     truth = {"s_3": 0.355, "s_5": 0.320}
     for name, value in truth.items():
         k = names.index(name)
         error = abs(tolerant.estimate.x[k] - value)
         assert error < 4.0 * tolerant.estimate.standard_deviation[k] < 8e-3
+
+
+def test_readings_pasted_again_know_nothing_more(
+    arm: ArmModel, hinge: Hinge, poses: PoseSet
+) -> None:
+    m = len(poses)
+    pasted = PoseSet(
+        placement=np.tile(poses.placement, 4),
+        label=tuple(f"{label}_{copy}" for copy in range(4) for label in poses.label),
+        q_rad=np.tile(poses.q_rad, (4, 1)),
+    )
+    one, four = calibrate(arm, hinge, poses), calibrate(arm, hinge, pasted)
+    assert four.poses == 4 * m
+    assert len(four.estimate.residual) == 4 * m
+    np.testing.assert_allclose(
+        four.estimate.standard_deviation, one.estimate.standard_deviation, rtol=0.1
+    )
 
 
 def test_the_order_of_the_poses_changes_nothing(

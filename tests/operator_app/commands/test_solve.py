@@ -50,13 +50,14 @@ def test_unsensed_wrist_on_the_rvdt_set(
 ) -> None:
     csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
     assert main(["solve", str(csv), "--unsensed", "6,7", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["parameters"]
+    whole = json.loads(capsys.readouterr().out)
+    found, sigma = whole["parameters"], whole["sigma"]
     assert "theta_off_6" not in found
+    for name in (*(f"theta_off_{j}" for j in range(1, 6)), "a_0", "s_0", "s_1", "a_7", "s_7"):
+        # The arm is exact and its file does not know that: right, and far inside the sigmas.
+        assert abs(found[name] - TRUTH[name]) < 0.5 * sigma[name], name
     for j in range(1, 6):
-        # 0.02 mrad
-        assert found[f"theta_off_{j}"] == pytest.approx(TRUTH[f"theta_off_{j}"], abs=0.0011)
-    for name in ("a_0", "s_0", "s_1", "a_7", "s_7"):
-        assert found[name] == pytest.approx(TRUTH[name], abs=2e-5)
+        assert found[f"theta_off_{j}"] == pytest.approx(TRUTH[f"theta_off_{j}"], abs=0.01)
 
 
 def test_rigid_refuses_by_naming_joint_4(

@@ -6,20 +6,23 @@ import numpy as np
 import pytest
 
 from solver.chain.pose_order import back_to_caller, canonical_order
-from solver.estimators.component_model import ComponentPlan
+from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
-from solver.estimators.variance_components import estimate_implicit_with_components
+from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.holdout import far_block, fold_poses
 from tests.oracles.loop_oracle import Truth
 from tests.oracles.simulated_loops import Simulation
-from tests.solver.conftest import loop_of
+from tests.solver.conftest import loop_of, paper_arm
 
 SIMULATION = Simulation(poses=30, wrist_sd=6e-3)
 Q = SIMULATION.readings(0)
 NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
-PLAN = ComponentPlan(noisy_joints=(6, 7))
+
+
+def errors(truth: Truth) -> ErrorModel:
+    return stated_errors(paper_arm(truth), samples=np.ones(len(Q), dtype=np.int64))
 
 
 def same(one: Estimate, other: Estimate, shuffle: np.ndarray) -> None:
@@ -61,11 +64,11 @@ def test_implicit_with_a_variance_of_its_own_for_every_pose(
 
 def test_implicit_with_components(truth: Truth, shuffle: np.ndarray) -> None:
     model = loop_of(truth)
-    one, found = estimate_implicit_with_components(model, Q, NOISE, PLAN)
-    other, again = estimate_implicit_with_components(model, Q[shuffle], NOISE, PLAN)
-    same(one, other, shuffle)
-    assert [c.sd for c in found.components] == pytest.approx(
-        [c.sd for c in again.components], rel=1e-12
+    one = estimate_with_errors(model, Q, errors(truth))
+    other = estimate_with_errors(model, Q[shuffle], errors(truth).at_poses(shuffle))
+    same(one.estimate, other.estimate, shuffle)
+    assert [c.sd for c in one.components.components] == pytest.approx(
+        [c.sd for c in other.components.components], rel=1e-12
     )
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from solver.arrays import IntArray
 from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import NoiseModel, estimate_implicit, fit_implicit
 from solver.judging.holdout import far_block, fold_poses, hold_out, verify
-from solver.loops.closure import ClosureModel
 from tests.oracles.loop_oracle import Truth
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of
@@ -18,8 +20,11 @@ NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
 TRAIN, TEST = slice(0, 30), slice(30, 50)
 
 
-def implicit(model: ClosureModel, q: np.ndarray, noise: NoiseModel) -> Estimate:
-    return estimate_implicit(model, q, noise)
+def implicit(truth: Truth, q: np.ndarray, variance: np.ndarray) -> Callable[[IntArray], Estimate]:
+    every = np.broadcast_to(variance, q.shape)
+    return lambda rest: estimate_implicit(
+        loop_of(truth), q[rest], NoiseModel(joint_variance=every[rest])
+    )
 
 
 def test_verification_of_sound_poses_has_the_right_rate(truth: Truth) -> None:
@@ -109,13 +114,14 @@ def test_far_block_is_compact_and_far() -> None:
 
 def test_hold_out_of_sound_poses(truth: Truth) -> None:
     q = SIMULATION.rereadings(3)
-    found = hold_out(implicit, loop_of(truth), q, NOISE, fold_poses(q, 5))
+    fit = implicit(truth, q, NOISE.joint_variance)
+    found = hold_out(fit, loop_of(truth), q, NOISE, fold_poses(q, 5))
     assert [len(part.poses) for part in found.parts] == [10] * 5
     for part in found.parts:
         assert part.estimate.dof == 40 * 5 - 14
         assert part.verification.chi2.dof == 50
     assert found.sigmas.position_m.rms == pytest.approx(found.inside_sigmas.position_m.rms, rel=0.2)
-    far = hold_out(implicit, loop_of(truth), q, NOISE, (far_block(q),))
+    far = hold_out(fit, loop_of(truth), q, NOISE, (far_block(q),))
     assert far.parts[0].verification.chi2.accepted
 
 
@@ -123,7 +129,9 @@ def test_hold_out_uses_each_poses_own_variance(truth: Truth) -> None:
     q = SIMULATION.rereadings(3)
     own = NOISE.joint_variance * np.linspace(0.5, 2.0, 50)[:, None]
     part = (np.arange(10),)
-    found = hold_out(implicit, loop_of(truth), q, NoiseModel(joint_variance=own), part)
+    found = hold_out(
+        implicit(truth, q, own), loop_of(truth), q, NoiseModel(joint_variance=own), part
+    )
     rest = NoiseModel(joint_variance=own[10:])
     expected = estimate_implicit(loop_of(truth), q[10:], rest)
     assert np.array_equal(found.parts[0].estimate.x, expected.x)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from solver.estimators.component_model import ComponentPlan
-from solver.estimators.implicit import NoiseModel
+from solver.estimators.error_model import stated_errors
 from solver.judging.rvdt import RvdtVerdict, Verdict, rvdt_verdicts
 from solver.judging.rvdt_figures import RvdtFigures
 from solver.judging.smooth_curve import fit_curve
@@ -19,9 +19,11 @@ from tests.solver.conftest import loop_of, paper_arm, read_poses
 
 def judged(truth: Truth, q: np.ndarray, **kwargs: object) -> dict[int, RvdtVerdict]:
     arm = paper_arm(truth)
-    noise = NoiseModel(joint_variance=arm.sigma_rad() ** 2)
+    samples = np.ones(len(q), dtype=np.int64)
+    errors = stated_errors(arm, samples=samples, unsensed_joints=(6, 7))
+    errors = replace(errors, give_rad=0.0, give_m=0.0)
     model = loop_of(truth, unsensed=(6, 7))
-    return {v.joint: v for v in rvdt_verdicts(model, arm, q, noise, **kwargs)}
+    return {v.joint: v for v in rvdt_verdicts(model, arm, q, errors, **kwargs)}
 
 
 def figures(verdict: RvdtVerdict) -> RvdtFigures:
@@ -98,7 +100,7 @@ def test_rates_over_many_arms(truth: Truth) -> None:
     inside, curved, runs = 0, 0, 25
     for seed in range(runs):
         q = Simulation(poses=40).rereadings(seed)
-        found = judged(truth, q, plan=ComponentPlan(flexure=False))
+        found = judged(truth, q)
         for verdict in found.values():
             one = figures(verdict)
             inside += one.noise_low <= RVDT_SD / LSB_RAD <= one.noise_high
@@ -141,9 +143,9 @@ def test_soft_fixture_is_not_held_against_the_sensor(truth: Truth) -> None:
 
 def test_a_model_without_unsensed_rvdts_is_a_wrong_call(truth: Truth) -> None:
     arm = paper_arm(truth)
-    noise = NoiseModel(joint_variance=arm.sigma_rad() ** 2)
+    errors = stated_errors(arm, samples=np.ones(20, dtype=np.int64))
     with pytest.raises(ValueError, match="RVDT"):
-        rvdt_verdicts(loop_of(truth), arm, Simulation(poses=20).rereadings(0), noise)
+        rvdt_verdicts(loop_of(truth), arm, Simulation(poses=20).rereadings(0), errors)
 
 
 def test_curve_degree_is_not_driven_by_noise() -> None:

@@ -1,0 +1,158 @@
+"""What the files of an arm and a fixture state about what is not known exactly. Knows no loop and no file.
+
+Nothing is a flag: every source of error has a size (one standard deviation, 0 is exact) and enters one
+linear mixed model (`solver.estimators.effects`) as noise, new in every pose, or as an effect, drawn once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensor_curve import SensorCurve, curves_of
+from solver.chain.sensors import DITHER, NoSensor, Rvdt
+
+SD_OF_PEAK = 0.5
+"""Amplitude of a curve whose peak is 1: shapes of amplitude 1 add up to peaks of about 2."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AnalogueReading:
+    """A sensor whose noise and curve are estimated with the parameters.
+
+    Attributes
+    ----------
+    joint
+        1-based.
+    variance
+        Stated variance of one single reading, rad^2.
+    share
+        (m,): what is left of that in the mean of each pose's samples.
+    spread_variance, spread_dof
+        Mean square of the spread inside the poses, rad^2, and its degrees of freedom; dof 0 where
+        spreads were not recorded.
+    curve
+        Shapes of its deviation from a straight line.
+    curve_variance
+        Variance of the shapes' coefficients (rad^2) that the specification stands for.
+    """
+
+    joint: int
+    variance: float
+    share: FloatArray
+    spread_variance: float = 0.0
+    spread_dof: int = 0
+    curve: SensorCurve | None = None
+    curve_variance: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ErrorModel:
+    """All that is random about m readings of n joints.
+
+    Attributes
+    ----------
+    joint_variance
+        (m, n), rad^2: what counts and stated noise leave in each mean reading. Joints in `analogue`
+        keep only what is not estimated there.
+    endpoint_variance
+        (6,), rad^2 then m^2: of an instrument that measures the end point.
+    analogue
+        Sensors whose noise is estimated.
+    accuracy_rad, backlash_rad, sag_rad
+        (n,): error once and twice per turn, play, and twist under load of each joint.
+    give_rad, give_m
+        How far the fixture yields along each closure component; None where nothing is held that could.
+    tolerance
+        Standard deviation (rad, m) of free parameters whose nominal values are known beforehand.
+    discrepancy
+        Whether a smooth misfit that nobody stated may be found.
+    """
+
+    joint_variance: FloatArray
+    endpoint_variance: FloatArray = field(default_factory=lambda: np.zeros(6))
+    analogue: tuple[AnalogueReading, ...] = ()
+    accuracy_rad: FloatArray | None = None
+    backlash_rad: FloatArray | None = None
+    sag_rad: FloatArray | None = None
+    give_rad: float | None = None
+    give_m: float | None = None
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    discrepancy: bool = False
+
+    def at_poses(self, poses: IntArray) -> ErrorModel:
+        """Return the error model of a selection of poses."""
+        return replace(
+            self,
+            joint_variance=self.joint_variance[poses],
+            analogue=tuple(replace(a, share=a.share[poses]) for a in self.analogue),
+        )
+
+    def without_joints(self, joints: tuple[int, ...]) -> ErrorModel:
+        """Return the same with the readings of some joints (1-based) not used."""
+        return replace(self, analogue=tuple(a for a in self.analogue if a.joint not in joints))
+
+
+def stated_errors(
+    arm: ArmModel,
+    *,
+    samples: IntArray,
+    sd_rad: FloatArray | None = None,
+    unsensed_joints: tuple[int, ...] = (),
+) -> ErrorModel:
+    """Return what the arm's file states of readings that are means of `samples` (m,).
+
+    Parameters
+    ----------
+    sd_rad
+        Spread of the samples of each pose (m, n), where recorded.
+    """
+    n = arm.joint_count
+    variance = np.zeros((len(samples), n))
+    counts, which = np.unique(samples, return_inverse=True)
+    for j, joint in enumerate(arm.joints):
+        if not isinstance(joint.sensor, NoSensor):
+            each = [joint.sensor.variance_of_mean_rad2(int(k)) for k in counts]
+            variance[:, j] = np.array(each)[which]
+    curves = {c.joint: c for c in curves_of(arm, unsensed_joints=unsensed_joints)}
+    analogue = []
+    for j, curve in curves.items():
+        sensor = arm.joints[j - 1].sensor
+        if not isinstance(sensor, Rvdt):
+            continue
+        rounding = sensor.resolution_rad**2 / 12.0
+        dithered = sensor.noise_lsb >= DITHER
+        # Rounding averages out with the noise that dithers it, and only then.
+        variance[:, j - 1] = 0.0 if dithered else rounding
+        stated = sensor.sigma_rad**2 - (0.0 if dithered else rounding)
+        spread, dof = (0.0, 0) if sd_rad is None else _spread(sd_rad[:, j - 1], samples)
+        analogue.append(
+            AnalogueReading(
+                joint=j,
+                variance=stated,
+                share=1.0 / samples,
+                spread_variance=spread,
+                spread_dof=dof,
+                curve=curve,
+                curve_variance=(SD_OF_PEAK * sensor.linearity_rad) ** 2,
+            )
+        )
+    return ErrorModel(
+        joint_variance=variance,
+        analogue=tuple(analogue),
+        accuracy_rad=arm.accuracy_rad,
+        backlash_rad=arm.backlash_rad,
+        sag_rad=arm.sag_rad,
+    )
+
+
+def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:
+    """Mean square (rad^2) of spreads inside poses, and its degrees of freedom."""
+    dof = int((samples - 1).sum())
+    if dof == 0 or not np.any(sd_rad):
+        return 0.0, 0
+    return float(((samples - 1) * sd_rad**2).sum() / dof), dof

@@ -1,0 +1,259 @@
+"""A linear mixed model solved for given variances, and every question that one linearisation answers.
+
+Henderson's mixed-model equations in whitened coordinates: with M the columns [hard, effects], the
+effects scaled to unit variance, ``H = M'M + diag(0, I)``. Nothing here grows with the square of the
+poses. Answers: covariance, repeatability, uncertainty budget, misfit of a group of poses predicted
+by the others, score of any further column. Knows no iteration and no file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.estimators.effects import Design, System, Whitened
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Score:
+    """Projections of further columns G: ``gradient`` is G' P w (k,), ``information`` G' P G (k, k).
+
+    Added to the model, G would get the coefficients ``-information^-1 gradient``, and chi2 would
+    fall by ``gradient' information^-1 gradient``.
+    """
+
+    gradient: FloatArray
+    information: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pull:
+    """How far a toleranced entry or an effect was found from its mean.
+
+    Attributes
+    ----------
+    name, source
+        What it is, and the source of error it belongs to.
+    value
+        In units of its prior standard deviation.
+    z
+        In units of the standard deviation that this `value` has when the model is right: standard normal.
+    """
+
+    name: str
+    source: str
+    value: float
+    z: float
+
+
+class LinearFit:
+    """The mixed model of `design` at one linearisation, solved for variance components `v` (K,).
+
+    Poses are those of `system`, in its order.
+
+    Attributes
+    ----------
+    step
+        Estimate of dx for the parameters without prior (hard,).
+    b
+        Prediction of the effects' coefficients, unscaled (width - hard,).
+    chi2, dof
+        ``w' P w`` and its expectation when variances are right: equations less hard parameters.
+    """
+
+    def __init__(
+        self, design: Design, system: System, v: FloatArray, *, keep: bool | None = None
+    ) -> None:
+        self.design, self.system, self.v = design, system, np.array(v, dtype=np.float64)
+        hard = design.hard
+        self.root = np.sqrt(design.group_variances(self.v))
+        slices = list(design.parts())
+        keep = len(slices) == 1 if keep is None else keep
+        self._kept: list[Whitened] = []
+        gram = np.zeros((design.width, design.width))
+        right = np.zeros(design.width)
+        square, logdet = 0.0, 0.0
+        for poses in slices:
+            part = self._whiten(poses)
+            M = part.M.reshape(-1, design.width)
+            gram += M.T @ M
+            right += part.w.reshape(-1) @ M
+            square += float((part.w**2).sum())
+            logdet -= float(np.log(np.diagonal(part.L_inverse, axis1=-2, axis2=-1)).sum())
+            if keep:
+                self._kept.append(part)
+        self.gram = gram
+        H = gram.copy()
+        H[np.arange(hard, design.width), np.arange(hard, design.width)] += 1.0
+        self.scale = np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+        self.H_inverse, half = _inverse(H, self.scale)
+        self.coefficients = -(self.H_inverse @ right)
+        # One refinement: the squares of M cost half the digits, its product with them does not.
+        self.coefficients -= self.H_inverse @ (right + H @ self.coefficients)
+        self.right = right
+        self.chi2 = max(0.0, square + float(right @ self.coefficients))
+        self.step = self.coefficients[:hard]
+        self.unit_b = self.coefficients[hard:]
+        self.b = self.unit_b * self.root
+        self.dof = system.w.size - hard
+        self.log_likelihood = -0.5 * (2.0 * logdet + half + self.chi2)
+
+    def _whiten(self, poses: slice) -> Whitened:
+        part = self.design.whiten(self.system, self.v, poses)
+        part.M[..., self.design.hard :] *= self.root
+        return part
+
+    def parts(self) -> list[Whitened]:
+        """Whitened poses, effects scaled to unit variance; made again where not kept."""
+        return self._kept or [self._whiten(poses) for poses in self.design.parts()]
+
+    @cached_property
+    def stated(self) -> LinearFit:
+        """The same linearisation under the stated variances instead of the fitted ones."""
+        return LinearFit(self.design, self.system, self.design.stated_variances())
+
+    # ---- what the parameters are known to
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (P, P) of all parameters about the estimate: every source at its variance."""
+        return self._of_parameters(self.H_inverse)
+
+    @property
+    def repeatability(self) -> FloatArray:
+        """Covariance (P, P) by noise alone: what the same poses taken again would give."""
+        return self._of_parameters(self.H_inverse @ self.gram @ self.H_inverse)
+
+    def _of_parameters(self, whole: FloatArray) -> FloatArray:
+        design = self.design
+        index, size = self._parameter_columns()
+        block = whole[np.ix_(index, index)] * np.outer(size, size)
+        place = np.concatenate((design.hard_index, design.soft_index))
+        out = np.empty_like(block)
+        out[np.ix_(place, place)] = 0.5 * (block + block.T)
+        return out
+
+    def _parameter_columns(self) -> tuple[IntArray, FloatArray]:
+        design = self.design
+        soft = len(design.soft_index)
+        index = np.arange(design.hard + soft)
+        return index, np.concatenate((np.ones(design.hard), design.soft_sd * self.root[:soft]))
+
+    def budget(self) -> dict[str, FloatArray]:
+        """Variance that each source brings to every parameter (P,); they add up to the covariance's diagonal.
+
+        The estimate is linear in all errors, ``H^-1 M'`` times them, so each source's share is exact:
+        what the variance would drop by if this source vanished and the poses were weighed as now.
+        """
+        design = self.design
+        index, size = self._parameter_columns()
+        gain = self.H_inverse[index] * size[:, None]
+        found: dict[str, FloatArray] = {}
+
+        def add(source: str, values: FloatArray) -> None:
+            found[source] = found.get(source, np.zeros(len(index))) + values
+
+        for g, where in zip(design.groups, design.slices, strict=True):
+            share = (gain[:, where] ** 2).sum(-1)
+            excess = 0.0 if g.component is None else g.scale * self.v[g.component]
+            if g.source == "fixture_give":
+                add("fixture_give", share * g.fixed / g.variance(self.v))
+                add("discrepancy", share * excess / g.variance(self.v))
+            else:
+                add(g.source, share)
+        total = (self.H_inverse[index, index] * size**2)[...]
+        for part in self.parts():
+            for component, C in design.noise_blocks(part):
+                name = design.components[component].name
+                name = {"rvdt": "rvdt_noise"}.get(name.split("_")[0], name.rsplit("_", 1)[0]) + (
+                    f"_{name.split('_')[1]}" if name.startswith("rvdt") else ""
+                )
+                name = {"fixture": "fixture_give", "joint": "joint_play"}.get(name, name)
+                rows = part.M @ gain.T
+                add(name, self.v[component] * ((C @ rows) * rows).sum((0, 1)))
+        known = sum(found.values(), np.zeros(len(index)))
+        add("counts", np.maximum(total - known, 0.0))
+        place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))
+        return {source: values[place] for source, values in found.items()}
+
+    # ---- what the poses say of each other and of what is not in the model
+
+    def score(self, G: FloatArray) -> Score:
+        """Project further columns G (m, r, k) of the reduced equations: see `Score`."""
+        k = G.shape[-1]
+        Gw, GG, GM = np.zeros(k), np.zeros((k, k)), np.zeros((k, self.design.width))
+        for part in self.parts():
+            white = (part.L_inverse @ G[part.poses]).reshape(-1, k)
+            Gw += part.w.reshape(-1) @ white
+            GG += white.T @ white
+            GM += white.T @ part.M.reshape(-1, self.design.width)
+        return Score(
+            gradient=Gw + GM @ self.coefficients, information=GG - GM @ self.H_inverse @ GM.T
+        )
+
+    def held_out(self, poses: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Misclosure (k r,) of `poses` (k,) less what all other poses predict, and its covariance.
+
+        In units of each pose's noise; no refit: with P the projector, ``P_FF^-1 (P w)_F`` is that
+        difference and ``P_FF^-1`` its covariance.
+        """
+        M, w = self._rows(poses)
+        P = np.eye(len(w)) - M @ self.H_inverse @ M.T
+        left = w + M @ self.coefficients
+        covariance = np.linalg.pinv(0.5 * (P + P.T), rcond=1e-9, hermitian=True)
+        return np.asarray(covariance @ left), np.asarray(covariance)
+
+    def held_out_chi2(self, poses: IntArray) -> tuple[float, int]:
+        """Misfit of `poses` to the prediction by all others, chi2 with so many degrees of freedom."""
+        M, w = self._rows(poses)
+        P = np.eye(len(w)) - M @ self.H_inverse @ M.T
+        values, vectors = np.linalg.eigh(0.5 * (P + P.T))
+        good = values > 1e-9
+        along = vectors.T @ (w + M @ self.coefficients)
+        return float((along[good] ** 2 / values[good]).sum()), int(good.sum())
+
+    def _rows(self, poses: IntArray) -> tuple[FloatArray, FloatArray]:
+        poses = np.atleast_1d(poses)
+        M, w = [], []
+        for part in self.parts():
+            here = poses[(poses >= part.poses.start) & (poses < part.poses.stop)]
+            M.append(part.M[here - part.poses.start].reshape(-1, self.design.width))
+            w.append(part.w[here - part.poses.start].reshape(-1))
+        return np.concatenate(M), np.concatenate(w)
+
+    def pulls(self) -> tuple[Pull, ...]:
+        """Every toleranced entry and every effect."""
+        design, found = self.design, []
+        for g, where in zip(design.groups, design.slices, strict=True):
+            left = np.diagonal(self.H_inverse)[where]
+            value = self.coefficients[where]
+            z = value / np.sqrt(np.maximum(1.0 - left, 1e-12))
+            found += [
+                Pull(name=name, source=g.source, value=float(b), z=float(t))
+                for name, b, t in zip(g.names, value, z, strict=True)
+            ]
+        return tuple(found)
+
+
+def _inverse(H: FloatArray, scale: FloatArray) -> tuple[FloatArray, float]:
+    """Inverse of a positive definite matrix and the logarithm of its determinant."""
+    from scipy.linalg import lapack
+
+    scaled = H / np.outer(scale, scale)
+    factor, failed = lapack.dpotrf(scaled)
+    if failed:
+        # A direction that nothing sees: it gets a variance that says so.
+        values, vectors = np.linalg.eigh(scaled)
+        values = np.maximum(values, 1e-14 * values[-1])
+        inverse = (vectors / values) @ vectors.T
+        return inverse / np.outer(scale, scale), float(
+            np.log(values).sum() + 2.0 * np.log(scale).sum()
+        )
+    inverse, _ = lapack.dpotri(factor)
+    upper = np.triu(inverse)
+    inverse = upper + np.triu(upper, 1).T
+    logdet = 2.0 * float(np.log(np.diagonal(factor)).sum() + np.log(scale).sum())
+    return inverse / np.outer(scale, scale), logdet

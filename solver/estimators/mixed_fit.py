@@ -1,0 +1,237 @@
+"""The iteration: parameters, effects and joint corrections together, and one scoring step a round.
+
+Each round linearises the loops at the corrected joints, solves the mixed-model equations for
+everything at once, moves the variances by one scoring step and relinearises (`solver.estimators.implicit`
+has the derivation; it is the same round without effects). Knows a closure model, no fixture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.closing import close_loops, left_null_space
+from solver.errors import PosesDoNotFitError
+from solver.estimators.effects import CHUNK, Design, System
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.least_squares import Progress
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.scoring import Derivatives, derivatives, step
+from solver.loops.closure import ClosureModel
+
+MAX_ROUNDS = 40
+SETTLED = 1e-3
+"""Change of every parameter and variance, in standard errors, that ends the iteration."""
+
+SURPRISE = 4.0
+"""chi2 per degree of freedom from which the search starts at large variances."""
+
+LINEAR = 3e-4
+"""Change of an angle or length (rad, m) that does not change the derivatives."""
+
+FOR_VARIANCES = 600
+"""Poses from which variances are found: more know them no better than a few per cent matter."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MixedFit:
+    """Where the iteration ended; poses in the order given.
+
+    Attributes
+    ----------
+    x
+        Parameters (P,).
+    corrections, unsensed
+        Joint corrections e (m, n) and unsensed angles (m, U), rad.
+    shift, give
+        Part of the corrections that effects predict (m, n), rad, and of the fixture's displacement (m, k).
+    fit
+        The linear fit there.
+    found
+        Derivatives of the likelihood there, by the poses the variances came from.
+    """
+
+    x: FloatArray
+    corrections: FloatArray
+    unsensed: FloatArray
+    shift: FloatArray
+    give: FloatArray
+    fit: LinearFit
+    found: Derivatives
+    iterations: int
+    converged: bool
+
+
+@dataclass(slots=True)
+class _State:
+    x: FloatArray
+    e: FloatArray
+    u: FloatArray
+    angle: FloatArray
+
+
+def fit_mixed(
+    model: ClosureModel,
+    q: FloatArray,
+    errors: ErrorModel,
+    x0: FloatArray,
+    *,
+    group: IntArray | None = None,
+    estimate: bool = True,
+    progress: Progress | None = None,
+) -> MixedFit:
+    """Fit parameters, effects, joint corrections and variances to readings `q` (m, n), rad.
+
+    Parameters
+    ----------
+    x0
+        Start (P,).
+    group
+        Placement of each pose (m,): what the fixture gives in one says nothing of another.
+    estimate
+        Whether to move the variances, or to leave them as stated.
+    """
+    variances, first = None, 0
+    if estimate and len(q) > 2 * FOR_VARIANCES:
+        # Evenly over the poses, which are in canonical order: the same whatever order they came in.
+        some = np.linspace(0, len(q) - 1, FOR_VARIANCES).astype(np.int64)
+        rough = _iterate(
+            Design(
+                model.at_poses(some), q[some], errors.at_poses(some),
+                group=None if group is None else group[some],
+            ),
+            x0, None, progress,
+        )  # fmt: skip
+        variances, x0, first = rough.fit.v, rough.x, rough.iterations
+        whole = _iterate(Design(model, q, errors, group=group), x0, variances, progress)
+        return _with(whole, rough.found, first)
+    design = Design(model, q, errors, group=group)
+    return _iterate(design, x0, None if estimate else design.stated_variances(), progress)
+
+
+def _with(whole: MixedFit, found: Derivatives, rounds: int) -> MixedFit:
+    return MixedFit(
+        x=whole.x, corrections=whole.corrections, unsensed=whole.unsensed, shift=whole.shift,
+        give=whole.give, fit=whole.fit, found=found, iterations=whole.iterations + rounds,
+        converged=whole.converged,
+    )  # fmt: skip
+
+
+def _iterate(
+    design: Design, x0: FloatArray, variances: FloatArray | None, progress: Progress | None
+) -> MixedFit:
+    """Rounds until nothing moves; `variances` (K,) that are given stay."""
+    v = design.start_variances() if variances is None else variances
+    held = np.full(len(v), variances is not None)
+    sd = np.sqrt(design.joint_variance(v).mean(axis=0))
+    start = close_loops(design.model, x0, design.q, sigma_rad=sd, max_iterations=3)
+    state = _State(np.array(x0, dtype=float), np.zeros_like(design.q), start.u, design.q.copy())
+    state.angle = design.q
+    converged, rounds = False, 0
+    for rounds in range(1, MAX_ROUNDS + 1):
+        system, rates = _linearise(design, state)
+        try:
+            fit = LinearFit(design, system, v)
+        except np.linalg.LinAlgError as error:
+            raise PosesDoNotFitError from error
+        if rounds == 1 and not held.any() and fit.chi2 > SURPRISE * fit.dof:
+            # Nothing stated explains these readings: start where much may give.
+            v = np.maximum(v, [c.leap for c in design.components])
+            fit = LinearFit(design, system, v)
+        found = derivatives(fit)
+        v_new, moved = step(fit, found, held)
+        moved = max(moved, _advance(design, state, system, rates, fit))
+        if not np.isfinite(moved):
+            break
+        if progress is not None:
+            progress(rounds, fit.chi2)
+        if moved < SETTLED:
+            converged = True
+            break
+        v = v_new
+    shift, give = design.effects_at(fit.b, state.angle)
+    return MixedFit(
+        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
+        found=found, iterations=rounds, converged=converged,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Rates:
+    """What the back-substitution needs of each pose: c (m, k), N^+ (m, U, k), J_x and J_q under it."""
+
+    down: FloatArray
+    by_x: FloatArray
+    by_q: FloatArray
+    closed: FloatArray
+
+
+def _linearise(design: Design, state: _State) -> tuple[System, _Rates]:
+    """Reduced system of all poses at a state, in chunks: the full Jacobians never stand side by side."""
+    m = len(design.q)
+    pieces, rates = [], []
+    soft = state.x - design.nominal
+    soft[design.hard_index] = 0.0
+    for first in range(0, m, CHUNK):
+        here = slice(first, min(first + CHUNK, m))
+        model = design.model if m <= CHUNK else design.model.at_poses(np.arange(m)[here])
+        e = state.e[here]
+        error = model.loop(state.x, design.q[here] + e, state.u[here])
+        E = left_null_space(error.jac_u)
+        Et = np.swapaxes(E, -1, -2)
+        A, B = Et @ error.jac_x, Et @ error.jac_q
+        c = error.residual - (error.jac_q @ e[..., None])[..., 0]
+        w = (Et @ c[..., None])[..., 0] - A @ soft
+        pieces.append((w, A, B, E))
+        down = (
+            np.linalg.pinv(error.jac_u)
+            if error.jac_u.shape[-1]
+            else np.zeros((len(e), 0, c.shape[-1]))
+        )
+        rates.append((down, down @ error.jac_x, down @ error.jac_q, (down @ c[..., None])[..., 0]))
+    w, A, B, E = (np.concatenate(p) if len(pieces) > 1 else p[0] for p in zip(*pieces, strict=True))
+    return (
+        System(w=w, A=A, B=B, E=E, angle=state.angle),
+        _Rates(*(np.concatenate(p) if len(rates) > 1 else p[0] for p in zip(*rates, strict=True))),
+    )
+
+
+def _advance(design: Design, state: _State, system: System, rates: _Rates, fit: LinearFit) -> float:
+    """Move to the solution of one linearisation; the largest change in standard errors."""
+    shift, give = design.effects_at(fit.b, state.angle)
+    x = state.x.copy()
+    x[design.hard_index] += fit.step
+    soft = len(design.soft_index)
+    x[design.soft_index] = design.nominal[design.soft_index] + design.soft_sd * fit.b[:soft]
+    e = shift.copy()
+    for part in fit.parts():
+        here = part.poses
+        left = (part.w + part.M @ fit.coefficients)[..., None]
+        multipliers = np.swapaxes(part.L_inverse, -1, -2) @ left
+        S, F = design.joint_variance(fit.v, here), design.fixture_variance(fit.v, here)
+        e[here] -= S * (np.swapaxes(system.B[here], -1, -2) @ multipliers)[..., 0]
+        give[here] -= F * (system.E[here] @ multipliers)[..., 0]
+    dx = x - state.x
+    rest = (
+        rates.closed + rates.by_x @ dx
+        + (rates.by_q @ e[..., None])[..., 0] + (rates.down @ give[..., None])[..., 0]
+    )  # fmt: skip
+    du = -rest
+    largest = max(
+        float(np.abs(dx).max(initial=0.0)),
+        float(np.abs(e - state.e).max(initial=0.0)),
+        float(np.abs(du).max(initial=0.0)),
+    )
+    if not np.isfinite(largest):
+        return float("nan")
+    sd = np.sqrt(np.maximum(np.diagonal(fit.covariance), 1e-300))
+    moved = float(np.abs(dx / sd).max(initial=0.0))
+    # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
+    shrink = min(1.0, 1.0 / max(largest, 1e-300))
+    state.x = state.x + shrink * dx
+    state.e = state.e + shrink * (e - state.e)
+    state.u = state.u + shrink * du
+    state.angle = design.q + state.e
+    return moved if largest < LINEAR else max(moved, 1.0)

@@ -1,0 +1,81 @@
+"""Smooth functions of the pose: a few columns that span what bends the same again at the same pose.
+
+A Gaussian process over joint space with several scales at once and a linear part, in low rank: its
+values at all poses are ``Phi b`` with b ~ N(0, I) and ``Phi`` (m, k), made from poses far apart
+(Nystroem), so its cost grows with the poses and not with their square. Knows no loop and no parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+
+CENTRES = 64
+"""Poses, as far apart as there are, from which the others are interpolated."""
+
+SCALES_RAD = (np.deg2rad(60.0), np.deg2rad(120.0))
+WEIGHTS = (0.5, 0.5)
+"""Shares of the variance at each scale."""
+
+CONSTANT, LINEAR = 0.5, 0.5
+"""Variance of the constant and of the linear part, beside that of the scales."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseBasis:
+    """Smooth columns.
+
+    Attributes
+    ----------
+    phi
+        (m, k).
+    missed
+        (m,): share of the variance at each pose that so few columns leave out.
+    """
+
+    phi: FloatArray
+    missed: FloatArray
+
+
+def pose_basis(q: FloatArray, *, columns: int, group: IntArray | None = None) -> PoseBasis:
+    """Return smooth columns over joint angles `q` (m, n), rad; apart in each `group` (m,) of poses."""
+    spread = np.maximum(q.std(axis=0), 1e-9)
+    moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
+    angle = q[:, moving]
+    linear = (angle - angle.mean(axis=0)) / (spread[moving] * np.sqrt(max(1, moving.sum())))
+    group = np.zeros(len(q), dtype=np.int64) if group is None else group
+    far = _farthest(np.column_stack((angle, 10.0 * group)), CENTRES)
+
+    def kernel(one: IntArray, two: IntArray) -> FloatArray:
+        a, b = angle[one], angle[two]
+        d2 = np.maximum((a**2).sum(-1)[:, None] + (b**2).sum(-1)[None, :] - 2.0 * (a @ b.T), 0.0)
+        k = CONSTANT + LINEAR * (linear[one] @ linear[two].T)
+        for scale, weight in zip(SCALES_RAD, WEIGHTS, strict=True):
+            k = k + weight * np.exp(-0.5 * d2 / scale**2)
+        return np.asarray(k * (group[one][:, None] == group[two][None, :]))
+
+    everything = np.arange(len(q))
+    values, vectors = np.linalg.eigh(kernel(far, far))
+    good = values > 1e-8 * values[-1]
+    whole = kernel(everything, far) @ (vectors[:, good] / np.sqrt(values[good]))
+    diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
+    if whole.shape[1] > columns:
+        # Of these the directions along which most poses differ.
+        whole = whole @ np.linalg.eigh(whole.T @ whole)[1][:, ::-1][:, :columns]
+    return PoseBasis(phi=whole, missed=np.maximum(diagonal - (whole**2).sum(-1), 0.0))
+
+
+def _farthest(points: FloatArray, count: int) -> IntArray:
+    """Indices of points (m, d) chosen one by one, each the farthest from those before."""
+    if len(points) <= count:
+        return np.arange(len(points))
+    distance = ((points - points.mean(axis=0)) ** 2).sum(-1)
+    chosen: list[int] = []
+    for _ in range(count):
+        chosen.append(int(np.argmax(distance if chosen else -distance)))
+        near = ((points - points[chosen[-1]]) ** 2).sum(-1)
+        distance = near if len(chosen) == 1 else np.minimum(distance, near)
+    return np.array(chosen)

@@ -1,0 +1,219 @@
+"""The mixed model against dense matrices: likelihood, covariance, budget, scores, poses held out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver.chain.parameters import nominal_vector
+from solver.estimators.effects import Design, System
+from solver.estimators.error_model import ErrorModel, stated_errors
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.pose_basis import pose_basis
+from solver.estimators.scoring import derivatives
+from tests.oracles.loop_oracle import Truth, paper_truth
+from tests.oracles.simulated_loops import LENGTHS, Simulation
+from tests.solver.conftest import NAMES, loop_of, paper_arm
+
+POSES = 12
+SOFT = (*LENGTHS[:3], "alpha_2", "alpha_3")
+TOLERANCE = {n: 2e-3 if n.startswith("alpha") else 5e-4 for n in SOFT}
+
+
+def everything_stated(truth: Truth, poses: int = POSES) -> ErrorModel:
+    arm = paper_arm(truth)
+    joints = tuple(replace(j, backlash_rad=1e-4, sag_rad=2e-4) for j in arm.joints)
+    errors = stated_errors(replace(arm, joints=joints), samples=np.full(poses, 4))
+    return replace(
+        errors,
+        accuracy_rad=np.array([2e-4] * 5 + [0.0] * 2),
+        give_rad=3e-4,
+        give_m=2e-4,
+        tolerance=TOLERANCE,
+        discrepancy=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def design() -> Design:
+    truth = paper_truth()
+    model = loop_of(truth, names=(*NAMES, *SOFT))
+    return Design(model, Simulation(poses=POSES).readings(0), everything_stated(truth))
+
+
+@pytest.fixture(scope="module")
+def system(design: Design) -> System:
+    x = nominal_vector(design.model.parameters)
+    error = design.model.loop(x, design.q, design.model.initial_unsensed(x, design.q))
+    # An orthonormal complement of the hinge's column, by another road than the solver's.
+    E = np.stack([np.linalg.svd(N)[0][:, 1:] for N in error.jac_u])
+    Et = np.swapaxes(E, -1, -2)
+    w = np.random.default_rng(1).normal(size=(POSES, 5)) * 1e-3
+    return System(w=w, A=Et @ error.jac_x, B=Et @ error.jac_q, E=E, angle=design.q)
+
+
+def variances(design: Design) -> np.ndarray:
+    rng = np.random.default_rng(2)
+    return design.stated_variances() * rng.uniform(1.0, 3.0, len(design.components))
+
+
+class Dense:
+    """Everything as N x N matrices: noise blocks and effects added up, P by inversion."""
+
+    def __init__(self, design: Design, system: System, v: np.ndarray) -> None:
+        m, r = system.w.shape
+        self.w = system.w.reshape(-1)
+        A = system.A.reshape(m * r, -1)
+        self.A = A[:, design.hard_index]
+        self.noise = np.zeros((m * r, m * r))
+        S, F = design.joint_variance(v), design.fixture_variance(v)
+        for i in range(m):
+            here = slice(i * r, i * r + r)
+            self.noise[here, here] = (system.B[i] * S[i]) @ system.B[i].T
+            self.noise[here, here] += (system.E[i].T * F[i]) @ system.E[i]
+        Z = [A[:, design.soft_index] * design.soft_sd]
+        for j, shapes in design.joint_shapes(system.angle, slice(None)):
+            Z.append((system.B[:, :, j, None] * shapes[:, None, :]).reshape(m * r, -1))
+        phi = design.give_basis.phi
+        for rows, _ in design.gives:
+            for row in range(rows.start, rows.stop):
+                Z.append((system.E[:, row, :, None] * phi[:, None, :]).reshape(m * r, -1))
+        self.Z = np.concatenate(Z, axis=1)
+        self.size = design.group_variances(v)
+        self.V = self.noise + (self.Z * self.size) @ self.Z.T
+        W = np.linalg.inv(self.V)
+        self.M = self.A.T @ W @ self.A
+        self.P = W - W @ self.A @ np.linalg.solve(self.M, self.A.T @ W)
+
+    @property
+    def log_likelihood(self) -> float:
+        log_det = np.linalg.slogdet(self.V)[1] + np.linalg.slogdet(self.M)[1]
+        return float(-0.5 * (log_det + self.w @ self.P @ self.w))
+
+
+def test_everything_agrees_with_dense_matrices(design: Design, system: System) -> None:
+    v = variances(design)
+    fit, dense = LinearFit(design, system, v), Dense(design, system, v)
+    P, w = dense.P, dense.w
+    assert fit.chi2 == pytest.approx(w @ P @ w, rel=1e-8)
+    assert fit.log_likelihood == pytest.approx(dense.log_likelihood, rel=1e-9)
+    W = np.linalg.inv(dense.V)
+    step = -np.linalg.solve(dense.M, dense.A.T @ W @ w)
+    assert fit.step == pytest.approx(step, rel=1e-5, abs=1e-9)
+    assert fit.b == pytest.approx(-dense.size * (dense.Z.T @ P @ w), rel=1e-5, abs=1e-10)
+    hard = design.hard_index
+    assert fit.covariance[np.ix_(hard, hard)] == pytest.approx(
+        np.linalg.inv(dense.M), rel=1e-5, abs=1e-14
+    )
+    soft = dense.Z[:, : len(SOFT)]
+    size = np.diag(dense.size[: len(SOFT)])
+    of_soft = (size - size @ soft.T @ P @ soft @ size) * np.outer(design.soft_sd, design.soft_sd)
+    where = design.soft_index
+    assert fit.covariance[np.ix_(where, where)] == pytest.approx(of_soft, rel=1e-5, abs=1e-14)
+
+
+def test_repeatability_and_budget_add_up(design: Design, system: System) -> None:
+    v = variances(design)
+    fit, dense = LinearFit(design, system, v), Dense(design, system, v)
+    gain = np.linalg.solve(dense.M, dense.A.T @ np.linalg.inv(dense.V))
+    hard = design.hard_index
+    assert fit.repeatability[np.ix_(hard, hard)] == pytest.approx(
+        gain @ dense.noise @ gain.T, rel=1e-4, abs=1e-15
+    )
+    budget = fit.budget()
+    assert set(budget) == {
+        *("rvdt_noise_6", "rvdt_noise_7", "rvdt_curve_6", "rvdt_curve_7", "encoder_accuracy"),
+        *("lengths", "twists", "fixture_give", "joint_play", "sag", "discrepancy", "counts"),
+    }
+    assert all((share >= 0.0).all() for share in budget.values())
+    assert sum(budget.values()) == pytest.approx(np.diagonal(fit.covariance), rel=1e-6)
+    lengths = dense.Z[:, :3] * np.sqrt(dense.size[:3])
+    assert budget["lengths"][hard] == pytest.approx(((gain @ lengths) ** 2).sum(-1), rel=1e-4)
+
+
+def test_score_of_further_columns(design: Design, system: System) -> None:
+    fit = LinearFit(design, system, variances(design))
+    dense = Dense(design, system, fit.v)
+    G = np.random.default_rng(3).normal(size=(POSES, 5, 4))
+    flat = G.reshape(-1, 4)
+    found = fit.score(G)
+    assert found.gradient == pytest.approx(flat.T @ dense.P @ dense.w, rel=1e-6)
+    assert found.information == pytest.approx(flat.T @ dense.P @ flat, rel=1e-6)
+    # A column that is fitted already explains nothing more.
+    own = fit.score(system.A[..., design.hard_index[:2]])
+    size = np.abs(dense.A[:, :2].T @ np.linalg.inv(dense.V) @ dense.w)
+    assert np.all(np.abs(own.gradient) < 1e-6 * size)
+
+
+def test_poses_held_out_are_predicted_by_the_others(design: Design, system: System) -> None:
+    fit = LinearFit(design, system, variances(design))
+    dense = Dense(design, system, fit.v)
+    out = np.array([2, 7])
+    rows = (out[:, None] * 5 + np.arange(5)).reshape(-1)
+    rest = np.setdiff1d(np.arange(5 * POSES), rows)
+    # By the book: generalised least squares on the rest, then prediction.
+    V, A, w = dense.V, dense.A, dense.w
+    inner = np.linalg.inv(V[np.ix_(rest, rest)])
+    M = A[rest].T @ inner @ A[rest]
+    x = -np.linalg.solve(M, A[rest].T @ inner @ w[rest])
+    back = V[np.ix_(rows, rest)] @ inner
+    predicted = -A[rows] @ x + back @ (w[rest] + A[rest] @ x)
+    left = A[rows] - back @ A[rest]
+    covariance = V[np.ix_(rows, rows)] - back @ V[np.ix_(rest, rows)]
+    covariance = covariance + left @ np.linalg.solve(M, left.T)
+    difference = w[rows] - predicted
+    chi2, dof = fit.held_out_chi2(out)
+    assert dof == 10
+    assert chi2 == pytest.approx(difference @ np.linalg.solve(covariance, difference), rel=1e-5)
+    white, its = fit.held_out(out)
+    assert white @ np.linalg.solve(its, white) == pytest.approx(chi2, rel=1e-6)
+
+
+def test_score_is_the_slope_of_the_likelihood(design: Design, system: System) -> None:
+    v = variances(design)
+    found = derivatives(LinearFit(design, system, v), priors=False)
+    for k, name in enumerate(c.name for c in design.components):
+        h = 1e-4 * v[k] * np.eye(len(v))[k]
+        up, down = (Dense(design, system, v + s * h).log_likelihood for s in (1.0, -1.0))
+        assert found.score[k] * v[k] == pytest.approx((up - down) / 2e-4, rel=1e-3, abs=1e-4), name
+
+
+def test_information_of_effects_and_across(design: Design, system: System) -> None:
+    v = variances(design)
+    found = derivatives(LinearFit(design, system, v), priors=False)
+    dense = Dense(design, system, v)
+    names = [c.name for c in design.components]
+    lengths, twists = dense.Z[:, :3], dense.Z[:, 3:5]
+    parts = {"lengths": lengths @ lengths.T, "twists": twists @ twists.T}
+    for one, A in parts.items():
+        for other, B in parts.items():
+            expected = 0.5 * np.trace(dense.P @ A @ dense.P @ B)
+            value = found.information[names.index(one), names.index(other)]
+            assert value == pytest.approx(expected, rel=1e-5)
+    play = Dense(design, system, v + 1e-6 * np.eye(len(v))[names.index("joint_play")])
+    rate = (play.V - dense.V) / 1e-6
+    expected = 0.5 * np.trace(dense.P @ rate @ dense.P @ parts["lengths"])
+    value = found.information[names.index("joint_play"), names.index("lengths")]
+    assert value == pytest.approx(expected, rel=0.05)
+
+
+def test_smooth_columns_span_the_process_they_stand_for() -> None:
+    q = Simulation(poses=40).readings(0)
+    few, many = pose_basis(q, columns=10), pose_basis(q, columns=100)
+    assert few.phi.shape == (40, 10)
+    assert np.all(few.missed >= 0.0)
+    assert np.allclose(many.missed, 0.0, atol=1e-6)
+    assert few.missed.mean() < 0.25 * (many.phi**2).sum(-1).mean()
+    # Poses of another placement say nothing of this one.
+    group = np.repeat([1, 2], 20)
+    apart = pose_basis(q, columns=100, group=group)
+    assert np.allclose(apart.phi[:20] @ apart.phi[20:].T, 0.0, atol=1e-9)
+
+
+def test_a_component_is_never_below_its_statement(design: Design) -> None:
+    stated = design.stated_variances()
+    for component, value in zip(design.components, stated, strict=True):
+        if not component.name.startswith(("rvdt", "curve")):
+            assert component.floor == pytest.approx(value)

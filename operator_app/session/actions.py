@@ -232,7 +232,7 @@ def _unsensed(chosen: Chosen) -> None:
     chosen.runner.publish(lambda s: replace(s, unsensed_joints=_next_unsensed(s)))
 
 
-def _upload(chosen: Chosen) -> None:
+def _upload(chosen: Chosen, forced: str = "") -> None:
     serial = "" if chosen.s.identity is None else chosen.s.identity.serial_number
     text = (
         f"The arm is held, the files are written, and the controller of {serial} takes the new "
@@ -240,8 +240,24 @@ def _upload(chosen: Chosen) -> None:
     )
     chosen.ask(
         Typed(title="Upload to the controller?", text=text, expected=serial),
-        lambda again, _: again.hand(TaskKind.UPLOAD, "uploading", lambda o: o.upload()),
+        lambda again, _: again.hand(TaskKind.UPLOAD, "uploading", lambda o: o.upload(forced)),
     )
+
+
+def _force(chosen: Chosen) -> None:
+    why = "; ".join(chosen.s.solution.reasons) if chosen.s.solution is not None else ""
+    text = (
+        f"Not accepted: {why}. Why are these parameters to be used all the same? The reason is kept "
+        "in the journal and in the file."
+    )
+
+    def because(again: Chosen, said: str) -> None:
+        if said.strip():
+            _upload(again, said.strip())
+        else:
+            again.face.refuse("nothing was sent: it takes a reason")
+
+    chosen.ask(Typed(title="Upload all the same?", text=text), because)
 
 
 def _verify(chosen: Chosen) -> None:
@@ -398,6 +414,9 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     Action(name="upload", keys=("u",), shown="u", label="Upload", prompt="Upload to the controller",
            help="Upload the parameters to the controller, after typing the arm's serial number; "
            "they are read back.", steps=_at(Step.EXPORT), guard=guards.may_upload, work=_upload),
+    Action(name="force", keys=("U",), shown="U", label="Upload all the same",
+           help="Upload a calibration that was not accepted, after typing why and the arm's serial "
+           "number.", steps=_at(Step.RESULTS), guard=guards.may_force, work=_force),
     Action(name="verify", keys=("y",), shown="y", label="Verify",
            prompt=f"Verify with {VERIFY_POSES} new poses",
            help="Move to new poses and judge them by the parameters found. Any key stops.",

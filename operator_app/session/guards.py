@@ -230,7 +230,21 @@ def may_report(s: SessionSnapshot) -> Missing:
 
 def may_upload(s: SessionSnapshot) -> Missing:
     """Uploading needs an accepted calibration, an arm, and its drives under control."""
-    missing = may_write(s) or may_use_data(s)
+    return may_write(s) or _may_send(s)
+
+
+def may_force(s: SessionSnapshot) -> Missing:
+    """Uploading for a reason is for a calibration that was not accepted."""
+    missing = idle(s) or results_ready(s)
+    if missing:
+        return missing
+    if s.solution is not None and s.solution.accepted:
+        return ("the calibration was accepted: upload it in step 7, no reason is needed",)
+    return _may_send(s)
+
+
+def _may_send(s: SessionSnapshot) -> Missing:
+    missing = may_use_data(s)
     if missing:
         return missing
     if s.arm is not None and any(j.drive is not DriveState.OPERATION_ENABLED for j in s.arm.joints):

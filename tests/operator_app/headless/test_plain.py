@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -101,6 +102,19 @@ def test_a_wrong_number_and_a_wrong_serial_do_nothing(source):
     assert sum("type a number from 1 to" in row for row in script.said) == 2
     assert "Not done: that is not SDA-0001. Nothing was sent." in script.said
     assert source.arm.active_parameters() == b""
+
+
+def test_what_is_not_accepted_is_uploaded_for_a_reason_only(source):
+    limits = replace(source.procedure.acceptance, scaled_condition_number=1.5)
+    source.procedure = replace(source.procedure, acceptance=limits)
+    script = run(
+        source, *TO_CAPTURE, "Capture all", "Go on", "Calibrate", "Go on", "Upload all the same",
+        " ", "Upload all the same", "the demo is tonight", "SDA-0001", "Leave",
+    )  # fmt: skip
+    assert "Not done: nothing was sent: it takes a reason." in script.said
+    written = source.root / "session-1" / "parameters.yaml"
+    assert load_parameters(written).warnings[0].text.endswith("the demo is tonight")
+    assert source.arm.active_parameters() == written.read_bytes()
 
 
 def test_too_many_position_joints_are_refused_with_the_reason(source):

@@ -75,22 +75,22 @@ class Frames:
     @property
     def axes(self) -> FloatArray:
         """Shape (..., links + 1, 3, 3); ``axes[..., k, :, 0]`` is x, ``[..., 1]`` y, ``[..., 2]`` z of frame k."""
-        return np.moveaxis(self.axes_of, (0, 1, 2), (-3, -1, -2))
+        return _poses_first(self.axes_of, 0, 2, 1)
 
     @property
     def origins_m(self) -> FloatArray:
         """Shape (..., links + 1, 3)."""
-        return np.moveaxis(self.origin_of, (0, 1), (-2, -1))
+        return _poses_first(self.origin_of, 0, 1)
 
     @property
     def R_end(self) -> FloatArray:
         """Rotation of the last frame, shape (..., 3, 3)."""
-        return np.moveaxis(self.axes_of[-1], (0, 1), (-1, -2))
+        return _poses_first(self.axes_of[-1], 1, 0)
 
     @property
     def p_end(self) -> FloatArray:
         """Origin of the last frame in metres, shape (..., 3)."""
-        return np.moveaxis(self.origin_of[-1], 0, -1)
+        return _poses_first(self.origin_of[-1], 0)
 
 
 def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) -> Frames:
@@ -103,9 +103,10 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
         broadcast to (..., links).
     """
     lead = np.broadcast_shapes(*(np.shape(v)[:-1] for v in (theta, s, a, alpha)))
-    c_theta, s_theta = _links_first(np.cos(theta)), _links_first(np.sin(theta))
-    c_alpha, s_alpha = _links_first(np.cos(alpha)), _links_first(np.sin(alpha))
-    s, a = _links_first(s), _links_first(a)
+    dims = len(lead)
+    c_theta, s_theta = _links_first(np.cos(theta), dims), _links_first(np.sin(theta), dims)
+    c_alpha, s_alpha = _links_first(np.cos(alpha), dims), _links_first(np.sin(alpha), dims)
+    s, a = _links_first(s, dims), _links_first(a, dims)
     links = max(len(c_theta), len(s), len(a), len(c_alpha))
     axes = np.empty((links + 1, 3, 3, *lead))
     origins = np.empty((links + 1, 3, *lead))
@@ -120,7 +121,8 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
         y_mid = c * y - sn * x
         np.add(ca * y_mid, sa * z, out=y_j)
         np.subtract(ca * z, sa * y_mid, out=z_j)
-        np.add(origins[j], s[j] * z + a[j] * x_j, out=origins[j + 1])
+    # p_j - p_{j-1} = s_j z_{j-1} + a_j x_j (eqs. 1 and 9).
+    np.cumsum(s[:, None] * axes[:-1, 2] + a[:, None] * axes[1:, 0], axis=0, out=origins[1:])
     return Frames(axes_of=axes, origin_of=origins)
 
 
@@ -159,17 +161,24 @@ def jacobian(frames: Frames) -> FloatArray:
     columns[DhKind.A, :, 3:] = x
     columns[DhKind.ALPHA, :, :3] = x
     _cross(x, p[-1] - p[1:], out=columns[DhKind.ALPHA, :, 3:])
-    return np.moveaxis(columns, (0, 1, 2), (-2, -1, -3))
+    return _poses_first(columns, 2, 0, 1)
 
 
 def picked(columns: FloatArray, kinds: Sequence[int], rows: Sequence[int]) -> FloatArray:
     """Columns of `jacobian` (..., k, 4, links) of the entries `kinds`, `rows` (C,): (..., k, C)."""
-    first = np.moveaxis(columns, (-2, -1, -3), (0, 1, 2))[list(kinds), list(rows)]
-    return np.ascontiguousarray(np.moveaxis(first, (0, 1), (-1, -2)))
+    n = columns.ndim
+    some = columns.transpose(n - 2, n - 1, n - 3, *range(n - 3))[list(kinds), list(rows)]
+    return np.ascontiguousarray(_poses_first(some, 1, 0))
 
 
-def _links_first(values: FloatArray) -> FloatArray:
-    return np.ascontiguousarray(np.moveaxis(values, -1, 0))
+def _links_first(values: FloatArray, dims: int) -> FloatArray:
+    values = np.reshape(values, (1,) * (dims + 1 - np.ndim(values)) + np.shape(values))
+    return np.ascontiguousarray(values.transpose(dims, *range(dims)))
+
+
+def _poses_first(values: FloatArray, *order: int) -> FloatArray:
+    """View with the leading axes, in the order given, after those of the poses."""
+    return values.transpose(*range(len(order), values.ndim), *order)
 
 
 def _cross(u: FloatArray, v: FloatArray, *, out: FloatArray) -> None:

@@ -28,15 +28,12 @@ from solver.closing import close_loops, reduced_equations, unsensed_step
 from solver.errors import PosesDoNotFitError
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
-from solver.estimators.least_squares import Progress, column_scale
-from solver.estimators.paper import estimate_paper
+from solver.estimators.least_squares import Progress, Triangle, triangle_of
+from solver.estimators.paper import SAME_DESCRIPTION, estimate_paper
 from solver.loops.closure import ClosureModel, LoopError, nearest_equivalent
 
 STEP_TOLERANCE = 1e-12
 MAX_ITERATIONS = 60
-
-SAME_DESCRIPTION = 1e-9
-"""Parameters (rad, m) that differ by less, and by full turns, describe a loop alike."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +102,7 @@ class ImplicitFit:
     unsensed
         Unsensed angles (m, U), rad.
     system
-        The reduced linear system at the solution.
+        The reduced linear system that gave the last step.
     pose_chi2
         Each pose's share of chi2 (m,).
     """
@@ -146,14 +143,16 @@ def fit_implicit(
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     give = np.zeros(6) if noise.fixture_variance is None else noise.fixture_variance
     x = np.array(x0, dtype=np.float64)
-    start = close_loops(model, x, q, sigma_rad=np.sqrt(variance.mean(axis=0)), max_iterations=3)
-    # Unsensed angles start from loops closed as well as `x0` allows; corrections start from none.
-    u, e = start.u, np.zeros_like(q)
+    u, e = model.initial_unsensed(x, q), np.zeros_like(q)
+    if model.unsensed_joints:
+        # Their first angles are mere readings: take them from loops closed as well as `x0` allows.
+        sigma = np.sqrt(variance.mean(axis=0))
+        u = close_loops(model, x, q, sigma_rad=sigma, u=u, max_iterations=3).u
     iterations, converged = 0, False
     for iterations in range(1, max_iterations + 1):
         error = model.loop(x, q + e, u)
         system = linearise(error, e, variance, give)
-        step, multipliers, chi2 = _solve(system, x, prior)
+        step, multipliers, pose_chi2, triangle = _solve(system, x, prior)
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers[..., None])[..., 0]
         slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers[..., None])[..., 0]
         moved = error.jac_x @ step + (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack
@@ -169,21 +168,13 @@ def fit_implicit(
         shrink = min(1.0, 1.0 / max(largest, 1e-300))
         x, e, u = x + shrink * step, e + shrink * (e_new - e), u + shrink * du
         if progress is not None:
-            progress(iterations, chi2)
+            progress(iterations, float(pose_chi2.sum()))
         if largest < STEP_TOLERANCE:
             converged = True
             break
-    error = model.loop(x, q + e, u)
-    system = linearise(error, e, variance, give)
-    pose_chi2 = np.einsum(
-        "mi,mi->m", system.w, np.linalg.solve(system.V, system.w[..., None])[..., 0]
-    )
-    seen = information(system)
-    if prior is not None:
-        seen = seen + np.diag(prior.precision)
     return ImplicitFit(
         x=x,
-        covariance=np.asarray(np.linalg.pinv(seen, hermitian=True)),
+        covariance=np.asarray(np.linalg.pinv(triangle.T.T @ triangle.T, hermitian=True)),
         corrections=e,
         unsensed=u,
         system=system,
@@ -251,13 +242,6 @@ def estimate_implicit(
     )
 
 
-def information(system: LinearisedPoses) -> FloatArray:
-    """Fisher information of the parameters (P, P): ``sum A' V^-1 A``."""
-    white = np.linalg.solve(_root(system.V), system.A)
-    J = white.reshape(-1, white.shape[-1])
-    return J.T @ J
-
-
 def linearise(
     error: LoopError, e: FloatArray, variance: FloatArray, give: FloatArray
 ) -> LinearisedPoses:
@@ -272,28 +256,32 @@ def linearise(
     return LinearisedPoses(w=w, A=reduced.A, B=B, V=V, E=E)
 
 
-def _root(V: FloatArray) -> FloatArray:
-    """Cholesky factors of the misclosures' covariances; none exists far from any closed pose."""
+def whitener(V: FloatArray) -> FloatArray:
+    """``L^-1`` (..., r, r) of the misclosures' covariances ``V = L L'``.
+
+    Raises
+    ------
+    PosesDoNotFitError
+        There is none: these poses are far from any that close.
+    """
     try:
-        return np.asarray(np.linalg.cholesky(V))
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
     except np.linalg.LinAlgError as error:
         raise PosesDoNotFitError from error
 
 
 def _solve(
     system: LinearisedPoses, x: FloatArray, prior: ParameterPrior | None
-) -> tuple[FloatArray, FloatArray, float]:
-    """Step of the parameters (P,), multipliers (m, r) and the chi2 the step leads to."""
-    L = _root(system.V)
-    white_A = np.asarray(np.linalg.solve(L, system.A))
-    white_w = np.linalg.solve(L, system.w[..., None])[..., 0]
-    J, c = white_A.reshape(-1, white_A.shape[-1]), white_w.reshape(-1)
+) -> tuple[FloatArray, FloatArray, FloatArray, Triangle]:
+    """Step of the parameters (P,), multipliers (m, r), each pose's chi2 (m,), and the equations."""
+    whiten = whitener(system.V)
+    A, w = whiten @ system.A, (whiten @ system.w[..., None])[..., 0]
+    blocks = [(w, A)]
     if prior is not None:
         root = np.sqrt(prior.precision)
-        J = np.concatenate((J, np.diag(root)))
-        c = np.concatenate((c, root * (x - prior.mean)))
-    scale = column_scale(J)
-    step = np.asarray(-np.linalg.lstsq(J / scale, c, rcond=1e-12)[0] / scale)
-    left = white_w + white_A @ step
-    multipliers = np.asarray(np.linalg.solve(np.swapaxes(L, -1, -2), left[..., None])[..., 0])
-    return step, multipliers, float(np.sum(left**2))
+        blocks.append((root * (x - prior.mean), np.diag(root)))
+    triangle = triangle_of(blocks)
+    step = triangle.step()
+    left = w + A @ step
+    multipliers = (np.swapaxes(whiten, -1, -2) @ left[..., None])[..., 0]
+    return step, multipliers, (left * left).sum(-1), triangle

@@ -16,6 +16,9 @@ import numpy as np
 
 from solver.arrays import FloatArray
 
+UNSEEN = 1e-12
+"""A scaled singular value below this share of the largest belongs to no direction that is seen."""
+
 BLOCK_ROWS = 2048
 """Rows of a block: with some tens of columns it stays in a core's own cache."""
 
@@ -47,6 +50,20 @@ class Triangle:
     def cost(self) -> float:
         """Half the sum of squared residuals."""
         return 0.5 * (float(self.b @ self.b) + self.rest)
+
+    def step(self) -> FloatArray:
+        """The undamped step (P,), none along directions the equations do not see; nan if they are."""
+        if not np.isfinite(self.T).all():
+            return np.full(len(self.b), np.nan)
+        scale, U, s, Vt = self.scaled()
+        seen = s > UNSEEN * s[0]
+        return -(Vt.T @ (np.where(seen, U.T @ self.b, 0.0) / np.where(seen, s, 1.0))) / scale
+
+    def scaled(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Column scale of J, and U, s, V' of the triangle with unit columns."""
+        scale = column_scale(self.T)
+        U, s, Vt = np.linalg.svd(self.T / scale)
+        return scale, U, s, Vt
 
 
 def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
@@ -87,12 +104,15 @@ class Fit:
         Accepted steps.
     converged
         Whether the last step was below `step_tolerance`, or nothing smaller than it descends.
+    triangle
+        Of the equations there, but for a last step too small to be seen in the cost.
     """
 
     x: FloatArray
     cost: float
     iterations: int
     converged: bool
+    triangle: Triangle
 
 
 def column_scale(J: FloatArray) -> FloatArray:
@@ -119,14 +139,15 @@ def solve_damped(
         Largest component of a step (rad, m) that counts as no step.
     """
     x = np.array(x0, dtype=np.float64)
-    here = problem(x)
-    damping = 0.0
-    for iteration in range(1, max_iterations + 1):
-        cost = here.cost
-        scale = column_scale(here.T)
-        U, s, Vt = np.linalg.svd(here.T / scale)
+    here, damping, iteration = problem(x), 0.0, 0
+
+    def ended(x: FloatArray, *, converged: bool) -> Fit:
+        return Fit(x=x, cost=here.cost, iterations=iteration, converged=converged, triangle=here)
+
+    while iteration < max_iterations:
+        scale, U, s, Vt = here.scaled()
         # Directions the equations do not see get no step at all, rather than a huge one.
-        seen = s > 1e-12 * s[0]
+        seen = s > UNSEEN * s[0]
         beta = U.T @ here.b
         while True:
             gain = np.where(seen, s / np.where(seen, s**2 + damping, 1.0), 0.0)
@@ -134,21 +155,22 @@ def solve_damped(
             largest = float(np.max(np.abs(step), initial=0.0))
             # At the floor of rounding no step can be seen to descend any more; that is the minimum.
             predicted = 0.5 * float(((gain * s * (2.0 - gain * s)) * beta**2).sum())
-            if predicted <= 1e-14 * cost + 1e-300:
-                last = x if damping > 0.0 else x + step
-                return Fit(x=last, cost=cost, iterations=iteration, converged=True)
+            if predicted <= 1e-14 * here.cost + 1e-300:
+                if damping == 0.0:
+                    x, iteration = x + step, iteration + 1
+                return ended(x, converged=True)
             there = problem(x + step)
-            if np.isfinite(there.cost) and there.cost < cost:
+            if np.isfinite(there.cost) and there.cost < here.cost:
                 damping = 0.0 if damping < 1e-8 else damping / 10.0
                 break
             if largest < step_tolerance:
-                return Fit(x=x, cost=cost, iterations=iteration - 1, converged=True)
+                return ended(x, converged=True)
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e12:
-                return Fit(x=x, cost=cost, iterations=iteration - 1, converged=False)
-        x, here = x + step, there
+                return ended(x, converged=False)
+        x, here, iteration = x + step, there, iteration + 1
         if progress is not None:
             progress(iteration, here.cost)
         if largest < step_tolerance:
-            return Fit(x=x, cost=here.cost, iterations=iteration, converged=True)
-    return Fit(x=x, cost=here.cost, iterations=max_iterations, converged=False)
+            return ended(x, converged=True)
+    return ended(x, converged=False)

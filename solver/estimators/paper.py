@@ -11,12 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.chain.parameters import nominal_vector
+from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.pose_order import canonical_order
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress, Triangle, solve_damped, triangle_of
 from solver.loops.closure import ClosureModel, nearest_equivalent
+
+SAME_DESCRIPTION = 1e-9
+"""Parameters (rad, m) that differ by less, and by full turns, describe a loop alike."""
 
 BLOCK_POSES = 256
 """Poses evaluated at a time: all that kinematics and Jacobian of so many need fits a core's own cache."""
@@ -48,7 +51,9 @@ def estimate_paper(
     problem = ClosureProblem.of(model.at_poses(order), q[order])
     fit = solve_damped(problem, nominal if x0 is None else x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
-    T = problem(x).T
+    # Another description of the same loop has another Jacobian; a full turn has not.
+    turned = np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION
+    T = (problem(x) if turned else fit.triangle).T
     error = closure_at_readings(model, x, q)
     return Estimate(
         estimator="paper",

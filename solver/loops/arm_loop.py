@@ -46,6 +46,8 @@ class ArmLoop(ClosureModel):
     own: tuple[str, ...] = ()
     # Worked out once: estimators ask for them at every step.
     parameters: tuple[Parameter, ...] = field(init=False, repr=False, compare=False)
+    _stacked: FloatArray = field(init=False, repr=False, compare=False)
+    _indices: tuple[list[int], list[int]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         links = range(self.FIRST_LINK, self.FIRST_LINK + self.table.links)
@@ -60,7 +62,10 @@ class ArmLoop(ClosureModel):
         if not set(self.own) <= set(self.OWN) or len(set(self.own)) != len(self.own):
             raise ValueError(f"this endpoint has the unknowns {self.OWN}, each once")
         stacked = self.table.stacked()
-        kinds, rows = self._indices()
+        kinds = [int(e.kind) for e in self.entries]
+        rows = [e.row - self.FIRST_LINK for e in self.entries]
+        object.__setattr__(self, "_stacked", stacked)
+        object.__setattr__(self, "_indices", (kinds, rows))
         nominal = dict(zip(self.OWN, self._own_nominal().tolist(), strict=True))
         found = [
             Parameter(name=e.name, is_angle=e.kind.is_angle, nominal=float(value))
@@ -98,8 +103,8 @@ class ArmLoop(ClosureModel):
     def tables(self, x: FloatArray) -> FloatArray:
         """Fill parameter vectors (..., P) into the nominal table: (..., 4, links)."""
         x = np.asarray(x, dtype=np.float64)
-        stacked = np.broadcast_to(self.table.stacked(), (*x.shape[:-1], 4, self.table.links)).copy()
-        kinds, rows = self._indices()
+        stacked = np.broadcast_to(self._stacked, (*x.shape[:-1], 4, self.table.links)).copy()
+        kinds, rows = self._indices
         stacked[..., kinds, rows] = x[..., : len(self.entries)]
         return stacked
 
@@ -156,7 +161,7 @@ class ArmLoop(ClosureModel):
         Of the end of the chain, or of a point of its last link `lever_m` (..., 3) from there, seen in
         the chain's first frame: ``v_tip = v_end + w x lever``.
         """
-        kinds, rows = self._indices()
+        kinds, rows = self._indices
         links = self.table.links
         J = picked(jacobian(frames), kinds + [DhKind.THETA_OFF] * links, rows + list(range(links)))
         if lever_m is not None:
@@ -179,9 +184,6 @@ class ArmLoop(ClosureModel):
         return LoopError(
             residual=residual, jac_x=jac_x, jac_q=jac_q, jac_u=jac_theta[..., unsensed]
         )
-
-    def _indices(self) -> tuple[list[int], list[int]]:
-        return [int(e.kind) for e in self.entries], [e.row - self.FIRST_LINK for e in self.entries]
 
     def _own_indices(self) -> list[int]:
         return [self.OWN.index(name) for name in self.own]

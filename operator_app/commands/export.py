@@ -10,6 +10,7 @@ from operator_app.commands.options import (
     bus_options,
     choices_from,
     estimator_options,
+    force_option,
     scenario_options,
     sessions_option,
 )
@@ -29,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--upload", action="store_true", help="upload them to the controller and read them back"
     )
+    force_option(parser)
     estimator_options(parser)
     sessions_option(parser)
     bus_options(parser)
@@ -38,14 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Solve the session's poses, write the document, and upload it if asked."""
     from operator_app.calibration.solve import calibrate
-    from operator_app.composition import carried_procedure, open_arm
+    from operator_app.composition import carried_procedure, unattended
     from operator_app.config.atomic import write_atomically
     from operator_app.config.parameters_file import format_parameters
-    from operator_app.session.export import PARAMETERS_NAME, parameters_document, upload
+    from operator_app.session.export import PARAMETERS_NAME, parameters_document
     from operator_app.session.folder import read_session
     from operator_app.session.journal import utc_now
     from operator_app.session.opening import resume
-    from operator_app.signals import ending_signals_interrupt
 
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = read_session(opening.folder).state
@@ -63,34 +64,41 @@ def execute(args: argparse.Namespace) -> int:
         length_tolerance_m=procedure.length_tolerance_m,
         limits=procedure.acceptance,
     )
+    forced = "" if solution.accepted else args.force.strip()
     if not solution.accepted:
         for reason in solution.reasons:
             print(f"sarcal: not accepted: {reason}.", file=sys.stderr)
-        return ExitCode.NOT_ACCEPTED
-    document = parameters_document(
-        solution,
-        arm=procedure.arm,
-        serial_number=state.serial_number,
-        fixture=procedure.fixture,
-        poses=poses,
-        utc=utc_now(),
-    )
-    data = format_parameters(document)
+        if not forced:
+            return ExitCode.NOT_ACCEPTED
+    receipt = None
+    if args.upload:
+        # In the session: what its arm is given, and why, is in its journal.
+        with unattended(opening) as session:
+            session.connect()
+            session.take_control()
+            exported = session.export(solution, upload_too=True, forced=forced)
+        data, receipt = exported.parameters.read_bytes(), exported.receipt
+    else:
+        document = parameters_document(
+            solution,
+            arm=procedure.arm,
+            serial_number=state.serial_number,
+            fixture=procedure.fixture,
+            poses=poses,
+            utc=utc_now(),
+            forced=forced,
+        )
+        data = format_parameters(document)
     if str(args.output) == "-":
         sys.stdout.write(data.decode())
     else:
         target = args.output or opening.folder / PARAMETERS_NAME
         write_atomically(target, data)
         print(f"Parameters  {target}")
-    if args.upload:
-        counts = tuple(joint.home_offset_counts for joint in document.joints)
-        with ending_signals_interrupt(), open_arm(opening) as rig:
-            found = rig.arm.connect()
-            rig.arm.take_control()
-            receipt = upload(rig.arm, data, counts)
+    if receipt is not None:
         print(
-            f"Controller  {found.serial_number}: slot {receipt.slot} active, {receipt.length} bytes "
+            f"Controller  {state.serial_number}: slot {receipt.slot} active, {receipt.length} bytes "
             f"read back, SHA-256 {receipt.sha256}",
             file=sys.stderr if str(args.output) == "-" else sys.stdout,
         )
-    return ExitCode.ACCEPTED
+    return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED

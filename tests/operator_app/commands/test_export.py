@@ -1,0 +1,36 @@
+"""`sarcal export --upload`: the session's own arm is given its parameters, and its journal says so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from operator_app.cli import main
+from operator_app.config.parameters_file import load_parameters
+from operator_app.session.folder import read_session
+
+
+def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--sessions", str(tmp_path / "sessions")]
+    # Too few poses for the condition number that is asked for.
+    assert main(["run", "hinge", "--poses", "4", *options]) == 4
+    (folder,) = (tmp_path / "sessions").iterdir()
+    assert main(["export", folder.name, "--upload", *options]) == 4
+    assert "not accepted: " in capsys.readouterr().err
+    assert not (folder / "parameters.yaml").exists()
+
+    copy = tmp_path / "copy.yaml"
+    forced = ["--upload", "--force", "the demo is tonight", "-o", str(copy)]
+    assert main(["export", folder.name, *forced, *options]) == 4
+    assert "slot A active" in capsys.readouterr().out
+    assert copy.read_bytes() == (folder / "parameters.yaml").read_bytes()
+    first = load_parameters(copy).warnings[0]
+    assert first.code == "FORCED"
+    assert first.text.endswith("used all the same: the demo is tonight")
+    state = read_session(folder).state
+    assert state is not None
+    assert state.exported["forced"] == "the demo is tonight"
+    assert state.exported["uploaded"]["slot"] == "A"

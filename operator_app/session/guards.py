@@ -155,9 +155,9 @@ def may_suggest(s: SessionSnapshot) -> Missing:
     return () if s.ranked else ("no ranking yet: connect first (step 1)",)
 
 
-def may_apply_modes(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missing:
+def may_apply_modes(s: SessionSnapshot) -> Missing:
     """Exactly as many joints in position mode as the chain has freedoms."""
-    return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, position_joints)
+    return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.wanted_joints)
 
 
 def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missing:

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.session import actions, guards
+from operator_app.session import actions, guards, works
 from operator_app.session.face import Action, OnScreen, Question, YesNo, perform
 from operator_app.session.next_thing import next_thing
 from operator_app.session.runner import Runner
@@ -106,7 +106,7 @@ class ScreenFace:
 
     def item(self, s: SessionSnapshot) -> int | None:
         """The marked item of the check list, or the next that is open."""
-        left = actions.open_items(s)
+        left = works.open_items(s)
         marked = self.marked_item()
         return marked if marked in left else next(iter(left), None)
 

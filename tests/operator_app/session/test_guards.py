@@ -159,7 +159,8 @@ def test_one_thing_at_a_time(guard):
 def test_too_few_and_too_many_position_joints_are_explained(joints, words):
     missing = guards.modes_problem(story()["ticked"], joints)
     assert (missing == ()) if words is None else words in missing[0]
-    assert bool(guards.may_apply_modes(story()["ticked"], joints)) == (words is not None)
+    wanted = replace(story()["ticked"], wanted_joints=joints)
+    assert bool(guards.may_apply_modes(wanted)) == (words is not None)
 
 
 def test_a_mode_that_a_drive_does_not_report_closes_capture():

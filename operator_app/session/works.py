@@ -1,0 +1,293 @@
+"""What the actions of a session do when their guards hold: hand work over, change a setting, ask first.
+
+`actions` says which there are. Knows no screen and no terminal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from operator_app.session import guards
+from operator_app.session.face import Chosen, FullScreen, OneOf, Typed, YesNo
+from operator_app.session.operations import Operations
+from operator_app.session.runner import Runner
+from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
+from operator_app.session.state import SessionState
+from operator_app.session.wording import summary
+from solver.chain.sensors import Rvdt
+
+VERIFY_POSES = 5
+
+
+def task(kind: TaskKind, text: str, work: Callable[[Operations], None]) -> Callable[[Chosen], None]:
+    """Work that is handed over as it is."""
+    return lambda chosen: chosen.hand(kind, text, work)
+
+
+def _note_down(runner: Runner, item: str, text: str) -> None:
+    runner.submit(TaskKind.NOTE, "noting", lambda: runner.operations.confirm(item, text))
+
+
+def stop_tested(chosen: Chosen) -> None:
+    """Remember that the hardware stop works, and record it."""
+    chosen.runner.publish(lambda s: replace(s, stop_tested=True))
+    _note_down(chosen.runner, "hardware stop", "tested")
+
+
+def resume(chosen: Chosen) -> None:
+    """Take an earlier session, chosen from a list."""
+    face = chosen.face
+    here = chosen.runner.session.journal.path.parent.name
+    options = tuple(
+        (e.folder.name, f"{e.folder.name}  {len(e.state.used_poses)} poses, {_stage(e.state)}")
+        for e in face.sessions.sessions()
+        if e.state is not None and e.folder.name != here
+    )
+    if not options:
+        face.refuse("there is no other session to resume")
+        return
+    text = "Resuming checks the arm, the fixture and the modes again before anything moves."
+    question = OneOf(title="Open a session", text=text, options=options[:50])
+    face.ask(question, lambda said: face.open(lambda: face.sessions.resumed(said)))
+
+
+def _stage(state: SessionState) -> str:
+    if state.exported:
+        return "exported"
+    return "solved" if state.solved else "captured"
+
+
+def procedure(chosen: Chosen) -> None:
+    """Begin a session with another procedure, chosen from a list."""
+    face = chosen.face
+    options = tuple((p.name, summary(p)) for p in face.sessions.procedures())
+    text = "A new session begins with it; this one is closed and kept, the arm is held."
+    question = OneOf(title="Which procedure?", text=text, options=options)
+    face.ask(question, lambda said: face.open(lambda: face.sessions.new(said)))
+
+
+def new_session(chosen: Chosen) -> None:
+    """Begin another session, after a question."""
+    face = chosen.face
+    text = "This session is closed and kept; the arm is held. Another one begins at step 1."
+    face.ask(
+        YesNo(title="New session?", text=text, yes="Begin"), lambda _: face.open(face.sessions.new)
+    )
+
+
+def open_items(s: SessionSnapshot) -> dict[int, str]:
+    """Return the items of the check list that are not ticked."""
+    items = s.procedure.fixture.checklist
+    return {k: f"Confirm: {text}" for k, text in enumerate(items) if k not in s.ticked}
+
+
+def _tick(runner: Runner, s: SessionSnapshot, ticked: frozenset[int]) -> None:
+    runner.publish(lambda now: replace(now, ticked=ticked))
+    items = s.procedure.fixture.checklist
+    for k in sorted(ticked - s.ticked):
+        _note_down(runner, f"check list {k + 1}", items[k])
+
+
+def confirm(chosen: Chosen) -> None:
+    """Tick the item that is meant."""
+    item = chosen.face.item(chosen.s)
+    if item is not None:
+        _tick(chosen.runner, chosen.s, chosen.s.ticked | {item})
+
+
+def confirm_all(chosen: Chosen) -> None:
+    """Tick every item."""
+    _tick(chosen.runner, chosen.s, chosen.s.ticked | frozenset(open_items(chosen.s)))
+
+
+def toggle_item(face: FullScreen) -> None:
+    """Tick the marked item, or take its tick away."""
+    s, runner = face.look(), face.runner
+    if s is not None and runner is not None and s.procedure.fixture.checklist:
+        _tick(runner, s, s.ticked ^ {face.marked_item()})
+
+
+def toggle_joint(face: FullScreen) -> None:
+    """Ask for the other mode of the marked joint."""
+    s, runner = face.look(), face.runner
+    if s is not None and runner is not None:
+        mark(runner, tuple(sorted({*s.wanted_joints} ^ {face.joint()})))
+
+
+def mark(runner: Runner, joints: tuple[int, ...]) -> None:
+    """Ask for these joints in position mode."""
+    runner.publish(lambda s: replace(s, wanted_joints=joints))
+
+
+def other_joints(chosen: Chosen) -> None:
+    """Ask which joints should drive."""
+
+    def take(again: Chosen, said: str) -> None:
+        words = said.replace(",", " ").split()
+        if not words or not all(word.isdecimal() for word in words):
+            again.face.refuse("type joint numbers, e.g. 1 5")
+            return
+        joints = tuple(sorted({int(word) for word in words}))
+        problem = guards.modes_problem(again.s, joints)
+        if problem:
+            again.face.refuse(problem[0])
+        else:
+            mark(again.runner, joints)
+
+    text = "Joints for position mode, e.g. 1 5; nothing happens until they are applied:"
+    value = " ".join(map(str, chosen.s.wanted_joints))
+    chosen.ask(Typed(title="Which joints drive?", text=text, value=value), take)
+
+
+def apply_modes(chosen: Chosen) -> None:
+    """Set the modes as marked, after a question."""
+    joints = chosen.s.wanted_joints
+    names = " and ".join(f"J{j}" for j in joints)
+    text = (
+        f"The drives are enabled; {names} in position mode, the others free: those give way when "
+        "pushed. Nothing moves yet. Stand clear of the arm."
+    )
+    chosen.ask(
+        YesNo(title="Apply the modes?", text=text, yes="Apply"),
+        lambda again, _: again.hand(
+            TaskKind.MODES,
+            f"setting {names} to position mode, the others free",
+            lambda o: o.set_modes(joints),
+        ),
+    )
+
+
+def go(chosen: Chosen, waypoint: int | None) -> None:
+    """Move to a waypoint."""
+    text = "moving" if waypoint is None else f"moving to waypoint {waypoint + 1}"
+    chosen.hand(TaskKind.MOVE, text, lambda o: o.go(waypoint or 0))
+
+
+def capture(chosen: Chosen) -> None:
+    """Capture a pose where the arm is."""
+    at = -1 if chosen.s.at_waypoint is None else chosen.s.at_waypoint
+    chosen.hand(TaskKind.CAPTURE, "capturing", lambda o: o.capture(at))
+
+
+def exclude(chosen: Chosen) -> None:
+    """Exclude the pose that is meant, or let it count again."""
+    number = chosen.face.pose(chosen.s)
+    if number is not None:
+        chosen.hand(TaskKind.NOTE, "excluding a pose", lambda o: o.exclude(number))
+
+
+def note(chosen: Chosen) -> None:
+    """Write a note to the pose that is meant."""
+    number = chosen.face.pose(chosen.s)
+    pose = next((p for p in chosen.s.state.poses if p.number == number), None)
+    if pose is None:
+        return
+    chosen.ask(
+        Typed(
+            title=f"Note to pose {pose.number}", text="What should be remembered?", value=pose.note
+        ),
+        lambda again, said: again.hand(
+            TaskKind.NOTE, "noting", lambda o: o.note(pose.number, said)
+        ),
+    )
+
+
+def calibrate(chosen: Chosen) -> None:
+    """Calibrate as the settings say."""
+    s = chosen.s
+    chosen.hand(
+        TaskKind.CALIBRATE, "calibrating", lambda o: o.calibrate(s.estimator, s.unsensed_joints)
+    )
+
+
+def other_estimator(s: SessionSnapshot) -> str:
+    """Return the estimator that is not chosen."""
+    return "paper" if s.estimator == "implicit" else "implicit"
+
+
+def estimator(chosen: Chosen) -> None:
+    """Choose the other estimator."""
+    chosen.runner.publish(lambda s: replace(s, estimator=other_estimator(s)))
+
+
+def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
+    """None, each RVDT joint, all of them, and round again."""
+    bent = [k for k, j in enumerate(s.procedure.arm.joints, 1) if isinstance(j.sensor, Rvdt)]
+    choices: list[tuple[int, ...]] = [(), *((k,) for k in bent)]
+    if len(bent) > 1:
+        choices.append(tuple(bent))
+    at = choices.index(s.unsensed_joints) if s.unsensed_joints in choices else 0
+    return choices[(at + 1) % len(choices)]
+
+
+def unsensed(chosen: Chosen) -> None:
+    """Choose the next set of unsensed joints."""
+    chosen.runner.publish(lambda s: replace(s, unsensed_joints=_next_unsensed(s)))
+
+
+def upload(chosen: Chosen, forced: str = "") -> None:
+    """Upload, after the arm's serial number was typed."""
+    serial = "" if chosen.s.identity is None else chosen.s.identity.serial_number
+    text = (
+        f"The arm is held, the files are written, and the controller of {serial} takes the new "
+        f"parameters. Type the arm's serial number, {serial}, to confirm."
+    )
+    chosen.ask(
+        Typed(title="Upload to the controller?", text=text, expected=serial),
+        lambda again, _: again.hand(TaskKind.UPLOAD, "uploading", lambda o: o.upload(forced)),
+    )
+
+
+def force(chosen: Chosen) -> None:
+    """Upload what was not accepted, after a reason was typed."""
+    why = "; ".join(chosen.s.solution.reasons) if chosen.s.solution is not None else ""
+    text = (
+        f"Not accepted: {why}. Why are these parameters to be used all the same? The reason is kept "
+        "in the journal and in the file."
+    )
+
+    def because(again: Chosen, said: str) -> None:
+        if said.strip():
+            upload(again, said.strip())
+        else:
+            again.face.refuse("nothing was sent: it takes a reason")
+
+    chosen.ask(Typed(title="Upload all the same?", text=text), because)
+
+
+def verify(chosen: Chosen) -> None:
+    """Take new poses, after a question: the arm moves by itself."""
+    text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear; any key stops it."
+    chosen.ask(
+        YesNo(title="Verify with new poses?", text=text, yes="Move"),
+        lambda again, _: again.hand(
+            TaskKind.VERIFY,
+            f"moving to {VERIFY_POSES} new poses",
+            lambda o: o.verify(VERIFY_POSES),
+        ),
+    )
+
+
+def report(chosen: Chosen) -> None:
+    """Write the report page, on the worker's thread."""
+    s, runner = chosen.s, chosen.runner
+
+    def work(_: Operations) -> None:
+        target = chosen.face.write_report(s, runner)
+        runner.publish(lambda now: replace(now, report=target))
+        runner.say(Level.INFO, f"report written: {target}")
+
+    chosen.hand(TaskKind.EXPORT, "writing the report", work)
+
+
+def hold(chosen: Chosen) -> None:
+    """End what is under way, then hold all joints."""
+    chosen.runner.cancel()
+    chosen.hand(TaskKind.HOLD, "holding all joints", lambda o: o.hold())
+
+
+def apply_prompt(s: SessionSnapshot) -> str:
+    """Say which joints would be put into position mode."""
+    names = " and ".join(map(str, s.wanted_joints))
+    return f"Put joints {names} into position mode, the others free"

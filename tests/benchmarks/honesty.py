@@ -182,6 +182,11 @@ def printed(row: Row) -> None:
         print(f"{'':12}said: {', '.join(f'{c} {n}' for c, n in said.most_common(8))}", flush=True)
 
 
+def _bounds(sizes: Sizes, options: argparse.Namespace) -> int:
+    """How many bounds to find: loads take long, the rest is cheap."""
+    return options.bounds if sizes.give_m or sizes.sag_rad else options.arms
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study and print it; 0 when every bar is met."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -206,7 +211,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 name=name,
                 outcomes=list(pool.map(partial(one_arm, sizes=sizes, stated=stated), seeds)),
                 bounds=np.array(
-                    list(pool.map(partial(one_bound, sizes=sizes), seeds[: options.bounds]))
+                    list(
+                        pool.map(partial(one_bound, sizes=sizes), seeds[: _bounds(sizes, options)])
+                    )
                 ),
             )
             printed(row)

@@ -29,7 +29,7 @@ from tests.oracles.shop_floor import (
     drawn_rvdt,
 )
 from tests.oracles.shop_floor_chain import Loop, frames, rotation_about_z
-from tests.oracles.shop_floor_load import Load
+from tests.oracles.shop_floor_load import Load, Masses
 from tests.oracles.shop_floor_sensors import Rvdt
 from tests.oracles.shop_floor_walk import FOLLOW, nominal_chain, nominal_chart
 
@@ -59,6 +59,7 @@ def covariance(taken: Session, sizes: Sizes) -> np.ndarray:
     effects = [
         soft * size,
         _sensors(B, (angles - chain.theta_off)[:, 1:], sizes),
+        _play(B, angles, sizes),
         _loads(rows, B, angles, sizes),
     ]
     V = _anew(rows, B, sizes, int(taken.samples[0]))
@@ -94,11 +95,23 @@ def _sensors(B: np.ndarray, at_sensor: np.ndarray, sizes: Sizes) -> np.ndarray:
     return np.concatenate(shapes, axis=-1)
 
 
+def _play(B: np.ndarray, angles: np.ndarray, sizes: Sizes) -> np.ndarray:
+    """Columns (m, 5, 14) of every joint's play, by the load's sign and by the way it came."""
+    masses = Masses.drawn(nominal_chain(), np.random.default_rng(6))
+    torque = masses.torque(frames(nominal_chain(), angles), np.array([-1.0, 0.0, 0.0]))
+    came = np.diff(angles, axis=0, prepend=angles[:1])
+    sides = [np.sign(side[:, 1:]) for side in (torque, came)]
+    size = sizes.backlash_rad * np.sqrt(1.0 / len(sides))
+    return np.concatenate([B * (size * side)[:, None] for side in sides], axis=-1)
+
+
 def _loads(rows: np.ndarray, B: np.ndarray, angles: np.ndarray, sizes: Sizes) -> np.ndarray:
-    """Columns (m, 5, k) of give, of every joint's sag and of its play, under many loads.
+    """Columns (m, 5, k) of give and of every joint's sag, under many loads.
 
     Files state them joint by joint: nobody knows that one compliance turns with another.
     """
+    if not (sizes.sag_rad or sizes.give_rad or sizes.give_m):
+        return B[..., :0]
     T = frames(nominal_chain(), angles)
     turn = np.zeros((len(angles), 6, 6))
     turn[:, :3, :3] = turn[:, 3:, 3:] = rotation_about_z(angles[:, 0])[:, :3, :3]
@@ -110,12 +123,7 @@ def _loads(rows: np.ndarray, B: np.ndarray, angles: np.ndarray, sizes: Sizes) ->
         give = (turn @ on_table[..., None])[..., 0] + on_hand
         give = give * np.repeat([sizes.give_rad, sizes.give_m], 3)
         columns.append(rows @ give[..., None])
-    came = np.sign(np.diff(angles[:, 1:], axis=0, prepend=angles[:1, 1:]))
-    play = [B * (sizes.backlash_rad * side)[:, None] for side in (np.sign(torque), came)]
-    return np.concatenate(
-        (np.concatenate(columns, axis=-1) / np.sqrt(DRAWS), *(p * np.sqrt(0.5) for p in play)),
-        axis=-1,
-    )
+    return np.concatenate(columns, axis=-1) / np.sqrt(DRAWS)
 
 
 @cache

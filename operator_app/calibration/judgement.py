@@ -5,6 +5,7 @@ Every sentence says what to do where there is something to do. Knows results; co
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,9 @@ from solver.judging.ranges import Fault, RangeFinding
 from solver.judging.rvdt import RvdtVerdict
 from solver.judging.statistics import chi2_test
 from solver.search.global_start import GlobalStart
+
+CHI2_LEVEL = 0.01
+"""Noise models that give so large a chi2 less often than this are said to be wrong."""
 
 CHI2_BAND = 0.999
 """A sound calibration fails this test once in two thousand times."""
@@ -72,6 +76,26 @@ def _range_text(found: RangeFinding, labels: tuple[str, ...]) -> str:
     return (
         f"{reading}, outside its range {span}: look for a damaged reading, or correct range_deg "
         "in the arm file"
+    )
+
+
+def noise_notices(estimate: Estimate) -> tuple[Notice, ...]:
+    """Say so when the stated noise cannot have given these residuals."""
+    ratio = estimate.chi2_per_dof
+    if estimate.chi2 is None or ratio is None:
+        return ()
+    from scipy.special import chdtrc
+
+    if float(chdtrc(estimate.dof, estimate.chi2)) >= CHI2_LEVEL:
+        return ()
+    return (
+        Notice(
+            code="CHI2",
+            text=f"chi2/dof is {ratio:.3g} where 1 is expected: sensors or fixture are worse than "
+            "stated, so every sigma and interval is too small, by a factor of "
+            f"{math.sqrt(ratio):.2g} if the excess is spread evenly; look at the corrections by "
+            "joint, and leave out the readings of joints that are marked there",
+        ),
     )
 
 

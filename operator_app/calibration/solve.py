@@ -19,6 +19,7 @@ from operator_app.calibration.judgement import (
     flexure_notices,
     flipped_notices,
     held_notices,
+    noise_notices,
     outlier_notices,
     range_notices,
     reasons_against,
@@ -258,6 +259,7 @@ def calibrate(
     return replace(
         solution,
         warnings=(
+            *noise_notices(estimate),
             *range_notices(out_of_range, poses.label),
             *setup_notices(_checks(fixture, arm, model, estimate.x, unsensed_joints)),
             *flipped_notices(flipped, poses.label),

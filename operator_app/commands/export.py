@@ -1,4 +1,4 @@
-"""`sarcal export`: the parameters of a session, solved again from its journal; shown, written, uploaded."""
+"""`sarcal export`: the parameters of a session, read from its journal; shown, written, uploaded."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Solve the session's poses, write the document, and upload it if asked."""
-    from operator_app.calibration.solve import calibrate
+    """Read the session's calibration, write the document, and upload it if asked."""
     from operator_app.composition import carried_procedure, unattended
     from operator_app.config.atomic import write_atomically
     from operator_app.config.parameters_file import format_parameters
+    from operator_app.session.calibrated import calibrated
     from operator_app.session.export import PARAMETERS_NAME, parameters_document
     from operator_app.session.folder import read_session
     from operator_app.session.journal import utc_now
@@ -55,15 +55,13 @@ def execute(args: argparse.Namespace) -> int:
         return ExitCode.BAD_INPUT
     procedure = carried_procedure(opening)
     poses = state.pose_set()
-    solution = calibrate(
-        procedure.arm,
-        procedure.fixture.fixture,
-        poses,
-        estimator=procedure.estimator,
-        unsensed_joints=procedure.unsensed_joints,
-        length_tolerance_m=procedure.length_tolerance_m,
-        limits=procedure.acceptance,
+    chosen = choices_from(args)
+    found = calibrated(
+        state, procedure, estimator=chosen.estimator, unsensed_joints=chosen.unsensed_joints
     )
+    solution = found.solution
+    if found.solved_again:
+        print(f"sarcal: solved again: {found.solved_again}.", file=sys.stderr)
     forced = "" if solution.accepted else args.force.strip()
     if not solution.accepted:
         for reason in solution.reasons:

@@ -1,4 +1,4 @@
-"""`sarcal report`: one HTML page about a session, solved again from its journal."""
+"""`sarcal report`: one HTML page about a session, read from its journal."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Solve the session's poses again and write the page."""
+    """Read the session's calibration and write the page."""
     from operator_app.commands.options import require_joints
     from operator_app.composition import carried_procedure
     from operator_app.config.atomic import write_atomically

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
     bus_options,
@@ -81,12 +81,15 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _report(args: argparse.Namespace, session: Session, result: RunResult) -> None:
-    from operator_app.report.json_result import estimate_json, solution_json
-    from operator_app.report.text import solution_text
+    from operator_app.report.capture_result import capture_json, capture_text
+    from operator_app.report.facts import estimate_json, facts_of
+    from operator_app.report.text import facts_text
 
     folder, solution, exported = session.journal.path.parent, result.solution, result.exported
+    facts = facts_of(solution, limits=session.procedure.acceptance)
+    parameters, poses = solution.model.parameters, session.state.used_poses
     if args.json:
-        found = solution_json(solution)
+        found = facts.json
         found["paper"] = None if solution.paper is None else estimate_json(solution.paper)
         found["session"] = {
             "folder": str(folder),
@@ -98,13 +101,12 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
             "sha256": None if exported is None or exported.receipt is None
             else exported.receipt.sha256,
         }  # fmt: skip
-        found["capture"] = _capture_json(result, session)
+        found["capture"] = capture_json(result.capture, result.advice, parameters, poses)
         print(json.dumps(found, indent=2, allow_nan=False))
         return
-    print(solution_text(solution))
+    print(facts_text(facts))
     if result.capture is not None:
-        print()
-        print(_capture_text(result))
+        print(f"\n{capture_text(result.capture, result.advice, parameters)}")
     print()
     print(f"Session     {folder}")
     if exported is None:
@@ -121,65 +123,17 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
         )
 
 
-def _capture_json(result: RunResult, session: Session) -> dict[str, Any] | None:
-    """Return how a planned capture went; None when poses were explored only."""
-    from operator_app.report.json_result import in_file_units
-
-    if result.capture is None:
-        return None
-    poses, by_name = session.state.used_poses, {p.name: p for p in result.solution.model.parameters}
-    return {
-        "complete": result.capture.complete,
-        "text": result.capture.text,
-        "explored": sum(not p.planned for p in poses),
-        "planned": sum(p.planned for p in poses),
-        "weak": [
-            {
-                "name": w.name,
-                "sigma": None if w.sigma is None else in_file_units(by_name[w.name], w.sigma),
-                "requested": in_file_units(by_name[w.name], w.requested),
-            }
-            for w in result.capture.weak
-        ],
-        "advice": result.advice or None,
-    }
-
-
-def _capture_text(result: RunResult) -> str:
-    """Return how a planned capture ended, what stayed weak and what would help."""
-    from operator_app.report.json_result import in_file_units
-    from operator_app.report.text import aligned, paragraph
-
-    end = result.capture
-    if end is None:
-        return ""
-    lines = [paragraph(f"Plan        {end.text}.", indent=12)]
-    if end.weak:
-        by_name = {p.name: p for p in result.solution.model.parameters}
-        rows = [["short of the request", "unit", "sigma", "requested"]]
-        for w in end.weak:
-            p = by_name[w.name]
-            scale = 1.0 if p.is_angle else 1e3
-            sigma = "-" if w.sigma is None else f"{scale * in_file_units(p, w.sigma):.4f}"
-            asked = f"{scale * in_file_units(p, w.requested):.4f}"
-            rows.append([w.name, "deg" if p.is_angle else "mm", sigma, asked])
-        lines.append(aligned(rows))
-    if result.advice:
-        lines.append(paragraph(f"Advice      {result.advice}.", indent=12))
-    return "\n".join(lines)
-
-
 def _report_unidentifiable(
     args: argparse.Namespace, session: Session, error: UnidentifiableError
 ) -> None:
-    from operator_app.report.json_result import unidentifiable_json
+    from operator_app.report.calibration_data import unidentifiable_data
     from operator_app.report.text import unidentifiable_text
 
     if not args.json:
         print(unidentifiable_text(error.directions), file=sys.stdout)
         return
     model = session.fixture.model(session.model, unsensed_joints=session.procedure.unsensed_joints)
-    found = unidentifiable_json(
+    found = unidentifiable_data(
         error.directions,
         parameters=len(model.parameters),
         poses=len(session.state.used_poses),

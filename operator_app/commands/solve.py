@@ -54,8 +54,9 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
-    from operator_app.report.json_result import checks_json, solution_json, unidentifiable_json
-    from operator_app.report.text import checks_text, solution_text, unidentifiable_text
+    from operator_app.report.calibration_data import unidentifiable_data
+    from operator_app.report.facts import facts_of
+    from operator_app.report.text import facts_text, unidentifiable_text
     from solver.errors import UnidentifiableError
 
     arm = load_arm(args.arm)
@@ -89,7 +90,7 @@ def execute(args: argparse.Namespace) -> int:
     except UnidentifiableError as error:
         loop = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
         if args.json:
-            found = unidentifiable_json(
+            found = unidentifiable_data(
                 error.directions, parameters=len(loop.parameters), poses=len(poses)
             )
             print(json.dumps(found, indent=2, allow_nan=False))
@@ -98,13 +99,6 @@ def execute(args: argparse.Namespace) -> int:
         return ExitCode.NOT_IDENTIFIABLE
     solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in loaded.warnings)
     checks = check(solution, arm, fixture, poses) if args.checks else None
-    if args.json:
-        document = solution_json(solution)
-        if checks is not None:
-            document["checks"] = checks_json(solution, checks)
-        print(json.dumps(document, indent=2, allow_nan=False))
-    else:
-        print(solution_text(solution))
-        if checks is not None:
-            print(f"\n{checks_text(solution, checks)}")
+    facts = facts_of(solution, checks=checks)
+    print(json.dumps(facts.json, indent=2, allow_nan=False) if args.json else facts_text(facts))
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED

@@ -5,10 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
     bus_options,
@@ -52,6 +49,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.calibration.verify import fixed_by, judge_poses
     from operator_app.composition import carried_procedure
     from operator_app.config.poses_file import load_poses
+    from operator_app.report.verification import verification_json, verification_text
     from operator_app.session.calibrated import calibrated
     from operator_app.session.folder import read_session
     from operator_app.session.opening import resume
@@ -76,9 +74,9 @@ def execute(args: argparse.Namespace) -> int:
     else:
         verdict, poses = _on_the_arm(opening, solution, NEW_POSES if wanted is None else wanted)
     if args.json:
-        print(json.dumps(_json(verdict, poses), indent=2, allow_nan=False))
+        print(json.dumps(verification_json(verdict, poses), indent=2, allow_nan=False))
     else:
-        print(_text(verdict, poses, opening.folder))
+        print(verification_text(verdict, poses, str(opening.folder)))
     return ExitCode.ACCEPTED if verdict.holds else ExitCode.NOT_ACCEPTED
 
 
@@ -97,69 +95,3 @@ def _on_the_arm(opening: Opening, solution: Solution, count: int) -> tuple[Verdi
         found = verify(session, solution, count, Listener())
     print(f"Took {count} new poses: they are in the journal of {opening.folder}", file=sys.stderr)
     return found
-
-
-def _json(verdict: Verdict, poses: PoseSet) -> dict[str, Any]:
-    from operator_app.report.json_result import both_json
-
-    found = verdict.verification
-    return {
-        "verdict": "holds" if verdict.holds else "does not hold",
-        "poses": verdict.poses,
-        "chi2_per_dof": found.chi2.per_dof,
-        "chi2_band_99": [found.chi2.low, found.chi2.high],
-        "sigma_pos_mm": both_json(found.sigmas.position_m),
-        "sigma_ori_mrad": both_json(found.sigmas.orientation_rad),
-        "nominal": {
-            "sigma_pos_mm": both_json(verdict.nominal.position_m),
-            "sigma_ori_mrad": both_json(verdict.nominal.orientation_rad),
-        },
-        "odd_poses": [poses.label[k] for k in verdict.odd_poses],
-    }
-
-
-def _text(verdict: Verdict, poses: PoseSet, folder: Path) -> str:
-    from operator_app.report.text import aligned, paragraph
-
-    found = verdict.verification
-    head = (
-        f"HOLDS: the calibration of {folder} predicts these {verdict.poses} poses as well as it "
-        "claims to."
-        if verdict.holds
-        else f"DOES NOT HOLD: {verdict.poses} new poses disagree with the calibration of {folder} "
-        "by more than its uncertainty allows."
-    )
-    rows = [["closure at the measured joints", "unit", "nominal", "calibrated"]]
-    for name, unit, before, after in (
-        ("sigma_pos rms", "mm", verdict.nominal.position_m, found.sigmas.position_m),
-        ("sigma_ori rms", "mrad", verdict.nominal.orientation_rad, found.sigmas.orientation_rad),
-    ):
-        rows.append([name, unit, f"{1e3 * before.rms:.3f}", f"{1e3 * after.rms:.3f}"])
-    lines = [
-        paragraph(head),
-        "",
-        aligned(rows),
-        paragraph(
-            f"chi2/dof {found.chi2.per_dof:.2f}, where 99 % of sound sets lie between "
-            f"{found.chi2.low:.2f} and {found.chi2.high:.2f}."
-        ),
-    ]
-    if found.chi2.per_dof < found.chi2.low:
-        lines.append(
-            paragraph(
-                "! these poses fit better than sensors of this kind allow: simulated, or read by "
-                "other sensors than the arm file says?",
-                indent=2,
-            )
-        )
-    if verdict.odd_poses:
-        worst = ", ".join(
-            f"{poses.label[k]} (chance {found.pose_probability[k]:.1e})"
-            for k in verdict.odd_poses[:5]
-        )
-        lines.append(paragraph(f"! look at pose {worst}", indent=2))
-    if not verdict.holds and not np.all(found.closed):
-        lines.append(
-            paragraph("! some poses cannot be closed at all: was the hinge moved since?", indent=2)
-        )
-    return "\n".join(lines)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from fixtures.base import Severity
-from operator_app.report.text import solution_text
+from operator_app.report.screen import facts_on
+from operator_app.report.text import facts_text
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
@@ -22,7 +23,8 @@ def describe(step: Step, s: SessionSnapshot) -> list[str]:
 
 def results(s: SessionSnapshot) -> list[str]:
     """Everything about the calibration, most important first."""
-    return ["there is no calibration yet"] if s.solution is None else [solution_text(s.solution)]
+    facts = facts_on(s)
+    return ["there is no calibration yet"] if facts is None else [facts_text(facts)]
 
 
 def _safety(s: SessionSnapshot) -> str:
@@ -96,14 +98,14 @@ def _calibrate(s: SessionSnapshot) -> list[str]:
 
 
 def _results(s: SessionSnapshot) -> list[str]:
-    if s.solution is None:
+    facts = facts_on(s)
+    if facts is None:
         return []
-    verdict = "Accepted" if s.solution.accepted else "Not accepted"
-    condition = s.solution.seen.scaled_condition_number
     return [
-        f"{verdict}, condition number {condition:.1f}, {s.solution.poses} poses.",
-        *(f"Reason: {reason}." for reason in s.solution.reasons),
-        *(f"Warning: {n.text}." for n in s.solution.warnings),
+        f"{facts.verdict.capitalize()}.",
+        *(f"{h.text.capitalize()}." for h in facts.headlines),
+        *(f"Reason: {reason}." for reason in facts.reasons),
+        *(f"Warning: {n.text}." for n in facts.notices),
     ]
 
 

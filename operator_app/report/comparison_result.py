@@ -7,8 +7,10 @@ from typing import Any
 
 from operator_app.calibration.compare import Comparison, Drift, Side
 from operator_app.config.parameters import ParametersDocument
-from operator_app.report.json_result import notices_json
-from operator_app.report.text import aligned, paragraph, warnings_text
+from operator_app.report.calibration_data import notices_data
+from operator_app.report.numbers import places_to_show
+from operator_app.report.table import ANGLE, LENGTH, Cell, Column, Figure, Quantity, Table, shown
+from operator_app.report.text import paragraph, table_lines, warnings_text
 
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"
@@ -16,10 +18,11 @@ NO_DRIFT = "no significant drift"
 
 def comparison_text(found: Comparison) -> str:
     """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
+    table = _table(found)
     blocks = [
-        _verdict(found),
+        _verdict(found, table),
         "\n".join(_whose(name, d) for name, d in (("A", found.before), ("B", found.after))),
-        _table(found),
+        "\n".join(table_lines(table)),
         paragraph(
             f"Significant: a change of more than {found.threshold_sigmas:.2f} sigmas, which noise alone "
             f"gives to any of {len(found.drifts)} parameters in {100.0 * found.level:g} % of "
@@ -41,10 +44,10 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
         "parameters": {
             d.name: {
                 "unit": "deg" if d.is_angle else "m",
-                "a": _in_file_units(d, d.before),
-                "b": _in_file_units(d, d.after),
-                "change": _in_file_units(d, d.change),
-                "sigma": _in_file_units(d, d.sigma),
+                "a": _in_json(d, d.before),
+                "b": _in_json(d, d.after),
+                "change": _in_json(d, d.change),
+                "sigma": _in_json(d, d.sigma),
                 "sigmas": d.sigmas if math.isfinite(d.sigmas) else None,
                 "significant": d.significant,
                 "side": d.side.name.lower(),
@@ -54,21 +57,19 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
         "left_out": dict(found.left_out),
         "a": _document_json(found.before, found.scale_before),
         "b": _document_json(found.after, found.scale_after),
-        "warnings": notices_json(found.notices),
+        "warnings": notices_data(found.notices),
     }
 
 
-def _verdict(found: Comparison) -> str:
+def _verdict(found: Comparison, table: Table) -> str:
     if not found.drifted:
         return "NO SIGNIFICANT DRIFT."
-    lines = [
-        paragraph(
-            f"- {d.name} by {_number(d, d.change, signed=True)} {_unit(d)} "
-            f"({_sigmas(d)} sigmas; {d.side.value})",
-            indent=2,
-        )
-        for d in found.drifted
-    ]
+    cells = {row[0]: [shown(cell) for cell in row] for row in table.rows}
+    lines = []
+    for d in found.drifted:
+        _, unit, _, _, change, _, sigmas, _ = cells[d.name]
+        said = f"- {d.name} by {change} {unit} ({sigmas} sigmas; {d.side.value})"
+        lines.append(paragraph(said, indent=2))
     sides = {d.side for d in found.drifted}
     advice = ""
     if Side.ARM not in sides:
@@ -92,22 +93,28 @@ def _whose(name: str, document: ParametersDocument) -> str:
     )
 
 
-def _table(found: Comparison) -> str:
-    rows = [["parameter", "unit", "A", "B", "change", "sigma", "sigmas", ""]]
-    rows += [
-        [
-            d.name,
-            _unit(d),
-            _number(d, d.before),
-            _number(d, d.after),
-            _number(d, d.change, signed=True),
-            _number(d, d.sigma),
-            _sigmas(d),
-            "DRIFT" if d.significant else "",
-        ]
-        for d in found.drifts
-    ]
-    return aligned(rows)
+def _table(found: Comparison) -> Table:
+    places = {
+        q: places_to_show((q.per_si * d.sigma for d in found.drifts if _quantity(d) is q), least=3)
+        for q in (ANGLE, LENGTH)
+    }
+    columns = [Column("parameter", words=True), Column("unit", words=True)]
+    columns += [Column(title) for title in ("A", "B", "change", "sigma", "sigmas")]
+    rows: list[tuple[Cell, ...]] = []
+    for d in found.drifts:
+        quantity, n = _quantity(d), places[_quantity(d)]
+        figures = (
+            Figure(value, quantity, places=n, signed=value is d.change)
+            for value in (d.before, d.after, d.change, d.sigma)
+        )
+        word = "DRIFT" if d.significant else ""
+        rows.append((d.name, quantity.unit, *figures, _sigmas(d), word))
+    return Table(
+        ident="drift",
+        title="",
+        columns=(*columns, Column("", words=True)),
+        rows=tuple(rows),
+    )
 
 
 def _left_out(found: Comparison) -> str:
@@ -120,25 +127,16 @@ def _left_out(found: Comparison) -> str:
     )
 
 
-def _unit(drift: Drift) -> str:
-    return "deg" if drift.is_angle else "mm"
+def _quantity(drift: Drift) -> Quantity:
+    return ANGLE if drift.is_angle else LENGTH
 
 
-def _number(drift: Drift, value: float, *, signed: bool = False) -> str:
-    shown = value * (180.0 / math.pi if drift.is_angle else 1e3)
-    # Rounded first, so that what rounds to nothing shows no sign.
-    shown = round(shown, 4) + 0.0
-    return f"{shown:{'+' if signed and shown else ''}.4f}"
+def _sigmas(drift: Drift) -> Figure | str:
+    return Figure(drift.sigmas, places=1) if math.isfinite(drift.sigmas) else "no sigma"
 
 
-def _sigmas(drift: Drift) -> str:
-    if not math.isfinite(drift.sigmas):
-        return "no sigma"
-    return f"{drift.sigmas:.1f}" if drift.sigmas < 1e4 else f"{drift.sigmas:.1e}"
-
-
-def _in_file_units(drift: Drift, value: float) -> float:
-    return math.degrees(value) if drift.is_angle else value
+def _in_json(drift: Drift, value: float) -> float | None:
+    return Figure(value, _quantity(drift)).in_json
 
 
 def _document_json(document: ParametersDocument, scale: float) -> dict[str, Any]:

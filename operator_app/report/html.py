@@ -1,13 +1,12 @@
-"""A session as one self-contained HTML page: which section comes where. No script, no external resource."""
+"""A session as one self-contained HTML page: head, header, sections, foot. No script, no external resource."""
 
 from __future__ import annotations
 
-from operator_app.report import evidence_sections, provenance, result_sections
 from operator_app.report.markup import Html, element
 from operator_app.report.section import Section
+from operator_app.report.sections import banner, sections_of, tiles, verdict, verdict_words
 from operator_app.report.style import STYLE
 from operator_app.report.subject import Subject
-from operator_app.report.summary import banner, tiles, verdict, verdict_words
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 """What a browser may load for this page: nothing."""
@@ -33,7 +32,9 @@ def report_html(subject: Subject) -> bytes:
     body = element(
         "body",
         element("a", "Skip to the content", href="#content", class_="skip"),
-        element("header", banner(subject), verdict(subject), tiles(subject), _contents(sections)),
+        element(
+            "header", banner(subject), verdict(subject), tiles(subject.facts), _contents(sections)
+        ),
         element("main", *(section.html for section in sections), id="content"),
         element(
             "footer",
@@ -44,24 +45,6 @@ def report_html(subject: Subject) -> bytes:
         ),
     )
     return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n".encode()
-
-
-def sections_of(subject: Subject) -> tuple[Section, ...]:
-    """Return all sections in which there is something to say, most important first."""
-    estimate = None if subject.solution is None else subject.solution.identified
-    found: list[Section | None] = [result_sections.warnings(subject), provenance.facts(subject)]
-    if subject.solution is not None and estimate is not None:
-        found += [
-            result_sections.parameters(subject, estimate),
-            result_sections.dh(subject, subject.solution.estimate),
-            result_sections.determined(subject),
-            evidence_sections.closure(subject, estimate),
-        ]
-    found += [evidence_sections.joints(subject), evidence_sections.rvdt(subject)]
-    if subject.solution is not None and estimate is not None:
-        found += [result_sections.noise(subject), evidence_sections.correlations(estimate)]
-    found += [evidence_sections.poses(subject, estimate), provenance.method(subject)]
-    return tuple(section for section in found if section is not None)
 
 
 def _contents(sections: tuple[Section, ...]) -> Html:

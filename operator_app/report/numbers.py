@@ -1,8 +1,9 @@
-"""Numbers as people read them: places by precision, real minus signs, powers of ten. Knows no HTML."""
+"""Numbers as people read them: places by precision, powers of ten, counted nouns. Knows no renderer."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 
 MINUS = "\N{MINUS SIGN}"
@@ -16,8 +17,7 @@ def fixed(value: float, places: int, *, signed: bool = False) -> str:
         return NOT_KNOWN
     # Rounded first, so that what rounds to nothing shows no sign.
     rounded = round(value, places) + 0.0
-    sign = MINUS if rounded < 0.0 else "+" if signed and rounded > 0.0 else ""
-    return f"{sign}{abs(rounded):.{places}f}"
+    return f"{rounded:{'+' if signed and rounded > 0.0 else ''}.{places}f}"
 
 
 def significant(value: float, digits: int = 3) -> str:
@@ -26,12 +26,17 @@ def significant(value: float, digits: int = 3) -> str:
         return "infinite" if value == math.inf else NOT_KNOWN
     if value == 0.0:
         return "0"
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    power = int(exponent)
-    if -4 <= power < 5:
-        return fixed(value, max(0, digits - 1 - power))
-    raised = str(power).translate(SUPERSCRIPTS)
-    return f"{mantissa.replace('-', MINUS)}·10{raised}"
+    written = f"{value:.{digits - 1}e}"
+    power = int(written.partition("e")[2])
+    return fixed(value, max(0, digits - 1 - power)) if -4 <= power < 5 else written
+
+
+def typeset(words: str) -> str:
+    """Return numbers as print has them: a real minus, a raised power of ten."""
+    raised = re.sub(
+        r"(?<=\d)e([+-]\d+)\b", lambda m: "·10" + str(int(m[1])).translate(SUPERSCRIPTS), words
+    )
+    return re.sub(r"(?<![\w-])-(?=\d)", MINUS, raised)
 
 
 def places_to_show(
@@ -42,6 +47,14 @@ def places_to_show(
     if finest == 0.0:
         return least
     return min(most, max(least, digits - 1 - math.floor(math.log10(finest))))
+
+
+def places_needed(values: Iterable[float], *, least: int, most: int) -> int:
+    """Fewest decimal places that cut nothing off these round values."""
+    listed = list(values)
+    return next(
+        (n for n in range(least, most) if all(abs(v - round(v, n)) < 1e-9 for v in listed)), most
+    )
 
 
 def plural(count: int, noun: str) -> str:

@@ -14,7 +14,7 @@ REPORT_NAME = "report.html"
 
 
 def write_report(session: Session, estimator: str, unsensed_joints: tuple[int, ...]) -> Path:
-    """Solve the poses again from the journal and write the page into the session's folder."""
+    """Write the page into the session's folder, from its journal."""
     folder = session.journal.path.parent
     contents = read_journal(folder)
     subject = subject_of_session(

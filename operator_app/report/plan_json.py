@@ -14,7 +14,7 @@ import numpy as np
 from fixtures.advice import RankedPlacement
 from fixtures.base import SetupCheck
 from operator_app.planning.preview import PlannedPose, Preview
-from operator_app.report.json_result import in_file_units
+from operator_app.report.table import Figure, in_json
 from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
 
@@ -39,10 +39,10 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
         "captured": shown.captured,
         "poses": [_pose_json(k, pose) for k, pose in enumerate(shown.poses, 1)],
         "sigma": {
-            name: _finite(in_file_units(known[name], float(sigma)))
+            name: in_json(known[name], float(sigma))
             for name, sigma in zip(names, shown.plan.predicted_sigma, strict=True)
         },
-        "scaled_condition_number": _finite(seen.scaled_condition_number),
+        "scaled_condition_number": Figure(seen.scaled_condition_number).in_json,
         "rank": seen.rank,
         "weakest_direction": list(seen.weakest.parameters),
         "candidates": shown.plan.manifold.size,
@@ -107,11 +107,8 @@ def _placement_json(
         "reach_deg": np.rad2deg(report.reach_rad).tolist(),
         "drives": [ranked_json(r) for r in report.drives],
         "poses": report.poses,
-        "scaled_condition_number": _finite(report.scaled_condition_number),
-        "sigma": {
-            name: _finite(in_file_units(parameters[name], sigma))
-            for name, sigma in report.sigma.items()
-        },
+        "scaled_condition_number": Figure(report.scaled_condition_number).in_json,
+        "sigma": {name: in_json(parameters[name], sigma) for name, sigma in report.sigma.items()},
         "checks": [check_json(c) for c in report.checks],
     }
 
@@ -131,7 +128,3 @@ def _pose_json(number: int, pose: PlannedPose) -> dict[str, Any]:
             for leg in legs
         ],
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

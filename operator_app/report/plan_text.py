@@ -9,16 +9,13 @@ import numpy as np
 
 from fixtures.advice import PlacementReport, RankedPlacement
 from fixtures.base import Severity
+from operator_app.config.procedure import AcceptanceLimits
 from operator_app.planning.drives import names
 from operator_app.planning.preview import Preview
+from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plan_picture import coverage_lines, region_lines
-from operator_app.report.text import (
-    CONDITION_ACCEPTABLE,
-    CONDITION_PAPER,
-    WIDTH,
-    aligned,
-    paragraph,
-)
+from operator_app.report.table import ANGLE, LENGTH, Figure, quantity_of
+from operator_app.report.text import WIDTH, aligned, paragraph
 from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
 
@@ -26,6 +23,8 @@ SHOWN = 6
 """Drive sets in the table."""
 WEAKEST = 4
 """Parameters named of the weakest direction."""
+PLACES = 4
+"""Of predicted sigmas."""
 
 
 def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
@@ -134,16 +133,18 @@ def _sigmas(shown: Preview) -> str:
     weakest = ", ".join(shown.seen.weakest.parameters[:WEAKEST])
     poses = "captured and planned poses" if shown.captured else "planned poses"
     tail = (
-        f"Scaled condition number of the {poses} {condition:.1f} (below {CONDITION_ACCEPTABLE} is "
-        f"acceptable; the paper had {CONDITION_PAPER}). Weakest direction: {weakest}."
+        f"Scaled condition number of the {poses} {Figure(condition).shown} (below "
+        f"{AcceptanceLimits().scaled_condition_number:g} is acceptable; the paper had "
+        f"{CONDITION_PAPER}). Weakest direction: {weakest}."
     )
     head = "Predicted standard deviations after these poses"
     return f"{head}\n{aligned(rows)}\n{paragraph(tail)}"
 
 
 def _sigma(parameter: Parameter, sigma: float) -> list[str]:
-    unit, scale = ("deg", 180.0 / math.pi) if parameter.is_angle else ("mm", 1e3)
-    return [parameter.name, unit, f"{scale * sigma:.4f}" if math.isfinite(sigma) else "unseen"]
+    figure = Figure(sigma, quantity_of(parameter), places=PLACES)
+    shown = figure.shown if math.isfinite(sigma) else "unseen"
+    return [parameter.name, figure.quantity.unit, shown]
 
 
 def advice_text(
@@ -193,14 +194,13 @@ def _placement(
         f"placement: {entries}",
         f"joints travel: {_travel(report)}",
     ]
-    units = {True: ("deg", 180.0 / math.pi), False: ("mm", 1e3)}
-    for is_angle, (unit, scale) in units.items():
+    for quantity in (ANGLE, LENGTH):
         some = [
-            f"{name} {scale * sigma:.4f}"
+            f"{name} {Figure(sigma, quantity, places=PLACES).shown}"
             for name, sigma in report.sigma.items()
-            if parameters[name].is_angle is is_angle
+            if quantity_of(parameters[name]) is quantity
         ]
-        lines.append(f"sigmas in {unit}: {', '.join(some)}")
+        lines.append(f"sigmas in {quantity.unit}: {', '.join(some)}")
     lines += [f"! {c.text}: {c.remedy}" for c in report.checks if c.severity is not Severity.OK]
     return "\n" + "\n".join(
         paragraph(text, indent=3) if k == 0 else _indented(text) for k, text in enumerate(lines)

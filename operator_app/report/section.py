@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from operator_app.report.markup import Html, element, join
+from operator_app.report.numbers import typeset
 
 OPTION = re.compile(r"--[a-z-]+(?: \d[\d,]*)?")
 
@@ -53,7 +54,7 @@ def plots(drawn: Iterable[Html]) -> Html:
 
 def remark(*words: str) -> Html:
     """Return a paragraph that explains."""
-    return element("p", *words, class_="muted")
+    return element("p", *(w if isinstance(w, Html) else typeset(w) for w in words), class_="muted")
 
 
 def bullets(points: Iterable[str]) -> Html:

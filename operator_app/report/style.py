@@ -5,6 +5,8 @@ Grey where things are normal; colour marks the abnormal and tells series apart, 
 
 from __future__ import annotations
 
+from operator_app.report.facts import HEAT_STEPS
+
 LIGHT = {
     "page": "#ffffff",
     "panel": "#f4f6f8",
@@ -37,7 +39,6 @@ DARK = {
     "plus": "111 179 238",
     "minus": "240 163 94",
 }
-HEAT_STEPS = 5
 HEAT_ALPHA = 0.09
 """Opacity of a cell of the heat table: this much a step."""
 
@@ -47,8 +48,8 @@ def _variables(colours: dict[str, str]) -> str:
 
 
 _HEAT = "".join(
-    f".{sign}{k}{{background:rgb(var(--{name})/{HEAT_ALPHA * k:.2f})}}"
-    for sign, name in (("p", "plus"), ("m", "minus"))
+    f".{name}{k}{{background:rgb(var(--{name})/{HEAT_ALPHA * k:.2f})}}"
+    for name in ("plus", "minus")
     for k in range(1, HEAT_STEPS + 1)
 )
 
@@ -70,7 +71,9 @@ ul{{margin:6px 0;padding-left:1.2em;max-width:80ch}}
 li{{margin:3px 0}}
 a{{color:var(--accent)}}
 a:focus-visible,.scroll:focus-visible{{outline:2px solid var(--accent);outline-offset:2px}}
-code,.mono{{font-family:ui-monospace,"SF Mono","Cascadia Mono","DejaVu Sans Mono",Menlo,monospace;font-size:.92em}}
+code,.mono,table.parameters tbody th,
+table.correlations tbody th{{font-size:.92em;
+ font-family:ui-monospace,"SF Mono","Cascadia Mono","DejaVu Sans Mono",Menlo,monospace}}
 .muted,.unit,caption,figcaption{{color:var(--muted)}}
 .unit{{font-weight:400;white-space:nowrap}}
 .skip{{position:absolute;left:-999px}}
@@ -112,11 +115,11 @@ tbody tr:hover>*{{background:var(--panel)}}
 .remark{{display:block;white-space:normal;min-width:13em;max-width:40em;overflow-wrap:anywhere}}
 tr.out>*{{color:var(--muted)}}
 .found{{font-weight:600}}
-table.heat td{{text-align:right;padding:2px 5px;font-size:.8rem}}
-table.heat th{{padding:2px 6px;font-size:.8rem}}
-table.heat thead th{{min-width:0;white-space:nowrap;
+table.correlations td{{text-align:right;padding:2px 5px;font-size:.8rem}}
+table.correlations th{{padding:2px 6px;font-size:.8rem}}
+table.correlations thead th{{min-width:0;white-space:nowrap;
  writing-mode:vertical-rl;transform:rotate(180deg);text-align:left;padding:6px 2px}}
-table.heat thead th:first-child{{writing-mode:horizontal-tb;transform:none}}
+table.correlations thead th:first-child{{writing-mode:horizontal-tb;transform:none}}
 {_HEAT}
 .plots{{display:grid;
  grid-template-columns:repeat(auto-fit,minmax(min(100%,330px),470px));gap:12px 26px;margin:10px 0}}
@@ -161,9 +164,9 @@ footer{{margin:36px auto 30px;color:var(--muted);font-size:.85rem}}
  h2,h3,caption{{break-after:avoid}}
  table{{font-size:7.4pt}}
  th,td{{padding:1.5px 5px}}
- table.heat td,table.heat th{{font-size:6.4pt;padding:1.5px 2.5px}}
+ table.correlations td,table.correlations th{{font-size:6.4pt;padding:1.5px 2.5px}}
  thead{{display:table-header-group}}
- table.heat,tr,figure,.tiles,.verdict,li,dl.facts{{break-inside:avoid}}
+ table.correlations,tr,figure,.tiles,.verdict,li,dl.facts{{break-inside:avoid}}
  .scroll{{overflow:visible;margin:6px 0}}
  .plots{{grid-template-columns:1fr 1fr;gap:8px 18px}}
  .tiles{{grid-template-columns:repeat(6,1fr)}}

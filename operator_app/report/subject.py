@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
 import numpy as np
 
-from fixtures.errors import FixtureError
-from operator_app.calibration.checks import Checks, check
-from operator_app.calibration.solve import Solution, calibrate
+from operator_app.calibration.checks import Checks
+from operator_app.calibration.judgement import Notice
+from operator_app.calibration.solve import Solution
 from operator_app.config.procedure import Procedure
-from operator_app.errors import SessionError
+from operator_app.report.facts import Facts, facts_of
+from operator_app.session.calibrated import calibrated, implicit_beside, second_opinions
 from operator_app.session.journal import Event
-from operator_app.session.state import CapturedPose, SessionState, replay
+from operator_app.session.state import CapturedPose, replay
 from solver.arrays import FloatArray
-from solver.errors import SolverError, UnidentifiableDirection, UnidentifiableError
+from solver.errors import UnidentifiableDirection, UnidentifiableError
 from solver.estimators.estimate import Estimate
-from solver.judging.rvdt import RvdtVerdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,9 +49,8 @@ class Subject:
         The implicit solution where `solution` is the paper's; None where there is none.
     checks
         Second opinions on the implicit solution.
-    drift_from_journal
-        Largest difference (rad, m) between this solution and the one the session recorded for the same
-        poses; None when it recorded none.
+    solved_again
+        Why the solution is not the one of the journal; empty when it is.
     """
 
     name: str
@@ -72,44 +70,60 @@ class Subject:
     unidentifiable: tuple[UnidentifiableDirection, ...]
     beside: Solution | None
     checks: Checks
-    drift_from_journal: float | None
+    solved_again: str
 
     @property
-    def paper(self) -> Estimate | None:
-        """By the paper's estimator; None when joints are unsensed."""
-        return None if self.solution is None else self.solution.paper
+    def facts(self) -> Facts | None:
+        """What there is to say of the calibration; None where there is none."""
+        if self.solution is None:
+            return None
+        return facts_of(
+            self.solution,
+            # They judge the implicit estimator, and stand beside no other's figures.
+            checks=None if self.beside is not None else self.checks,
+            beside=None if self.beside is None else self.beside.identified,
+            limits=self.procedure.acceptance,
+            left_out=len(self.poses) - len(self.used),
+        )
 
     @property
-    def implicit_solution(self) -> Solution | None:
-        """Solution by the implicit estimator, chosen or beside the chosen one."""
-        if self.solution is not None and self.solution.estimate.estimator == "implicit":
-            return self.solution
-        return self.beside
+    def notices(self) -> tuple[Notice, ...]:
+        """What the operator should know and do, of the calibration and of the session."""
+        found = [] if self.solution is None else list(self.solution.warnings)
+        found += [
+            Notice(code="UNSEEN", text=f"{d}: take poses that differ more, or hold one of them")
+            for d in self.unidentifiable
+        ]
+        if self.torn:
+            text = f"{self.torn}: nothing that counted was in it"
+            found.append(Notice(code="TORN", text=text))
+        if self.solved_again and self.solution is not None:
+            text = f"solved again for this report: {self.solved_again}"
+            found.append(Notice(code="SOLVED_AGAIN", text=text))
+        return tuple(found)
 
     @property
     def implicit(self) -> Estimate | None:
-        """By the implicit estimator."""
-        found = self.implicit_solution
-        return None if found is None else found.estimate
-
-    @property
-    def rvdt(self) -> tuple[RvdtVerdict, ...]:
-        """One verdict an RVDT joint, where the poses allow it."""
-        return () if self.solution is None else self.solution.rvdt
+        """By the implicit estimator, chosen or beside the chosen one."""
+        for found in (self.solution, self.beside):
+            if found is not None and found.estimate.estimator == "implicit":
+                return found.identified
+        return None
 
     @property
     def used(self) -> tuple[CapturedPose, ...]:
         """Poses the solution is made of, in the order of its rows."""
-        used = tuple(p for p in self.poses if not p.excluded)
-        dropped = () if self.solution is None else self.solution.dropped_flipped
-        return tuple(p for k, p in enumerate(used) if k not in dropped)
+        return tuple(p for p in self._counting if p.number not in self.flipped)
 
     @property
     def flipped(self) -> tuple[int, ...]:
         """Numbers of poses that were left out because they lie on the other branch."""
-        used = tuple(p for p in self.poses if not p.excluded)
         dropped = () if self.solution is None else self.solution.dropped_flipped
-        return tuple(used[k].number for k in dropped)
+        return tuple(self._counting[k].number for k in dropped)
+
+    @property
+    def _counting(self) -> tuple[CapturedPose, ...]:
+        return tuple(p for p in self.poses if not p.excluded)
 
     @property
     def readings_rad(self) -> FloatArray:
@@ -133,14 +147,14 @@ def subject_of_session(
     estimator: str | None = None,
     unsensed_joints: tuple[int, ...] | None = None,
 ) -> Subject:
-    """Solve a session again from its journal.
+    """Read a session's journal.
 
     Parameters
     ----------
     procedure
         The one the session follows, with the arm that was really there.
     estimator, unsensed_joints
-        None: as the session last solved them, else as the procedure says.
+        None: as the session was solved. Other choices are solved now, and the report says so.
 
     Raises
     ------
@@ -148,24 +162,16 @@ def subject_of_session(
         There is nothing that could be reported.
     """
     state = replay((e.name, e.data, e.utc) for e in events)
-    if not state.used_poses:
-        raise SessionError(f"{name} has no pose to report on", "capture poses first")
-    recorded = state.solved
-    joints = _recorded_unsensed(recorded, procedure) if unsensed_joints is None else unsensed_joints
-    chosen = estimator or str(recorded.get("estimator") or procedure.estimator)
-    if joints and chosen == "paper":
-        raise SessionError(
-            "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
-            "use --estimator implicit with --unsensed",
-        )
-    solution, blind = None, tuple[UnidentifiableDirection, ...]()
+    solution, beside, checks = None, None, Checks()
+    blind: tuple[UnidentifiableDirection, ...] = ()
+    solved_again = ""
     try:
-        solution = _solve(state, procedure, chosen, joints)
+        found = calibrated(state, procedure, estimator=estimator, unsensed_joints=unsensed_joints)
+        solution, solved_again = found.solution, found.solved_again
+        beside = implicit_beside(found, state, procedure)
+        checks = second_opinions(found, state, procedure)
     except UnidentifiableError as error:
         blind = error.directions
-    beside = None if solution is None else _beside(solution, state, procedure, joints)
-    judged = beside if beside is not None else solution
-    implicit = judged is not None and judged.estimate.estimator == "implicit"
     return Subject(
         name=name,
         procedure=procedure,
@@ -183,69 +189,9 @@ def subject_of_session(
         solution=solution,
         unidentifiable=blind,
         beside=beside,
-        checks=check(judged, procedure.arm, procedure.fixture.fixture, state.pose_set())
-        if judged is not None and implicit
-        else Checks(),
-        drift_from_journal=None if solution is None else _drift(solution, recorded),
+        checks=checks,
+        solved_again=solved_again,
     )
-
-
-def _solve(
-    state: SessionState, procedure: Procedure, estimator: str, joints: tuple[int, ...]
-) -> Solution:
-    return calibrate(
-        procedure.arm,
-        procedure.fixture.fixture,
-        state.pose_set(),
-        estimator=estimator,
-        unsensed_joints=joints,
-        length_tolerance_m=procedure.length_tolerance_m,
-        limits=procedure.acceptance,
-    )
-
-
-def _beside(
-    solution: Solution, state: SessionState, procedure: Procedure, joints: tuple[int, ...]
-) -> Solution | None:
-    """Return the implicit solution beside one by the paper's estimator."""
-    if solution.estimate.estimator == "implicit":
-        return None
-    try:
-        found = _solve(state, procedure, "implicit", joints)
-    except (SolverError, FixtureError):
-        # It is shown for comparison only; the report says that there is none.
-        return None
-    same = found.dropped_flipped == solution.dropped_flipped
-    return found if same else None
-
-
-def _recorded_unsensed(recorded: Mapping[str, object], procedure: Procedure) -> tuple[int, ...]:
-    """Joints without an offset among the parameters that the session recorded."""
-    found = recorded.get("parameters")
-    if not isinstance(found, Mapping):
-        return procedure.unsensed_joints
-    free = {entry.name for entry in procedure.arm.free}
-    return tuple(
-        j
-        for j in range(1, procedure.arm.joint_count + 1)
-        if f"theta_off_{j}" in free and f"theta_off_{j}" not in found
-    )
-
-
-def _drift(solution: Solution, recorded: Mapping[str, object]) -> float | None:
-    found = recorded.get("parameters")
-    estimate = solution.estimate
-    if not isinstance(found, Mapping) or recorded.get("estimator") != estimate.estimator:
-        return None
-    if set(found) != {p.name for p in estimate.parameters}:
-        return None
-    changes = [
-        math.remainder(float(value) - float(found[p.name]), 2.0 * math.pi)
-        if p.is_angle
-        else float(value) - float(found[p.name])
-        for p, value in zip(estimate.parameters, estimate.x, strict=True)
-    ]
-    return max(abs(change) for change in changes)
 
 
 def _simulated(events: Sequence[Event]) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from operator_app.report.markup import Html, element, join
-from operator_app.report.numbers import fixed, significant
+from operator_app.report.numbers import fixed, significant, typeset
 
 WIDTH = 360.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 22.0, 34.0
@@ -193,7 +193,7 @@ def label(
     words: str, x: float, y: float, *, class_: str = "tick", anchor: str | None = None
 ) -> Html:
     """Write text into a picture."""
-    return element("text", words, x=x, y=y, class_=class_, text_anchor=anchor)
+    return element("text", typeset(words), x=x, y=y, class_=class_, text_anchor=anchor)
 
 
 def segment(x1: float, y1: float, x2: float, y2: float, class_: str) -> Html:

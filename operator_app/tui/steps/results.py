@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
 from operator_app.calibration.solve import Solution
+from operator_app.report.numbers import plural
+from operator_app.report.screen import facts_on, headline_spans, table_spans
 from operator_app.report.spans import Line, clip, line, wrapped
-from operator_app.report.text import dh_table
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Lines
@@ -22,9 +22,9 @@ from operator_app.tui.widgets.residuals import (
     rvdt_curve,
     rvdt_joints,
 )
-from solver.estimators.goodness import TwoReadings
 
-MM, MRAD = 1e3, 1e3
+TABLES = ("dh", "budget", "closure")
+"""Tables that the plots' panel shows after them."""
 
 
 class VerdictPanel(Lines):
@@ -38,33 +38,23 @@ class VerdictPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Verdict, condition, sigmas, warnings."""
-        found = s.solution
-        if found is None:
+        """Verdict, headlines, reasons, warnings."""
+        facts = facts_on(s)
+        if facts is None:
             return [line((" no calibration of these poses yet", "dim"))]
-        count = len(found.warnings)
-        tail = f" with {count} warning{'s' if count != 1 else ''}" if count else ""
-        if found.accepted:
-            head = line((f" {'▲' if count else '✓'} ACCEPTED{tail}", "bold"))
-        else:
-            head = line((" ■ NOT ACCEPTED", "alarm"))
-        seen, chi = found.seen, found.estimate.chi2_per_dof
-        ratio = "" if chi is None else f"   chi2/dof {chi:.2f}"
-        limit = s.procedure.acceptance.scaled_condition_number
-        figures = (
-            f"   condition {seen.scaled_condition_number:.1f} (limit {limit:.0f}, paper 28)   "
-            f"{found.poses} poses{ratio}"
-        )
-        after = found.estimate.sigmas
+        count = len(facts.notices)
+        tail = f" with {plural(count, 'warning')}" if count and facts.accepted else ""
+        glyph, role = ("▲" if count else "✓", "bold") if facts.accepted else ("■", "alarm")
+        sigmas = [h for h in facts.headlines if h.name.startswith("sigma_")]
+        others = [h for h in facts.headlines if not h.name.startswith(("sigma_", "rank"))]
         rows = [
-            (*head, (figures, "text")),
-            _sigma("sigma_pos", "mm", MM, found.before.position_m, after.position_m),
-            _sigma("sigma_ori", "mrad", MRAD, found.before.orientation_rad, after.orientation_rad),
+            line((f" {glyph} {facts.verdict.upper()}{tail}", role)),
+            headline_spans(sigmas, width),
+            headline_spans(others, width),
         ]
-        for reason in found.reasons:
+        for reason in facts.reasons:
             rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
-        rows += _second_opinion(s)
-        short = [f" ▲ {_in_short(notice.text)}" for notice in found.warnings]
+        short = [f" ▲ {_in_short(notice.text)}" for notice in facts.notices]
         whole = [row for text in short for row in wrapped(text, width, "warn", "   ")]
         if len(rows) + len(whole) > height:
             whole = [line((text, "warn")) for text in short]
@@ -75,45 +65,6 @@ def _in_short(notice: str) -> str:
     """What is wrong and what to do: the first and the last clause."""
     what, *rest = notice.split("; ")
     return f"{what}; {rest[-1]}" if rest else what
-
-
-def _second_opinion(s: SessionSnapshot) -> list[Line]:
-    """Hold-out, and poses that do not fit."""
-    if s.solution is None or s.checks_of_it is None:
-        return []
-    rows = []
-    held = s.checks_of_it.held_out
-    if held is not None:
-        rows.append(
-            line(
-                (" hold-out  ", "dim"),
-                f"{MM * held.sigmas.position_m.rms:8.4f} mm, "
-                f"{MRAD * held.sigmas.orientation_rad.rms:.4f} mrad rms",
-                (f"   inside {MM * held.inside_sigmas.position_m.rms:.4f} mm", "dim"),
-            )
-        )
-    for label in s.solution.outliers:
-        rows.append(
-            line(
-                (
-                    f" ▲ pose {label} does not fit the others: x excludes it in Capture",
-                    "warn",
-                )
-            )
-        )
-    return rows
-
-
-def _sigma(name: str, unit: str, scale: float, before: TwoReadings, after: TwoReadings) -> Line:
-    return line(
-        (f" {name} ", "dim"),
-        f"{scale * before.rms:8.3f} → ",
-        (f"{scale * after.rms:7.4f} {unit} rms", "bold"),
-        (
-            f"   as printed {scale * before.as_printed:8.4f} → {scale * after.as_printed:7.5f} {unit}",
-            "dim",
-        ),
-    )
 
 
 class ParametersPanel(ListPanel):
@@ -128,37 +79,19 @@ class ParametersPanel(ListPanel):
 
     def count(self, s: SessionSnapshot) -> int:
         """Parameters."""
-        return len(s.solution.identified.parameters) if s.solution else 0
+        return len(self._table(s)[1])
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Titles."""
-        if s.solution is None:
-            return []
-        return [
-            line((" PARAMETER    NOMINAL IDENTIFIED    CHANGE    SIGMA UNIT    PAPER", "header"))
-        ]
+        return self._table(s)[0]
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """One parameter."""
-        return [] if s.solution is None else [_parameter(s.solution, k)]
+        return [self._table(s)[1][k]]
 
-
-def _parameter(solution: Solution, k: int) -> Line:
-    estimate, paper = solution.identified, solution.paper
-    p = estimate.parameters[k]
-    unit, scale = ("deg", 180.0 / math.pi) if p.is_angle else ("mm ", 1e3)
-    value = float(estimate.x[k])
-    change = value - p.nominal
-    if p.is_angle:
-        change = math.remainder(change, 2.0 * math.pi)
-    sigma = float(estimate.standard_deviation[k])
-    beside = f"{paper.value(p.name) * scale:8.2f}" if paper else "       —"
-    return line(
-        f" {p.name:<11}{p.nominal * scale:9.3f} {value * scale:10.4f} ",
-        (f"{change * scale:+9.3f}", "bold"),
-        f" {sigma * scale:8.4f} {unit} ",
-        (beside, "dim"),
-    )
+    def _table(self, s: SessionSnapshot) -> tuple[Sequence[Line], Sequence[Line]]:
+        facts = facts_on(s)
+        return ((), ()) if facts is None else table_spans(facts.tables[0])
 
 
 class ResultsPlot(Lines):
@@ -167,15 +100,15 @@ class ResultsPlot(Lines):
     TITLE = "Residuals (v: next)"
     HELP = (
         "v turns over: residual of each pose, corrections by joint, the curve of each RVDT as the "
-        "loops see it, the whole D-H table. A curve inside the dashed lines is within the sensor's "
-        "specification."
+        "loops see it, the warnings in full, then tables: D-H, uncertainty budget, closure on poses "
+        "held out. A curve inside the dashed lines is within the sensor's specification."
     )
     page = 0
-    count = 4
+    count = 3 + len(TABLES)
 
     def pages(self, s: SessionSnapshot) -> int:
         """How many there are."""
-        return 4 + len(rvdt_joints(s))
+        return 3 + len(TABLES) + len(rvdt_joints(s))
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """The present page."""
@@ -198,10 +131,13 @@ class ResultsPlot(Lines):
         if page == len(joints) + 2:
             self.retitle("Warnings in full (v: next)")
             return _in_full(s.solution, width)
-        self.retitle("D-H table, nominal and found (v: next)")
-        if s.solution.model.dh_table(s.solution.estimate.x) is None:
-            return [line((" no D-H table for this fixture", "dim"))]
-        return [line(row) for row in dh_table(s.solution).splitlines()]
+        facts = facts_on(s)
+        table = None if facts is None else facts.table(TABLES[page - len(joints) - 3])
+        self.retitle(f"{'D-H table' if table is None else table.title} (v: next)")
+        if table is None:
+            return [line((" there is none for this fixture", "dim"))]
+        head, rows = table_spans(table)
+        return [*head, *rows, (), *wrapped(f" {table.note}", width, "dim", " ")]
 
 
 def _in_full(found: Solution, width: int) -> list[Line]:
@@ -238,9 +174,9 @@ class ResultsView(StepView):
         if self.compact and plots.page == 0:
             super().turn_over()
         # Words and tables need the whole width.
-        self.query_one(".left").display = not (plots.page >= plots.count - 2 or self.compact) or (
-            self.compact and self.view == 0
-        )
+        self.query_one(".left").display = not (
+            plots.page >= plots.count - 1 - len(TABLES) or self.compact
+        ) or (self.compact and self.view == 0)
 
     @property
     def place(self) -> tuple[int, int]:

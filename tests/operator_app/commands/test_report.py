@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ def make_folder(tmp_path: Path, reference_data: Path) -> MakeFolder:
         opening = begin("hinge", Choices(**choices), root=tmp_path / "sessions")  # type: ignore[arg-type]
         journal = Journal.create(opening.folder)
         journal.append(
-            "opened", {"sources": dict(opening.sources), "settings": dict(opening.settings)}
+            "opened", {"sources": dict(opening.sources), "settings": asdict(opening.choices)}
         )
         journal.append("connected", {"model": "sarcos_dextrous", "serial_number": "SDA-0009"})
         for k in range(count):
@@ -82,7 +83,7 @@ def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder: MakeFol
 @pytest.mark.parametrize(
     ("poses", "options", "words"),
     [
-        (0, [], "no pose to report on"),
+        (0, [], "no pose that counts"),
         (2, [], "at least 3 poses"),
         (4, ["--unsensed", "8"], "no joint 8"),
         (4, ["--unsensed", "6", "--estimator", "paper"], "use --estimator implicit"),

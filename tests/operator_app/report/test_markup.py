@@ -1,4 +1,4 @@
-"""Whatever is put into a string arrives in the page as text; tables are headed for those who cannot see."""
+"""Whatever is put into a string arrives in the page as text."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from operator_app.report.markup import Column, Html, element, join, spoken, table, text
+from operator_app.report.markup import Html, element, join, spoken, text
 
 HOSTILE = [
     "<script>alert(1)</script>",
@@ -68,29 +68,3 @@ def test_a_void_element_has_no_content() -> None:
 
 def test_what_people_write_cannot_turn_the_page_round() -> None:
     assert spoken("\u202eabc") == "<bdi>\u202eabc</bdi>"
-
-
-def test_a_table_heads_its_rows_and_columns(take_apart: type) -> None:
-    columns = [
-        Column(title="joint", number=False),
-        Column(title="angle", unit="deg"),
-        Column(title="low", group="range [deg]"),
-        Column(title="high", group="range [deg]"),
-    ]
-    page = take_apart(table("Joints", columns, [["1", "5", "-2", "3"]]))
-    head, body = page.tables[0]["thead"], page.tables[0]["tbody"]
-    assert [(c[1]["scope"], c[2]) for c in head[0]] == [
-        ("col", "joint"), ("col", "angle [deg]"), ("colgroup", "range [deg]"),
-    ]  # fmt: skip
-    assert [(c[1]["scope"], c[2]) for c in head[1]] == [("col", "low"), ("col", "high")]
-    assert body[0][0][0] == "th"
-    assert body[0][0][1]["scope"] == "row"
-    region = {name: value for tag, name, value in page.attributes if tag == "div"}
-    assert region["role"] == "region"
-    assert region["aria-label"] == "Joints"
-    assert region["tabindex"] == "0"
-
-
-def test_a_row_must_fit_its_table() -> None:
-    with pytest.raises(ValueError, match="one cell a column"):
-        table("T", [Column(title="a"), Column(title="b")], [["1"]])

@@ -1,0 +1,167 @@
+"""What the JSON object of a calibration holds beside its figures. The key names are a contract.
+
+Angles in deg, lengths in m. Knows no text and no page.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from operator_app.calibration.checks import Checks
+from operator_app.calibration.judgement import Notice
+from operator_app.calibration.solve import Solution
+from solver.errors import UnidentifiableDirection
+from solver.estimators.estimate import Estimate
+from solver.estimators.variance_components import VarianceComponents
+from solver.judging.holdout import HoldOut
+from solver.judging.rvdt import RvdtVerdict
+from solver.judging.statistics import chi2_test, correlations
+
+ACCEPTED = "accepted"
+NOT_ACCEPTED = "not accepted"
+NOT_IDENTIFIABLE = "not identifiable"
+
+
+def calibration_data(solution: Solution) -> dict[str, Any]:
+    """Return what no figure of the tables says."""
+    search = solution.search
+    return {
+        **estimate_data(solution.identified),
+        **_components_data(solution.components),
+        "rvdt": [_rvdt_data(verdict) for verdict in solution.rvdt],
+        "outlier_poses": list(solution.outliers),
+        "held": list(solution.held),
+        "tolerated": list(solution.tolerated),
+        "tolerated_parameters": {},
+        "repeatability": None,
+        "budget": {},
+        "stated_chi2_per_dof": None,
+        "assumed": list(solution.assumed),
+        "global_start": None
+        if search is None
+        else {
+            "starts": search.starts,
+            "starts_in_best": search.best.starts,
+            "distinct_solutions": 1 + len(search.rivals),
+        },
+        "unidentifiable": [],
+        "weakest_direction": list(solution.seen.weakest.parameters),
+        "before": {"sigma_ori_mrad": NO_ROTATION},
+        "verdict": ACCEPTED if solution.accepted else NOT_ACCEPTED,
+        "verdict_reasons": list(solution.reasons),
+        "warnings": notices_data(solution.warnings),
+    }
+
+
+NO_ROTATION = {"rms": 0.0, "as_printed": 0.0}
+"""Of a loop that closes in position only."""
+
+
+def estimate_data(estimate: Estimate) -> dict[str, Any]:
+    """Return what one estimator found beside its figures."""
+    band = None if estimate.chi2 is None else chi2_test(estimate.chi2, estimate.dof)
+    return {
+        "estimator": estimate.estimator,
+        "correlations": correlations(estimate.covariance).tolist(),
+        "sigma_ori_mrad": NO_ROTATION,
+        "chi2_per_dof": None,
+        "chi2_band_99": None if band is None else [band.low, band.high],
+        "variance_components": {},
+        "dof": estimate.dof,
+        "iterations": estimate.iterations,
+        "converged": estimate.converged,
+    }
+
+
+def checks_data(checks: Checks) -> dict[str, Any]:
+    """Return the second opinions beside their figures: jackknife, hold-out, far block."""
+    return {
+        "jackknife_sigma": None,
+        "hold_out": _hold_out_data(checks.held_out),
+        "far_block": _hold_out_data(checks.far_block),
+    }
+
+
+def _hold_out_data(found: HoldOut | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "parts": len(found.parts),
+        "sigma_ori_mrad": {"inside": 0.0, "held_out": 0.0},
+        "chi2_per_dof": [part.verification.chi2.per_dof for part in found.parts],
+    }
+
+
+def _components_data(found: VarianceComponents | None) -> dict[str, Any]:
+    if found is None:
+        return {"variance_components": {}}
+    # A fixture that does not give is said as zero, not left out.
+    rigid = {} if found.flexure is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
+    return {
+        "variance_components": rigid,
+        "variance_components_interval": {},
+        "flexure_p_value": None if found.flexure is None else found.flexure.p_value,
+    }
+
+
+def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
+    """Return what the loops say of one RVDT; angles in deg, the curve as a correction table."""
+    figures = verdict.figures
+    found: dict[str, Any] = {
+        "joint": verdict.joint,
+        "verdict": verdict.verdict.value,
+        "text": verdict.text,
+        "treat_as_unsensed": verdict.treat_as_unsensed,
+        "share_of_residual": verdict.share,
+    }
+    if figures is not None:
+        found |= {
+            "linearity_percent_of_full_scale": 100.0 * figures.linearity,
+            "linearity_sd_percent": 100.0 * figures.linearity_sd,
+            "half_range_percent_of_full_scale": 100.0 * figures.half_range,
+            "covered_percent_of_full_scale": 100.0 * figures.covered,
+            "gain": figures.gain,
+            "noise_lsb": figures.noise_lsb,
+            "noise_lsb_interval": [figures.noise_low, figures.noise_high],
+            "theta_off_deg": math.degrees(figures.theta_off_rad),
+            "correction_table_deg": [
+                dict(zip(("reading", "correction", "sigma"), row, strict=True))
+                for row in np.rad2deg(figures.table_rad).tolist()
+            ],
+        }
+    return found
+
+
+def unidentifiable_data(
+    directions: tuple[UnidentifiableDirection, ...], *, parameters: int, poses: int
+) -> dict[str, Any]:
+    """Return the object for a pose set that leaves parameters undetermined (exit code 5)."""
+    return {
+        "parameters": {},
+        "sigma": {},
+        "rank": parameters - len(directions),
+        "unidentifiable": [d.parameters[0] for d in directions],
+        "unidentifiable_directions": [
+            {"parameters": list(d.parameters), "reason": d.reason, "text": str(d)}
+            for d in directions
+        ],
+        "scaled_condition_number": None,
+        "sigma_pos_mm": None,
+        "sigma_ori_mrad": None,
+        "chi2_per_dof": None,
+        "variance_components": {},
+        "poses": poses,
+        "iterations": 0,
+        "verdict": NOT_IDENTIFIABLE,
+        "verdict_reasons": [str(d) for d in directions],
+        "warnings": [],
+    }
+
+
+def notices_data(notices: Iterable[Notice]) -> list[dict[str, str]]:
+    """Return warnings as code and text."""
+    return [{"code": n.code, "text": n.text} for n in notices]

@@ -1,0 +1,329 @@
+"""The sections of a report: which tables, plots and words stand where. Computes nothing, decides no digit."""
+
+from __future__ import annotations
+
+from operator_app.report import figures
+from operator_app.report.facts import Facts
+from operator_app.report.markup import Html, element, join
+from operator_app.report.numbers import names, plural
+from operator_app.report.page_table import table_html
+from operator_app.report.section import (
+    Section,
+    bullets,
+    definitions,
+    plots,
+    prose,
+    remark,
+    sentence,
+)
+from operator_app.report.session_facts import (
+    correction_table,
+    joint_table,
+    pose_table,
+    rvdt_joints,
+    rvdt_table,
+)
+from operator_app.report.subject import Subject
+from operator_app.report.table import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure, Table
+from solver.estimators.estimate import Estimate
+from solver.judging.rvdt import RvdtVerdict, Verdict
+
+CURVE_WORDS = (
+    "With the readings of {joints} used, these corrections close the loops. A bow or an S is the "
+    "sensor's curve, not noise: no number of poses averages it out, and it pulls at the parameters."
+)
+TABLE_WORDS = (
+    "Corrections to add to the readings over the range the poses cover, straight lines in between (sarcal "
+    "solve --json lists twice as many); they belong to the offsets "
+    "that are found without these readings, not to those above."
+)
+CLOSURE_WORDS = (
+    "How far the loops fail to close at the joints as measured, so that both estimators are judged on "
+    "one scale. The implicit estimator does not minimise this figure: it puts the error where the "
+    "sensors are poor, and may leave a larger one here with better parameters."
+)
+METHOD_WORDS = (
+    (
+        "implicit: the joint readings are what is uncertain, each by its sensor's noise; every loop closes "
+        "exactly at the corrected joints, and the corrections are as small as the noise allows."
+    ),
+    (
+        "paper: unweighted least squares of the closure errors, 1 m counted as 1 rad, damped and with "
+        "scaled columns (eqs. 5, 6, 10-13)."
+    ),
+    (
+        "sigma_pos and sigma_ori (eqs. 14, 15) are computed at the measured joints, twice: rms divides by "
+        "the number of components inside the root, as printed divides outside it."
+    ),
+    (
+        "Condition number, rank and observability are those of the reduced Jacobian on the closed loops "
+        "next to the poses."
+    ),
+)
+HEADINGS = {"parameters": "Parameters", "dh": "D-H table", "determined": "How well the poses determine "
+           "them", "closure": "Residuals by pose", "noise": "Noise found with the parameters",
+           "correlations": "Correlations"}  # fmt: skip
+"""Headings of tables that share their section with something else; others are headed by their title."""
+
+
+def sections_of(subject: Subject) -> tuple[Section, ...]:
+    """Return all sections in which there is something to say, most important first."""
+    facts = subject.facts
+    estimate = None if subject.solution is None else subject.solution.identified
+    brief: list[Section] = []
+    detail: list[Section] = []
+    if facts is not None and estimate is not None:
+        for table in facts.tables:
+            (detail if table.detail else brief).append(_of_table(subject, estimate, table))
+    found = [
+        _warnings(subject),
+        _what(subject),
+        *brief,
+        _joints(subject),
+        _rvdt(subject),
+        *detail,
+        _poses(subject, estimate),
+        _method(subject),
+    ]
+    return tuple(section for section in found if section is not None)
+
+
+def _of_table(subject: Subject, estimate: Estimate, table: Table) -> Section:
+    """One table of the facts, its note, and what the page adds to it."""
+    content: list[str] = [table_html(table)] if table.rows else []
+    if table.note:
+        content.append(remark(table.note))
+    match table.ident:
+        case "parameters":
+            content.append(remark(_about_sigmas(subject, estimate)))
+        case "closure":
+            content += [remark(CLOSURE_WORDS), plots(figures.closure_by_pose(subject, estimate))]
+    title = HEADINGS.get(table.ident, table.title)
+    return Section(ident=table.ident, title=title, content=tuple(content))
+
+
+def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
+    words = (
+        "Difference is the other estimator less the chosen one. Sigma and the 95 % interval "
+        + ("follow from the noise of the sensors." if estimate.chi2 is not None else
+           "(Student's) follow from the size of the residuals.")
+    )  # fmt: skip
+    if subject.solution is not None and subject.solution.paper is None:
+        words += " The paper's estimator needs every joint sensed and is not shown beside it."
+    elif subject.implicit is None:
+        words += " The implicit estimator found no solution to show beside it."
+    return words
+
+
+def _warnings(subject: Subject) -> Section | None:
+    """What the operator should know and do; None when there is nothing."""
+    glyph = element("span", "▲ ", class_="glyph", aria_hidden="true")
+    items = [element("li", glyph, prose(sentence(n.text))) for n in subject.notices]
+    if not items:
+        return None
+    return Section(
+        ident="warnings",
+        title=plural(len(items), "warning"),
+        content=(element("ul", *items, class_="warnings"),),
+    )
+
+
+def _joints(subject: Subject) -> Section:
+    """What the loops say of each joint's readings, and how far each joint was moved."""
+    table = joint_table(subject, subject.implicit)
+    drawn = [figures.corrections_by_joint(subject, subject.implicit), figures.coverage(subject)]
+    return Section(
+        ident="joints",
+        title="Residuals and coverage by joint",
+        content=(table_html(table), remark(table.note), plots(d for d in drawn if d)),
+    )
+
+
+def _rvdt(subject: Subject) -> Section | None:
+    """How the RVDTs read against what the loops say; None without an RVDT."""
+    joints, estimate = rvdt_joints(subject), subject.implicit
+    if not joints:
+        return None
+    verdicts = () if subject.solution is None else subject.solution.rvdt
+    content: list[str] = [
+        bullets(map(_judged, verdicts))
+        if verdicts
+        else remark("These poses allow no verdict on the RVDTs.")
+    ]
+    if table := rvdt_table(subject):
+        measured = [(v.joint, v.figures) for v in verdicts if v.figures is not None]
+        drawn = (figures.rvdt_deviations(subject, joint, f) for joint, f in measured)
+        content += [table_html(table), plots(drawn)]
+    used = [j for j in joints if j not in subject.unsensed_joints]
+    if len(used) < len(joints):
+        unused = _numbered([j for j in joints if j not in used])
+        content.append(remark(f"The readings of {unused} were not used."))
+    if used and estimate is not None and estimate.corrections is not None:
+        content.append(remark(CURVE_WORDS.format(joints=_numbered(used))))
+        content.append(plots(figures.rvdt_corrections(subject, estimate, j) for j in used))
+    tables = [
+        table_html(correction_table(v.joint, v.figures))
+        for v in verdicts
+        if v.figures is not None and v.verdict is not Verdict.SOUND
+    ]
+    if tables:
+        content += [remark(prose(TABLE_WORDS)), plots(tables)]
+    return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
+
+
+def _numbered(joints: list[int]) -> str:
+    return f"joint{'s' if len(joints) > 1 else ''} {names(joints)}"
+
+
+def _judged(verdict: RvdtVerdict) -> Html:
+    words = prose(verdict.text + ".")
+    if verdict.verdict in (Verdict.SOUND, Verdict.CANNOT_DECIDE):
+        return words
+    return join((element("span", "▲ ", class_="warn", aria_hidden="true"), words))
+
+
+def _poses(subject: Subject, estimate: Estimate | None) -> Section:
+    """Every captured pose, used or not."""
+    out = [p.number for p in subject.poses if p.excluded]
+    points = [f"{plural(len(subject.poses), 'pose')} captured, {len(subject.used)} used."]
+    if out:
+        points.append(
+            f"Excluded by the operator: {names(out)}; the reasons are in the last column."
+        )
+    if subject.flipped:
+        points.append(f"Left out on the flipped branch of the hinge: {names(subject.flipped)}.")
+    table = table_html(pose_table(subject, estimate))
+    return Section(ident="poses", title="Poses", content=(bullets(points), table))
+
+
+def _what(subject: Subject) -> Section:
+    """Arm, fixture, time, software and pose set."""
+    procedure = subject.procedure
+    fixture = procedure.fixture
+    position = [j for j, mode in enumerate(subject.modes, 1) if mode == "position"]
+    chosen = ", ".join(
+        f"{key.replace('_', ' ')} {names(v) if isinstance(v, list | tuple) else v}"
+        for key, v in subject.settings.items()
+        if v is not None
+    )
+    opened, last = (utc[:19].replace("T", " ") for utc in (subject.opened_utc, subject.last_utc))
+    rows: list[tuple[str, str]] = [
+        ("Arm", f"{procedure.arm.name}, {plural(procedure.arm.joint_count, 'joint')}"),
+        ("Serial number", subject.serial_number or "not known"),
+        ("Fixture", f"{fixture.name} ({fixture.kind})"),
+        ("Procedure", procedure.name),
+        *([("Chosen beside it", chosen)] if chosen else []),
+        (
+            "Joints in position mode",
+            f"{names(position)}; the others free" if position else "not recorded",
+        ),
+        ("Session", subject.name),
+        ("First, last event (UTC)", f"{opened}, {last}"),
+        ("Software", f"sarcal {subject.software_version}"),
+        ("Pose set, SHA-256", element("span", subject.pose_set_sha256, class_="mono")),
+    ]
+    return Section(ident="what", title="What was calibrated", content=(definitions(rows),))
+
+
+def _method(subject: Subject) -> Section:
+    """How every number on the page was made."""
+    samples = sorted({p.samples for p in subject.poses})
+    points = [
+        (
+            f"Every pose is the mean of {names(samples)} samples of all joints, taken when the arm stood "
+            "still; sd is the spread of those samples."
+        )
+    ]
+    if subject.solution is not None:
+        fixture = subject.procedure.fixture
+        equations = plural(subject.solution.model.equations_per_pose, "equation")
+        tolerance = names(
+            Figure(value, quantity, digits=2).with_unit
+            for value, quantity in (
+                (fixture.tolerance_m, CLOSURE_LENGTH),
+                (fixture.tolerance_rad, CLOSURE_ANGLE),
+            )
+        )
+        loop = (
+            f"The hand closes a loop through the fixture. Each pose gives {equations} once the angles "
+            "that nothing measures are eliminated."
+        )
+        nearest = (
+            "Of the equal descriptions that a loop has, the one nearest to the fixture's nominal "
+            f"placement is given; that was measured to {tolerance}."
+        )
+        points += [
+            loop,
+            *METHOD_WORDS,
+            nearest,
+        ]
+    made = f"The page was made from the {plural(subject.events, 'event')} of the session's journal alone"
+    points.append(
+        f"{made}; the poses were solved again: {subject.solved_again}."
+        if subject.solved_again
+        else f"{made}; its solution was read, not made again."
+        if subject.solution is not None
+        else f"{made}."
+    )
+    return Section(ident="method", title="How the numbers were made", content=(bullets(points),))
+
+
+def verdict_words(subject: Subject) -> str:
+    """Return the verdict in a word or two."""
+    facts = subject.facts
+    return ("not identifiable" if facts is None else facts.verdict).capitalize()
+
+
+def banner(subject: Subject) -> Html:
+    """Say that the arm was a simulated one; nothing for a real one."""
+    if not subject.simulated:
+        return Html("")
+    scenario = subject.settings.get("scenario")
+    words = "SIMULATED: the drives said that they are virtual"
+    return element("p", f"{words}; scenario {scenario}" if scenario else words, class_="simulated")
+
+
+def verdict(subject: Subject) -> Html:
+    """Return the verdict, which arm it is about, and why it is not better."""
+    facts = subject.facts
+    good = facts is not None and facts.accepted
+    when = subject.opened_utc[:16].replace("T", " ")
+    said: list[str] = [
+        element(
+            "h1",
+            element("span", "✓ " if good else "✕ ", class_="glyph", aria_hidden="true"),
+            verdict_words(subject),
+        ),
+        element(
+            "p",
+            f"Calibration of {subject.procedure.arm.name}, serial "
+            f"{subject.serial_number or 'not known'}, in fixture {subject.procedure.fixture.name}, "
+            f"{when} UTC.",
+            " The limits of the procedure are met." if good else "",
+        ),
+    ]
+    if reasons := [str(d) for d in subject.unidentifiable] if facts is None else facts.reasons:
+        said.append(bullets(sentence(reason) for reason in reasons))
+    return element("div", *said, class_="verdict" if good else "verdict no")
+
+
+def tiles(facts: Facts | None) -> Html:
+    """Return the figures that sum a calibration up."""
+    return element(
+        "dl",
+        *(
+            element(
+                "div",
+                element("dt", h.name),
+                element(
+                    "dd",
+                    h.figure.shown,
+                    " ",
+                    element("span", h.figure.quantity.unit, class_="unit"),
+                ),
+                element("dd", h.note, class_="was"),
+            )
+            for h in (() if facts is None else facts.headlines)
+        ),
+        class_="tiles",
+    )

@@ -1,0 +1,218 @@
+"""Tables of a session's joints, sensors and poses, for the page. Knows no renderer and solves nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from operator_app.report.numbers import NOT_KNOWN
+from operator_app.report.subject import Subject
+from operator_app.report.table import (
+    ANGLE,
+    CLOSURE_ANGLE,
+    CLOSURE_LENGTH,
+    LSB,
+    NOISE_ANGLE,
+    SHARE,
+    Cell,
+    Column,
+    Figure,
+    Table,
+)
+from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
+from solver.estimators.estimate import Estimate
+from solver.judging.rvdt_figures import RvdtFigures
+
+CORRECTION_ODD = 3.0
+"""A joint whose corrections are this many times its sensor's noise (rms) is marked."""
+
+
+def sensed_joints(subject: Subject) -> tuple[int, ...]:
+    """Joints whose readings were used."""
+    return tuple(
+        j
+        for j, joint in enumerate(subject.procedure.arm.joints, 1)
+        if j not in subject.unsensed_joints and not isinstance(joint.sensor, NoSensor)
+    )
+
+
+def rvdt_joints(subject: Subject) -> tuple[int, ...]:
+    """Joints read by an RVDT."""
+    return tuple(
+        j
+        for j, joint in enumerate(subject.procedure.arm.joints, 1)
+        if isinstance(joint.sensor, Rvdt)
+    )
+
+
+def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
+    """Sensor, corrections and coverage of every joint."""
+    arm, q, used = subject.procedure.arm, subject.readings_rad, sensed_joints(subject)
+    sigma, rows = arm.sigma_rad(), []
+    for j, joint in enumerate(arm.joints, 1):
+        rms = None
+        if estimate is not None and estimate.corrections is not None and j in used:
+            rms = float(np.sqrt(np.mean(estimate.corrections[:, j - 1] ** 2)))
+        noise = float(sigma[j - 1]) or None
+        ratio = None if rms is None or noise is None else rms / noise
+        low, high = float(q[:, j - 1].min()), float(q[:, j - 1].max())
+        odd = ratio is not None and ratio > CORRECTION_ODD
+        rows.append(
+            (
+                f"{j} {joint.name}",
+                sensor_words(joint.sensor, used=j in used),
+                subject.modes[j - 1] if subject.modes else NOT_KNOWN,
+                Figure(noise, CLOSURE_ANGLE, digits=2),
+                Figure(rms, CLOSURE_ANGLE, digits=2),
+                Figure(ratio, digits=2, role="warn" if odd else "text"),
+                Figure(low, ANGLE, places=2),
+                Figure(high, ANGLE, places=2),
+                Figure((high - low) / (joint.upper_rad - joint.lower_rad), SHARE, places=0),
+            )
+        )
+    return Table(
+        ident="joint-table",
+        title="Joints: sensors, corrections that close the loops, coverage",
+        columns=(
+            Column("joint", words=True),
+            Column("sensor", words=True),
+            Column("mode", words=True),
+            Column("noise stated", "mrad"),
+            Column("correction rms", "mrad"),
+            Column("times noise"),
+            Column("poses from", "deg"),
+            Column("to", "deg"),
+            Column("covered", "%"),
+        ),
+        rows=tuple(rows),
+        note=f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times their sensor's stated "
+        "noise (of one reading). Shaded in the plot: one such noise.",
+    )
+
+
+def sensor_words(sensor: Sensor, *, used: bool) -> str:
+    """Say what reads a joint."""
+    match sensor:
+        case Encoder():
+            words = f"encoder, {sensor.counts_per_rev} counts/rev"
+        case Rvdt():
+            words = f"RVDT, {sensor.bits} bit over {math.degrees(sensor.full_scale_rad):g} deg"
+        case NoSensor():
+            return "none"
+    return words if used else f"{words} (reading not used)"
+
+
+def rvdt_table(subject: Subject) -> Table | None:
+    """Each RVDT against the angle that the loop measures: line, curve, noise, and what is allowed."""
+    rows: list[tuple[Cell, ...]] = []
+    for verdict in () if subject.solution is None else subject.solution.rvdt:
+        sensor = subject.procedure.arm.joints[verdict.joint - 1].sensor
+        found = verdict.figures
+        if found is None or not isinstance(sensor, Rvdt):
+            continue
+        rows.append(
+            (
+                f"joint {verdict.joint}",
+                Figure(found.covered, SHARE, places=0),
+                Figure(found.gain, places=4),
+                Figure(found.linearity, SHARE, places=2),
+                Figure(found.linearity_sd, SHARE, places=2),
+                Figure(sensor.linearity, SHARE, digits=2),
+                Figure(found.noise_lsb, LSB, digits=2),
+                Figure(found.noise_low, LSB, digits=2),
+                Figure(found.noise_high, LSB, digits=2),
+                Figure(sensor.noise_lsb, LSB, digits=2),
+                Figure(verdict.share, SHARE, places=0),
+            )
+        )
+    linear, noise = "linearity, of full scale", "noise"
+    return None if not rows else Table(
+        ident="rvdt-table",
+        title="RVDT joints: readings against the angle that the loop measures",
+        columns=(
+            Column("joint", words=True),
+            Column("covered", "% of full scale"),
+            Column("gain, reading per angle"),
+            Column("found", "%", group=linear),
+            Column("sigma", "%", group=linear),
+            Column("allowed", "%", group=linear),
+            Column("found", "LSB", group=noise),
+            Column("95 % from", "LSB", group=noise),
+            Column("to", "LSB", group=noise),
+            Column("allowed", "LSB", group=noise),
+            Column("share of squared closure error", "%"),
+        ),
+        rows=tuple(rows),
+    )  # fmt: skip
+
+
+def correction_table(joint: int, figures: RvdtFigures) -> Table:
+    """What to add to an RVDT's readings, over the range the poses cover."""
+    return Table(
+        ident=f"correction-{joint}",
+        title=f"Joint {joint}: corrections by reading",
+        columns=(Column("reading", "deg"), Column("add", "mrad"), Column("sigma", "mrad")),
+        rows=tuple(
+            (
+                Figure(reading, ANGLE, places=2),
+                Figure(correction, CLOSURE_ANGLE, places=2, signed=True),
+                Figure(sigma, CLOSURE_ANGLE, places=2),
+            )
+            for reading, correction, sigma in figures.table_rad[::2].tolist()
+        ),
+    )
+
+
+def pose_table(subject: Subject, estimate: Estimate | None) -> Table:
+    """All captured poses with what they left over, notes, and why some were left out."""
+    joints = subject.procedure.arm.joint_count
+    days = {pose.utc[:10] for pose in subject.poses}
+    day = f", {min(days)}" if len(days) == 1 else ""
+    row_of = {p.number: k for k, p in enumerate(subject.used)}
+
+    def left_over(k: int | None) -> tuple[Cell, ...]:
+        if estimate is None or k is None:
+            return NOT_KNOWN, NOT_KNOWN, NOT_KNOWN
+        split = estimate.rotation_rows
+        turned = float(np.linalg.norm(estimate.residual[k, :split])) if split else None
+        chi2 = None if estimate.pose_chi2 is None else float(estimate.pose_chi2[k])
+        return (
+            Figure(float(np.linalg.norm(estimate.residual[k, split:])), CLOSURE_LENGTH),
+            Figure(turned, CLOSURE_ANGLE),
+            Figure(chi2),
+        )
+
+    return Table(
+        ident="pose-table",
+        title="Captured poses: mean joint readings, error of closure, notes",
+        columns=(
+            Column("pose", words=True),
+            Column(f"UTC{day}", words=True),
+            *(Column(f"{j}", group="mean reading of joint [deg]") for j in range(1, joints + 1)),
+            Column("largest sd", "mdeg"),
+            Column("position", "mm", group="closure error"),
+            Column("orientation", "mrad", group="closure error"),
+            Column("chi2"),
+            Column("note", words=True),
+        ),
+        rows=tuple(
+            (
+                str(pose.number),
+                pose.utc[11 if day else 0 : 19].replace("T", " "),
+                *(Figure(v, ANGLE, places=3) for v in pose.mean_rad.tolist()),
+                Figure(float(pose.sd_rad.max()), NOISE_ANGLE, places=1),
+                *left_over(row_of.get(pose.number)),
+                _remark(subject, pose.number, pose.note, pose.excluded),
+            )
+            for pose in subject.poses
+        ),
+        out=frozenset(k for k, pose in enumerate(subject.poses) if pose.number not in row_of),
+    )
+
+
+def _remark(subject: Subject, number: int, note: str, excluded: str) -> str:
+    parts = [f"✕ excluded: {excluded}"] if excluded else []
+    if number in subject.flipped:
+        parts.append("✕ left out: hand upside down on the hinge (flipped branch)")
+    return "; ".join([*parts, note] if note else parts)

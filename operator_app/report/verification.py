@@ -1,0 +1,83 @@
+"""New poses judged by a calibration, as text and as JSON. Computes nothing, prints nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from operator_app.calibration.verify import Verdict
+from operator_app.report.facts import CLOSURE_COLUMNS, closure_row
+from operator_app.report.numbers import significant
+from operator_app.report.table import Figure, Table, keyed
+from operator_app.report.text import paragraph, table_text
+from solver.chain.poses import PoseSet
+
+WORST = 5
+"""Odd poses that are named."""
+
+
+def closure(verdict: Verdict) -> Table:
+    """Closure of the new poses at the nominal parameters and at those that are judged."""
+    return Table(
+        ident="closure",
+        title="Closure at the measured joints",
+        columns=CLOSURE_COLUMNS,
+        rows=(
+            closure_row("nominal", verdict.nominal, key=("nominal",)),
+            closure_row("calibrated", verdict.verification.sigmas, key=()),
+        ),
+    )
+
+
+def verification_json(verdict: Verdict, poses: PoseSet) -> dict[str, Any]:
+    """Return the object of `sarcal verify --json`."""
+    chi2 = verdict.verification.chi2
+    return {
+        "verdict": "holds" if verdict.holds else "does not hold",
+        "poses": verdict.poses,
+        "chi2_per_dof": chi2.per_dof,
+        "chi2_band_99": [chi2.low, chi2.high],
+        **keyed((closure(verdict),)),
+        "odd_poses": [poses.label[k] for k in verdict.odd_poses],
+    }
+
+
+def verification_text(verdict: Verdict, poses: PoseSet, folder: str) -> str:
+    """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
+    found = verdict.verification
+    per_dof, low, high = (
+        Figure(v).shown for v in (found.chi2.per_dof, found.chi2.low, found.chi2.high)
+    )
+    head = (
+        f"HOLDS: the calibration of {folder} predicts these {verdict.poses} poses as well as it "
+        "claims to."
+        if verdict.holds
+        else f"DOES NOT HOLD: {verdict.poses} new poses disagree with the calibration of {folder} "
+        "by more than its uncertainty allows."
+    )
+    notices = []
+    if found.chi2.per_dof < found.chi2.low:
+        notices.append(
+            "these poses fit better than sensors of this kind allow: simulated, or read by other "
+            "sensors than the arm file says?"
+        )
+    if verdict.odd_poses:
+        worst = ", ".join(
+            f"{poses.label[k]} (chance {significant(float(found.pose_probability[k]), 2)})"
+            for k in verdict.odd_poses[:WORST]
+        )
+        notices.append(f"look at pose {worst}")
+    if not verdict.holds and not np.all(found.closed):
+        notices.append("some poses cannot be closed at all: was the hinge moved since?")
+    return "\n".join(
+        (
+            paragraph(head),
+            "",
+            table_text(closure(verdict)),
+            paragraph(
+                f"chi2/dof {per_dof}, where 99 % of sound sets lie between {low} and {high}."
+            ),
+            *(paragraph(f"! {notice}", indent=2) for notice in notices),
+        )
+    )

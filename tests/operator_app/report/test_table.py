@@ -1,0 +1,90 @@
+"""A figure says its number once: as people read it and as JSON has it; tables keep their shape everywhere."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from operator_app.report.page_table import table_html
+from operator_app.report.table import ANGLE, LENGTH, NUMBER, Column, Figure, Table, keyed
+from operator_app.report.text import table_text
+
+RANGES = Table(
+    ident="ranges",
+    title="Joints",
+    columns=(
+        Column("joint", words=True),
+        Column("angle", unit="deg"),
+        Column("low", group="range [deg]"),
+        Column("high", group="range [deg]"),
+        Column("why", words=True),
+        Column("sigma", unit="deg", detail=True),
+    ),
+    rows=(
+        ("1", Figure(0.1, ANGLE, places=2), Figure(-math.pi, ANGLE, places=0),
+         Figure(math.pi, ANGLE, places=0, role="warn"), "<b>", Figure(None, ANGLE)),
+    ),
+    note="As stated.",
+    out=frozenset({0}),
+)  # fmt: skip
+
+
+def test_a_length_is_in_mm_for_people_and_in_m_for_programs() -> None:
+    length = Figure(0.2019999, LENGTH, places=3)
+    assert (length.shown, length.with_unit, length.in_json) == ("202.000", "202.000 mm", 0.2019999)
+    turned = Figure(-math.pi, ANGLE, places=1, signed=True)
+    assert (turned.with_unit, turned.in_json) == ("-180.0 deg", -180.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown", "in_json"),
+    [(None, "n/a", None), (math.inf, "infinite", None), (math.nan, "n/a", None), (14, "14", 14)],
+)
+def test_what_is_not_known_is_said_and_counts_stay_whole(
+    value: float | None, shown: str, in_json: float | None
+) -> None:
+    found = Figure(value, NUMBER, digits=2)
+    assert found.shown == shown
+    assert found.in_json == in_json
+    assert type(found.in_json) is type(in_json)
+
+
+def test_a_table_heads_its_rows_and_columns(take_apart: type) -> None:
+    page = take_apart(table_html(RANGES))
+    head, body = page.tables[0]["thead"], page.tables[0]["tbody"]
+    assert [(c[1]["scope"], c[2]) for c in head[0]] == [
+        ("col", "joint"), ("col", "angle [deg]"), ("colgroup", "range [deg]"), ("col", "why"),
+        ("col", "sigma [deg]"),
+    ]  # fmt: skip
+    assert [(c[1]["scope"], c[2]) for c in head[1]] == [("col", "low"), ("col", "high")]
+    assert [cell[2] for cell in body[0]] == ["1", "5.73", "\u2212180", "▲ 180", "<b>", "n/a"]
+    assert body[0][0][0] == "th"
+    assert body[0][0][1]["scope"] == "row"
+    region = {name: value for tag, name, value in page.attributes if tag == "div"}
+    assert region["role"] == "region"
+    assert region["aria-label"] == "Joints"
+    assert region["tabindex"] == "0"
+    assert ("tr", "class", "out") in page.attributes
+
+
+def test_text_has_groups_above_titles_and_no_room_for_detail() -> None:
+    assert table_text(RANGES).splitlines() == [
+        "Joints",
+        "                      range [deg]",
+        "  joint  angle [deg]    low  high  why",
+        "  1             5.73   -180   180  <b>",
+        "As stated.",
+    ]
+
+
+def test_a_row_must_fit_its_table() -> None:
+    with pytest.raises(ValueError, match="one cell a column"):
+        Table(ident="t", title="T", columns=(Column("a"), Column("b")), rows=(("1",),))
+
+
+def test_keys_make_objects_and_whole_numbers_lists() -> None:
+    columns = (Column("a"), Column("b"), Column("c"))
+    row = (Figure(1.0, key=("x", "y", 1)), Figure(2.0, key=("x", "y", 0)), Figure(3.0, key=("z",)))
+    table = Table(ident="t", title="T", columns=columns, rows=(row, ("", "", Figure(4.0))))
+    assert keyed([table]) == {"x": {"y": [2.0, 1.0]}, "z": 3.0}

@@ -39,25 +39,47 @@ class UnidentifiableDirection:
 
 
 class UnidentifiableError(SolverError):
-    """The pose set leaves some parameters undetermined; `directions` names them."""
+    """The pose set leaves some parameters undetermined; `directions` names them.
 
-    def __init__(self, directions: tuple[UnidentifiableDirection, ...]) -> None:
+    `code` and `note` say why where more is known than that: too few poses, a sensor that is stuck.
+    """
+
+    def __init__(
+        self,
+        directions: tuple[UnidentifiableDirection, ...],
+        *,
+        code: str = "UNIDENTIFIABLE",
+        note: str = "",
+    ) -> None:
         self.directions = directions
-        super().__init__("; ".join(str(direction) for direction in directions))
+        self.code = code
+        self.note = note
+        whole = "; ".join(str(direction) for direction in directions)
+        super().__init__(f"{whole}; {note}" if note else whole)
 
 
 class PosesDoNotFitError(SolverError):
-    """The readings are so far from closing that the loop cannot even be linearised about them."""
+    """The readings are so far from closing that the loop cannot even be linearised about them.
 
-    def __init__(self) -> None:
+    `codes` name the mistakes that would explain it, the most probable first; `reasons` say them.
+    """
+
+    def __init__(self, reasons: tuple[str, ...] = (), *, codes: tuple[str, ...] = ()) -> None:
+        self.codes = codes
+        self.code = codes[0] if codes else "POSES_DO_NOT_FIT"
         super().__init__(
-            "these poses do not fit this arm in this fixture at all: check that arm, fixture and "
-            "poses belong together, or try --global-start"
+            "these poses do not fit this arm in this fixture at all: "
+            + (
+                "; or ".join(reasons)
+                or "check that arm, fixture and poses belong together, or try --global-start"
+            )
         )
 
 
 class TooFewPosesError(SolverError):
     """Fewer equations than unknowns, or no degree of freedom left to judge the fit by."""
+
+    code = "TOO_FEW_POSES"
 
     def __init__(
         self, *, poses: int, needed: int, parameters: int, equations_per_pose: int

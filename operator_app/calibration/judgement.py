@@ -6,29 +6,23 @@ Every sentence says what to do where there is something to do. Knows results; co
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from fixtures.base import SetupCheck, Severity
+from operator_app.calibration.causes import NamedCause, poses_named
 from operator_app.config.procedure import AcceptanceLimits
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
 from solver.judging.identifiability import Identifiability
 from solver.judging.ranges import Fault, RangeFinding
 from solver.judging.rvdt import RvdtVerdict
-from solver.judging.statistics import chi2_test
 from solver.search.global_start import GlobalStart
 
 CHI2_LEVEL = 0.01
 """Noise models that give so large a chi2 less often than this are said to be wrong."""
-
-CHI2_BAND = 0.999
-"""A sound calibration fails this test once in two thousand times."""
-
-
-NAMED = 5
-"""How many poses a sentence lists by name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,30 +46,28 @@ def range_notices(
     findings: tuple[RangeFinding, ...], labels: tuple[str, ...]
 ) -> tuple[Notice, ...]:
     """Say which readings the arm file does not allow, and what to do about it."""
-    return tuple(Notice(code="RANGE", text=_range_text(f, labels)) for f in findings)
+    return tuple(Notice(code="RANGE", text=": ".join(range_text(f, labels))) for f in findings)
 
 
-def _range_text(found: RangeFinding, labels: tuple[str, ...]) -> str:
+def range_text(found: RangeFinding, labels: tuple[str, ...]) -> tuple[str, str]:
+    """Say of one joint what its readings have wrong, and what to do."""
     lower, upper = np.rad2deg((found.lower_rad, found.upper_rad))
-    named = [labels[k] for k in found.poses[:NAMED]]
-    rest = len(found.poses) - len(named)
-    where = f"pose{'s' if len(found.poses) > 1 else ''} {', '.join(named)}"
-    where += f" and {rest} more" if rest else ""
+    where = poses_named(found.poses, labels)
     reading = f"joint {found.joint} reads {np.rad2deg(found.reading_rad):.2f} deg in {where}"
     span = f"{lower:g} to {upper:g} deg"
     if found.fault is Fault.SATURATED:
         return (
-            f"{reading}, the end of its sensor's full scale ({span}): a sensor that is "
-            "saturated reads the same whatever the joint does; take these poses nearer the middle"
+            f"{reading}, the end of its sensor's full scale ({span}): beyond it every angle reads so",
+            "take these poses nearer the middle of the sensor's range, or leave them out",
         )
     if found.fault is Fault.WHOLE_TURN:
         return (
-            f"{reading}, whole turns from its range {span}: its encoder counts from another turn; "
-            "home the joint or correct range_deg in the arm file"
+            f"{reading}, whole turns from its range {span}: its encoder counts from another turn",
+            "home the joint or correct range_deg in the arm file",
         )
     return (
-        f"{reading}, outside its range {span}: look for a damaged reading, or correct range_deg "
-        "in the arm file"
+        f"{reading}, outside its range {span}",
+        "look for a damaged reading, or correct range_deg in the arm file",
     )
 
 
@@ -178,19 +170,37 @@ def rvdt_notices(verdicts: tuple[RvdtVerdict, ...]) -> tuple[Notice, ...]:
     return tuple(Notice(code=f"RVDT_{v.joint}", text=v.text) for v in verdicts)
 
 
-def reasons_against(
-    estimate: Estimate, seen: Identifiability, limits: AcceptanceLimits
-) -> tuple[str, ...]:
-    """Why a calibration is not accepted; empty when it is."""
+SAID = ("OUTLIERS", "FLIPPED", "SECOND_SOLUTION", "RANGE", "SATURATED", "PARALLEL", "RVDT")
+"""Causes of which there is a notice of their own, or that name the RVDT a notice is about."""
+
+
+def cause_notices(causes: Iterable[NamedCause]) -> tuple[Notice, ...]:
+    """Say what is out of order though the sigmas hold."""
+    return tuple(
+        Notice(code=c.code, text=f"{c.text}: {c.remedy}")
+        for c in causes
+        if not c.refuses and not c.code.startswith(SAID)
+    )
+
+
+def condition_notices(seen: Identifiability, limits: AcceptanceLimits) -> tuple[Notice, ...]:
+    """Say that the paper would not have called these poses well conditioned; the sigmas decide."""
+    if seen.scaled_condition_number <= limits.scaled_condition_number:
+        return ()
+    return (
+        Notice(
+            code="CONDITION",
+            text=f"scaled condition number {seen.scaled_condition_number:.0f} is above "
+            f"{limits.scaled_condition_number:.0f} (the weakest direction is "
+            f"{', '.join(seen.weakest.parameters[:4])}): poses that differ more would give smaller "
+            "sigmas",
+        ),
+    )
+
+
+def reasons_against(estimate: Estimate, limits: AcceptanceLimits) -> tuple[str, ...]:
+    """Say which of the procedure's own limits a calibration exceeds; empty when none."""
     reasons = []
-    if not estimate.converged:
-        reasons.append(f"the iteration did not converge in {estimate.iterations} steps")
-    if seen.scaled_condition_number > limits.scaled_condition_number:
-        reasons.append(
-            f"scaled condition number {seen.scaled_condition_number:.0f} is above "
-            f"{limits.scaled_condition_number:.0f}: take poses that differ more; "
-            f"the weakest direction is {', '.join(seen.weakest.parameters[:4])}"
-        )
     for symbol, found, limit, unit in (
         ("sigma_pos", estimate.sigmas.position_m.rms, limits.sigma_pos_m, "mm"),
         (
@@ -202,13 +212,11 @@ def reasons_against(
     ):
         if limit is not None and found > limit:
             reasons.append(f"{symbol} {1e3 * found:.2f} {unit} is above {1e3 * limit:.2f} {unit}")
-    ratio = estimate.chi2_per_dof
-    if estimate.chi2 is not None and ratio is not None:
-        limit = limits.chi2_per_dof or chi2_test(estimate.chi2, estimate.dof, band=CHI2_BAND).high
-        if ratio > limit:
-            reasons.append(
-                f"chi2/dof {ratio:.2f} is above {limit:.2f}: these readings do not fit the sensors' "
-                "and the fixture's specifications; take more poses, look for a pose that was "
-                "disturbed, or leave out the joint that the warnings name"
-            )
+    ratio, most = estimate.chi2_per_dof, limits.chi2_per_dof
+    if ratio is not None and most is not None and ratio > most:
+        reasons.append(
+            f"chi2/dof {ratio:.2f} is above {most:.2f}: these readings do not fit the sensors' "
+            "and the fixture's specifications; take more poses, look for a pose that was "
+            "disturbed, or leave out the joint that the warnings name"
+        )
     return tuple(reasons)

@@ -6,16 +6,20 @@ app all call it. Knows no file, no bus and no screen.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.errors import FixtureError
+from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
 from operator_app.calibration.branches import on_main_branch, set_aside
+from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.judgement import (
     Notice,
+    cause_notices,
+    condition_notices,
     flexure_notices,
     flipped_notices,
     held_notices,
@@ -27,19 +31,24 @@ from operator_app.calibration.judgement import (
     rvdt_notices,
     setup_notices,
 )
-from operator_app.calibration.loop import loop_of_poses
+from operator_app.calibration.loop import loop_of_poses, pick
 from operator_app.calibration.noise import (
     error_model,
     first_of_each,
     soften,
 )
+from operator_app.calibration.other_basins import best_about_nominal
+from operator_app.calibration.rivals import named_rivals
+from operator_app.calibration.stuck import explained
+from operator_app.calibration.verdict import FEW_DOF, Class, Judgement
+from operator_app.calibration.weighing import Known, weigh
 from operator_app.config.procedure import AcceptanceLimits
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Rvdt
-from solver.errors import UnidentifiableError
+from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress
@@ -47,7 +56,6 @@ from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import (
     Calibrated,
     VarianceComponents,
-    estimate_with_errors,
 )
 from solver.judging.dropping import drop_unidentifiable
 from solver.judging.identifiability import Identifiability, identifiability
@@ -64,6 +72,8 @@ OUTLIER_LEVEL = 0.01
 
 class FixtureRefusedError(FixtureError):
     """A set-up check refuses this placement; `checks` say why and what to remount."""
+
+    code = "PARALLEL_AXES"
 
     def __init__(self, checks: tuple[SetupCheck, ...]) -> None:
         self.checks = checks
@@ -104,6 +114,8 @@ class Solution:
         What the loops say of each RVDT, its joint taken as unsensed for that.
     reasons
         Why it is not accepted; empty when it is.
+    judgement
+        Every test that was made, and the causes that they point to.
     assumed
         Figures of the error model that no file states.
     """
@@ -124,11 +136,24 @@ class Solution:
     warnings: tuple[Notice, ...]
     reasons: tuple[str, ...]
     assumed: tuple[str, ...] = ()
+    judgement: Judgement = field(default_factory=Judgement)
 
     @property
     def accepted(self) -> bool:
-        """Whether the calibration meets its limits."""
+        """Whether the parameters may be used: with or without warnings."""
         return not self.reasons
+
+    @property
+    def verdict(self) -> Class:
+        """Which of the three classes it is of."""
+        if not self.accepted:
+            return Class.NOT_ACCEPTED
+        return self.judgement.verdict
+
+    @property
+    def causes(self) -> tuple[NamedCause, ...]:
+        """What is wrong, the most probable first."""
+        return self.judgement.causes
 
     @property
     def identified(self) -> Estimate:
@@ -204,38 +229,74 @@ def calibrate(
     paper = None if unsensed_joints else estimate_paper(model, q, x0=x0)
     if paper is not None:
         # Before anything is weighted: an estimate along a blind direction is worth nothing.
-        _require_identifiable(model, paper.x, q, sigma)
+        try:
+            _require_identifiable(model, paper.x, q, sigma)
+        except UnidentifiableError as error:
+            used = pick(poses, np.flatnonzero(kept))
+            raise explained(error, arm, fixture, used) from error
         x0 = paper.x
-    components = None
-    tolerance: dict[str, float] = {}
-    outliers: tuple[int, ...] = ()
-    if estimator == "paper" and paper is not None:
-        estimate = paper
-        seen = _require_identifiable(model, estimate.x, q, sigma)
-    else:
-        hard = model
-        model, tolerance = soften(hard, arm, length_tolerance_m=length_tolerance_m, held=held)
-        there = np.flatnonzero(kept)
-        distinct, which = first_of_each(poses, kept)
-        found_there = np.searchsorted(there, distinct)
-        whole = estimate_with_errors(
+    # The paper's estimate is judged by what weighing every reading by its noise gives beside it.
+    hard = model
+    model, tolerance = soften(hard, arm, length_tolerance_m=length_tolerance_m, held=held)
+    there = np.flatnonzero(kept)
+    distinct, which = first_of_each(poses, kept)
+    found_there = np.searchsorted(there, distinct)
+    errors = error_model(
+        arm, fixture, poses, distinct, unsensed_joints=unsensed_joints, tolerance=tolerance
+    )
+
+    def starts() -> Iterator[FloatArray | None]:
+        yield None if x0 is None else in_order(model, hard, x0)
+        yield nominal_vector(model.parameters)
+        if not unsensed_joints:
+            yield in_order(model, hard, best_about_nominal(hard, q))
+
+    try:
+        whole = fitted(
             model.at_poses(found_there),
             q[found_there],
-            error_model(
-                arm,
-                fixture,
-                poses,
-                distinct,
-                unsensed_joints=unsensed_joints,
-                tolerance=tolerance,
-            ),
-            x0=None if x0 is None else in_order(model, hard, x0),
+            errors,
+            starts(),
             group=poses.placement[distinct],
             progress=progress,
         )
-        estimate, components = for_every_pose(whole, which)
-        outliers = _outliers(whole, distinct)
-        seen = _require_identifiable(hard, in_order(hard, model, estimate.x), q, sigma)
+    except PosesDoNotFitError as error:
+        rivals = named_rivals(
+            arm,
+            fixture,
+            pick(poses, distinct),
+            unsensed=unsensed_joints,
+            scale=np.inf,
+            dof=len(distinct) * hard.equations_per_pose - len(hard.parameters),
+        )
+        raise PosesDoNotFitError(
+            tuple(f"{c.text}: {c.remedy}" for c in rivals), codes=tuple(c.code for c in rivals)
+        ) from error
+    components: VarianceComponents | None
+    estimate, components = for_every_pose(whole, which)
+    outliers = _outliers(whole, distinct)
+    judged_paper = paper if estimator == "paper" else None
+    if judged_paper is not None:
+        estimate, components, model, tolerance = judged_paper, None, hard, {}
+    seen = _require_identifiable(hard, in_order(hard, model, estimate.x), q, sigma)
+    checks = _checks(fixture, arm, model, estimate.x, unsensed_joints)
+    rvdt = (
+        _rvdt(arm, fixture, poses, kept, held, estimate, length_tolerance_m)
+        if gross_misfit(whole) < GROSS
+        else ()
+    )
+    judgement = weigh(
+        whole,
+        arm,
+        fixture,
+        poses,
+        distinct,
+        judged=tuple(p.name for p in hard.parameters),
+        known=Known(
+            out_of_range=out_of_range, flipped=flipped, checks=checks, search=found, rvdt=rvdt
+        ),
+        paper=judged_paper,
+    )
     nominal = nominal_vector(model.parameters)
     at_nominal = closure_at_readings(model, nominal, q)
     solution = Solution(
@@ -251,7 +312,7 @@ def calibrate(
         components=components,
         search=found,
         outliers=tuple(poses.label[k] for k in outliers),
-        rvdt=_rvdt(arm, fixture, poses, kept, held, estimate, length_tolerance_m),
+        rvdt=rvdt,
         assumed=(*arm.assumed, *fixture.give.assumed),
         warnings=(),
         reasons=(),
@@ -261,15 +322,18 @@ def calibrate(
         warnings=(
             *noise_notices(estimate),
             *range_notices(out_of_range, poses.label),
-            *setup_notices(_checks(fixture, arm, model, estimate.x, unsensed_joints)),
+            *setup_notices(checks),
             *flipped_notices(flipped, poses.label),
             *held_notices(held),
             *rival_notices(found),
             *flexure_notices(components, tuple(tolerance)),
             *outlier_notices(solution.outliers),
             *rvdt_notices(solution.rvdt),
+            *cause_notices(judgement.causes),
+            *condition_notices(seen, limits),
         ),
-        reasons=reasons_against(estimate, seen, limits),
+        judgement=judgement,
+        reasons=(*judgement.reasons, *reasons_against(estimate, limits)),
     )
 
 
@@ -349,6 +413,12 @@ def _require_identifiable(
 ) -> Identifiability:
     seen = identifiability(model, x, q, sigma_rad=sigma_rad)
     if seen.directions:
+        if len(q) * model.equations_per_pose - len(model.parameters) < FEW_DOF:
+            raise UnidentifiableError(
+                seen.directions,
+                code="TOO_FEW_POSES",
+                note=f"{len(q)} poses are few: take at least 20",
+            )
         raise UnidentifiableError(seen.directions)
     return seen
 

@@ -21,8 +21,6 @@ from solver.judging.holdout import HoldOut
 from solver.judging.rvdt import RvdtVerdict
 from solver.judging.statistics import chi2_test, correlations
 
-ACCEPTED = "accepted"
-NOT_ACCEPTED = "not accepted"
 NOT_IDENTIFIABLE = "not identifiable"
 
 
@@ -39,7 +37,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         "tolerated_parameters": {},
         "repeatability": None,
         "budget": {},
-        "stated_chi2_per_dof": None,
+        "stated_chi2_per_dof": solution.judgement.stated_chi2_per_dof,
         "assumed": list(solution.assumed),
         "global_start": None
         if search is None
@@ -51,7 +49,20 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         "unidentifiable": [],
         "weakest_direction": list(solution.seen.weakest.parameters),
         "before": {"sigma_ori_mrad": NO_ROTATION},
-        "verdict": ACCEPTED if solution.accepted else NOT_ACCEPTED,
+        "verdict": solution.verdict.value,
+        "causes": [
+            {"code": c.code, "probability": c.probability, "text": c.text, "remedy": c.remedy}
+            for c in solution.causes
+        ],
+        "tests": [
+            {
+                "code": t.code,
+                "statistic": t.statistic if math.isfinite(t.statistic) else None,
+                "threshold": t.threshold if math.isfinite(t.threshold) else None,
+                "false_alarm": t.false_alarm,
+            }
+            for t in solution.judgement.tests
+        ],
         "verdict_reasons": list(solution.reasons),
         "warnings": notices_data(solution.warnings),
     }

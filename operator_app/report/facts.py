@@ -147,7 +147,7 @@ def facts_of(
     condition = AcceptanceLimits() if limits is None else limits
     return Facts(
         accepted=solution.accepted,
-        verdict="accepted" if solution.accepted else "not accepted",
+        verdict=solution.verdict.words,
         reasons=solution.reasons,
         notices=solution.warnings,
         headlines=_headlines(solution, condition, left_out),

@@ -72,26 +72,27 @@ class ReadingsOutOfRangeError(SolverError):
     ----------
     findings
         Of which joints.
-    mistakes
+    causes
         What would bring them inside, in words; empty when nothing simple does.
     in_radians
         Whether one of these is the unit.
     """
 
     def __init__(
-        self, findings: tuple[RangeFinding, ...], poses: PoseSet, mistakes: tuple[Mistake, ...]
+        self, findings: tuple[RangeFinding, ...], poses: PoseSet, causes: tuple[Mistake, ...]
     ) -> None:
         self.findings = findings
-        self.mistakes = mistakes
-        self.in_radians = any(mistake.code == "RADIANS" for mistake in mistakes)
+        self.causes = causes
+        self.in_radians = any(mistake.code == "RADIANS" for mistake in causes)
         worst = max(findings, key=lambda f: len(f.poses))
+        self.code = causes[0].code if causes else f"RANGE_{worst.joint}"
         lower, upper = np.rad2deg((worst.lower_rad, worst.upper_rad))
         text = (
             f"joint {worst.joint} reads {np.rad2deg(worst.reading_rad):.2f} deg in pose "
             f"{poses.label[worst.poses[0]]}, outside its range {lower:g} to {upper:g} deg, and so "
             f"in {len(worst.poses)} of {len(poses)} poses; "
         )
-        text += "; or ".join(f"{m.text}: {m.remedy}" for m in mistakes) or (
+        text += "; or ".join(f"{m.text}: {m.remedy}" for m in causes) or (
             "check that poses and arm file belong together, and "
             f"range_deg of joint {worst.joint} in the arm file"
         )
@@ -108,7 +109,7 @@ class Mistake:
     q_rad: FloatArray
 
 
-def mistakes(q: FloatArray) -> Iterator[Mistake]:
+def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
     """Simple mistakes that readings (m, n) may suffer from: a unit, a sign, two columns exchanged."""
     yield Mistake(
         code="RADIANS",
@@ -118,19 +119,21 @@ def mistakes(q: FloatArray) -> Iterator[Mistake]:
     )
     n = q.shape[1]
     for j in range(n):
-        sign = np.ones(n)
-        sign[j] = -1.0
-        yield Mistake(
-            code="SIGN",
-            text=f"with the opposite sign of joint {j + 1} they make sense",
-            remedy=f"turn the sign of joint {j + 1}'s sensor in its drive, or of its column",
-            q_rad=q * sign,
-        )
+        # Counted the other way round zero, or round the middle of its range.
+        for centre in {0.0, 2.0 * arm.joints[j].middle_rad}:
+            turned = q.copy()
+            turned[:, j] = centre - q[:, j]
+            yield Mistake(
+                code=f"SIGN_JOINT_{j + 1}",
+                text=f"with the opposite sign of joint {j + 1} they make sense",
+                remedy=f"turn the sign of joint {j + 1}'s sensor in its drive, or of its column",
+                q_rad=turned,
+            )
     for i, j in combinations(range(n), 2):
         order = np.arange(n)
         order[[i, j]] = j, i
         yield Mistake(
-            code="COLUMNS_EXCHANGED",
+            code=f"EXCHANGED_{i + 1}_{j + 1}",
             text=f"with the readings of joints {i + 1} and {j + 1} exchanged they make sense",
             remedy=f"exchange their columns, or the nodes of joints {i + 1} and {j + 1}",
             q_rad=q[:, order],
@@ -234,5 +237,5 @@ def _refuse(
     far[:, turned] = False
     if 2 * int(far.any(axis=1).sum()) < len(poses):
         return
-    known = tuple(m for m in mistakes(poses.q_rad) if makes_sense(arm, m.q_rad))
-    raise ReadingsOutOfRangeError(refused, poses, known)
+    known = {m.code: m for m in mistakes(arm, poses.q_rad) if makes_sense(arm, m.q_rad)}
+    raise ReadingsOutOfRangeError(refused, poses, tuple(known.values()))

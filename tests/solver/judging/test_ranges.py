@@ -104,4 +104,5 @@ def test_a_sign_and_exchanged_columns_are_named_where_the_ranges_tell(
     exchanged = readings[:, [0, 1, 3, 2, 4, 5, 6]]
     with pytest.raises(ReadingsOutOfRangeError, match="joints 3 and 4 exchanged") as error:
         range_findings(arm, pose_set(exchanged))
-    assert [m.code for m in error.value.mistakes] == ["COLUMNS_EXCHANGED"]
+    assert [m.code for m in error.value.causes] == ["EXCHANGED_3_4"]
+    assert error.value.code == "EXCHANGED_3_4"

@@ -1,0 +1,64 @@
+"""The fit with all stated errors, from a second start where the first leads nowhere.
+
+Not converging, no matrix to invert: these are results with a cause, not tracebacks. Knows closure
+models and error models; judges nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.errors import PosesDoNotFitError
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.least_squares import Progress
+from solver.estimators.variance_components import Calibrated, estimate_with_errors
+from solver.loops.closure import ClosureModel
+
+GROSS = 30.0
+"""chi2/dof at stated variances beyond which another start is tried."""
+
+
+def fitted(
+    model: ClosureModel,
+    q: FloatArray,
+    errors: ErrorModel,
+    starts: Iterable[FloatArray | None],
+    *,
+    group: IntArray,
+    progress: Progress | None = None,
+) -> Calibrated:
+    """Fit from each start until one does not end in a gross misfit; return the best.
+
+    Raises
+    ------
+    PosesDoNotFitError
+        No start leads to anything.
+    """
+    best: Calibrated | None = None
+    least, last = np.inf, None
+    for x0 in starts:
+        try:
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                found = estimate_with_errors(
+                    model, q, errors, x0=x0, group=group, progress=progress
+                )
+                misfit = gross_misfit(found)
+        except (PosesDoNotFitError, np.linalg.LinAlgError) as error:
+            last = error
+            continue
+        if misfit < least:
+            best, least = found, misfit
+        if least < GROSS:
+            break
+    if best is None:
+        raise PosesDoNotFitError from last
+    return best
+
+
+def gross_misfit(found: Calibrated) -> float:
+    """chi2/dof at stated variances; infinite where it is no number."""
+    ratio = found.linear.stated.chi2 / max(found.linear.dof, 1)
+    return float(ratio) if np.isfinite(ratio) else np.inf

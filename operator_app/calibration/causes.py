@@ -1,0 +1,257 @@
+"""What may be wrong, in words: a figure with its unit, and what to do about it. Judges nothing itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import Encoder, Rvdt
+from solver.judging.candidates import Candidate, Cause, Scene
+from solver.judging.evidence import Evidence
+
+NAMED = 5
+"""How many poses a sentence lists by name."""
+
+RESTARTED_RAD = np.deg2rad(5.0)
+"""No slip of a count is this large: a node that restarted counts from another zero."""
+
+
+class Words(NamedTuple):
+    """A stable code, what is the matter, and what to do."""
+
+    code: str
+    text: str
+    remedy: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedCause:
+    """One cause as the operator reads it.
+
+    Attributes
+    ----------
+    code
+        Stable name.
+    probability
+        Against all other explanations that were weighed, "nothing wrong" among them.
+    refuses
+        Whether parameters found in spite of it may be wrong by more than they claim.
+    """
+
+    code: str
+    probability: float
+    text: str
+    remedy: str
+    refuses: bool
+
+
+def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[str, ...]) -> Words:
+    """Return code, text and remedy; `labels` name the poses in the order in which they were taken."""
+    subject = candidate.subject
+    match candidate.cause:
+        case Cause.SLIPPED:
+            return _slipped(candidate, found, scene, labels)
+        case Cause.LOST_COUNTS:
+            return _lost_counts(int(subject), candidate, found, scene.arm, labels)
+        case Cause.LENGTH_CHANGED:
+            return Words(
+                f"STEP_LENGTH_{subject}",
+                f"{subject} changed by {1e3 * found.b[0]:+.2f} mm {_between(candidate, labels)}",
+                f"look for a loose joint or link at {subject}, then take all poses again",
+            )
+        case Cause.ODD_POSES:
+            several = len(candidate.poses) > 1
+            return Words(
+                "OUTLIERS",
+                f"{poses_named(candidate.poses, labels)} "
+                f"{'do' if several else 'does'} not fit the others",
+                f"look for what disturbed {'them' if several else 'it'}, exclude "
+                f"{'them' if several else 'it'} and calibrate again",
+            )
+        case Cause.FROZEN:
+            return frozen_in_words(int(subject), candidate.poses, labels)
+        case Cause.READING:
+            return _reading(int(subject), found, scene.arm)
+        case Cause.LENGTH | Cause.TWIST:
+            return _entry(candidate, found, scene)
+        case Cause.GIVES:
+            return Words(
+                "FIXTURE_GIVES",
+                f"the fixture gives about {_displacement(_rms_displacement(candidate, found, scene))}, "
+                "more than its file states",
+                "tighten its bolts and look for play; else state its give in the fixture file",
+            )
+        case _:
+            return _smooth(int(subject), candidate, found, scene)
+
+
+def poses_named(poses: tuple[int, ...], labels: tuple[str, ...]) -> str:
+    """``pose 4`` or ``poses 4, 7 and 3 more``."""
+    named = [labels[k] for k in poses[:NAMED]]
+    rest = len(poses) - len(named)
+    more = f" and {rest} more" if rest else ""
+    return f"pose{'s' if len(poses) > 1 else ''} {', '.join(named)}{more}"
+
+
+def frozen_in_words(joint: int, poses: tuple[int, ...], labels: tuple[str, ...]) -> Words:
+    """Say that a sensor did not follow its joint."""
+    return Words(
+        f"FROZEN_JOINT_{joint}",
+        f"the sensor of joint {joint} reads the same from pose {labels[poses[0]]} to pose "
+        f"{labels[poses[-1]]}, where the loop says that the joint moved",
+        f"check the sensor and cable of joint {joint}, then take these poses again; "
+        f"or calibrate with --unsensed {joint}",
+    )
+
+
+def wrong_reading(joint: int, arm: ArmModel) -> Words:
+    """Say that a joint's reading has nothing to do with its angle."""
+    return Words(
+        _sensor_code(joint, arm),
+        f"the reading of joint {joint} does not follow the joint's angle as the loop measures it",
+        f"check the sensor, cable and channel of joint {joint}; meanwhile calibrate with "
+        f"--unsensed {joint}",
+    )
+
+
+def _sensor_code(joint: int, arm: ArmModel) -> str:
+    rvdt = isinstance(arm.joints[joint - 1].sensor, Rvdt)
+    return f"{'RVDT' if rvdt else 'ENCODER'}_{joint}"
+
+
+def _between(candidate: Candidate, labels: tuple[str, ...]) -> str:
+    first = candidate.poses[0]
+    return f"between pose {labels[first - 1]} and pose {labels[first]}"
+
+
+def _slipped(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[str, ...]) -> Words:
+    side = candidate.subject
+    size = _displacement(_rms_displacement(candidate, found, scene))
+    where = "on the table" if side == "table" else "on the hand"
+    return Words(
+        "SLIP_FIXTURE",
+        f"the fixture slipped {where} by about {size} {_between(candidate, labels)}",
+        f"tighten it {where} and take all poses again, or use only those before or after pose "
+        f"{labels[candidate.poses[0]]}",
+    )
+
+
+def _lost_counts(
+    joint: int, candidate: Candidate, found: Evidence, arm: ArmModel, labels: tuple[str, ...]
+) -> Words:
+    step, sensor = float(found.b[0]), arm.joints[joint - 1].sensor
+    counts = ""
+    if isinstance(sensor, Encoder | Rvdt):
+        unit = "counts" if isinstance(sensor, Encoder) else "LSB"
+        counts = f" ({step / sensor.resolution_rad:+.0f} {unit})"
+    where = _between(candidate, labels)
+    if abs(step) > RESTARTED_RAD:
+        return Words(
+            f"STEP_JOINT_{joint}",
+            f"the reading of joint {joint} jumped by {np.rad2deg(step):+.2f} deg{counts} {where}: "
+            "its node restarted or its sensor came off",
+            f"home joint {joint} and take all poses again",
+        )
+    return Words(
+        f"STEP_JOINT_{joint}",
+        f"the reading of joint {joint} shifted by {np.rad2deg(step):+.4f} deg{counts} {where}",
+        f"check the coupling and cable of joint {joint}'s sensor (lost counts, a slipped coupling), "
+        "home the joint and take all poses again",
+    )
+
+
+def _reading(joint: int, found: Evidence, arm: ArmModel) -> Words:
+    sd = _rms(found.b)
+    sensor = arm.joints[joint - 1].sensor
+    spec = ""
+    if isinstance(sensor, Encoder | Rvdt):
+        spec = f", {sd / sensor.sigma_rad:.0f} times its specification"
+    return Words(
+        _sensor_code(joint, arm),
+        f"the reading of joint {joint} scatters by {np.rad2deg(sd):.3f} deg{spec}",
+        f"check the sensor and cable of joint {joint}, or calibrate with --unsensed {joint}",
+    )
+
+
+def _entry(candidate: Candidate, found: Evidence, scene: Scene) -> Words:
+    design, name = scene.design, candidate.subject
+    k = [p.name for p in design.model.parameters].index(name)
+    stated = float(design.soft_sd[list(design.soft_index).index(k)])
+    angle = candidate.cause is Cause.TWIST
+    # Fitted columns act against the parameter: w + A dx is what is left.
+    off = -float(found.b[0])
+    size = f"{np.rad2deg(off):+.2f} deg" if angle else f"{1e3 * off:+.1f} mm"
+    tolerance = f"{np.rad2deg(stated):.2g} deg" if angle else f"{1e3 * stated:.2g} mm"
+    return Words(
+        f"TWIST_{name}" if angle else f"LENGTH_{name}",
+        f"{name} is off the arm file by about {size}, where its tolerance is {tolerance}",
+        f"measure {name} and correct the arm file, or state a larger tolerance for its row",
+    )
+
+
+def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> Words:
+    size = np.rad2deg(_rms_along(joint, candidate, found, scene))
+    match candidate.cause:
+        case Cause.CURVE:
+            sensor = scene.arm.joints[joint - 1].sensor
+            share = ""
+            if isinstance(sensor, Rvdt):
+                found_share = 100.0 * np.deg2rad(size) / sensor.full_scale_rad
+                share = (
+                    f" ({found_share:.1f} % of full scale, where {100.0 * sensor.linearity:.2g} % at "
+                    "most is stated)"
+                )
+            return Words(
+                f"RVDT_{joint}",
+                f"the RVDT of joint {joint} deviates from its true angle by {size:.2f} deg rms{share}",
+                f"have the RVDT of joint {joint} replaced or linearised, or calibrate with "
+                f"--unsensed {joint}",
+            )
+        case Cause.TURN_ERROR:
+            return Words(
+                f"ENCODER_{joint}",
+                f"the encoder of joint {joint} errs by {size:.3f} deg rms once or twice a turn, more "
+                "than its file states",
+                f"check the centring of joint {joint}'s encoder, or state its accuracy_deg",
+            )
+        case _:
+            return Words(
+                f"SAG_JOINT_{joint}",
+                f"joint {joint} twists by {size:.3f} deg rms with the pose, more than its file states",
+                f"look for play or a weak link at joint {joint}, or state its sag_deg",
+            )
+
+
+def _rms_along(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> float:
+    """Size (rms, rad) of columns that act along one joint."""
+    B = scene.system.B[:, :, joint - 1]
+    moved = candidate.columns @ found.b
+    return _rms((moved * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
+
+
+def _rms_displacement(candidate: Candidate, found: Evidence, scene: Scene) -> tuple[float, float]:
+    """Size of a displacement of the fixture: rad and m, largest over the poses it is about."""
+    moved = candidate.columns @ found.b
+    whole = (scene.system.E @ moved[..., None])[..., 0]
+    there = np.abs(moved).sum(-1) > 0.0
+    turn = whole[there, :-3]
+    return (
+        float(np.sqrt((turn**2).sum(-1).mean())) if turn.size else 0.0,
+        float(np.sqrt((whole[there, -3:] ** 2).sum(-1).mean())),
+    )
+
+
+def _displacement(size: tuple[float, float]) -> str:
+    turn, shift = size
+    words = [f"{1e3 * shift:.1f} mm"]
+    if turn > 0.0:
+        words.append(f"{np.rad2deg(turn):.2f} deg")
+    return " and ".join(words)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.asarray(values) ** 2)))

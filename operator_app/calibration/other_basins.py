@@ -1,0 +1,103 @@
+"""Is there another solution than the one found? Asked cheaply, when it lies far from the nominal values.
+
+A few starts about the nominal values and about what was found, each by the paper's estimator. Knows
+closure models and estimates; no file and no screen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from operator_app.calibration.causes import NamedCause
+from solver.arrays import FloatArray
+from solver.chain.parameters import Parameter, nominal_vector, wrap_angle
+from solver.estimators.estimate import Estimate
+from solver.estimators.least_squares import Fit, solve_damped
+from solver.estimators.paper import ClosureProblem
+from solver.loops.closure import ClosureModel
+
+FAR_RAD, FAR_M = np.deg2rad(20.0), 0.06
+"""Nobody mounts a fixture or notes an offset so far from what the files say."""
+
+STARTS, SPREAD_RAD, SPREAD_M = 8, np.deg2rad(25.0), 0.05
+ITERATIONS = 25
+BETTER = 0.5
+"""Another solution is better when it leaves less than this share of the squared closure error."""
+
+
+def far_from_nominal(
+    parameters: tuple[Parameter, ...], x: FloatArray
+) -> list[tuple[Parameter, float]]:
+    """Parameters whose values (P,) are farther from nominal than anybody is mistaken, and how far."""
+    changes = [
+        (p, float(wrap_angle(value - p.nominal)) if p.is_angle else float(value - p.nominal))
+        for p, value in zip(parameters, x, strict=True)
+    ]
+    return [
+        (p, change) for p, change in changes if abs(change) > (FAR_RAD if p.is_angle else FAR_M)
+    ]
+
+
+def other_basin(
+    model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
+) -> tuple[NamedCause, ...]:
+    """Name a better solution than `estimate`, or say that it is far from where it should be.
+
+    Parameters
+    ----------
+    q
+        Readings (m, n) of the poses that were used, rad.
+    judged
+        Names of the parameters that were looked for.
+    """
+    looked_for = [p.name in judged for p in estimate.parameters]
+    far = far_from_nominal(
+        tuple(p for p, yes in zip(estimate.parameters, looked_for, strict=True) if yes),
+        estimate.x[looked_for],
+    )
+    if not far:
+        return ()
+    hard = model.without([p.name for p in model.parameters if p.name not in judged])
+    problem = ClosureProblem.of(hard, q)
+    known = {p.name: float(x) for p, x in zip(estimate.parameters, estimate.x, strict=True)}
+    here = np.array([known[p.name] for p in hard.parameters])
+    own = solve_damped(problem, here, max_iterations=ITERATIONS).cost
+    best = _best(hard, problem).cost
+    p, change = max(far, key=lambda item: abs(item[1]) / (FAR_RAD if item[0].is_angle else FAR_M))
+    size = f"{np.rad2deg(change):+.0f} deg" if p.is_angle else f"{1e3 * change:+.0f} mm"
+    if best < BETTER * own:
+        return (
+            NamedCause(
+                code="OTHER_SOLUTION",
+                probability=1.0,
+                text=f"this is a local optimum ({p.name} {size} from nominal): another solution "
+                f"leaves {np.sqrt(own / max(best, 1e-300)):.0f} times less closure error",
+                remedy="calibrate with --global-start",
+                refuses=True,
+            ),
+        )
+    return (
+        NamedCause(
+            code="FAR_FROM_NOMINAL",
+            probability=0.5,
+            text=f"{p.name} ended {size} from its nominal value",
+            remedy="check how the fixture is mounted and what the arm file says, or search everywhere "
+            "with --global-start",
+            refuses=True,
+        ),
+    )
+
+
+def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:
+    """Parameters (P,) of the best solution that starts about the nominal values lead to."""
+    return _best(hard, ClosureProblem.of(hard, q)).x
+
+
+def _best(hard: ClosureModel, problem: ClosureProblem) -> Fit:
+    nominal = nominal_vector(hard.parameters)
+    angles = np.array([p.is_angle for p in hard.parameters])
+    rng = np.random.default_rng(0)
+    spread = np.where(angles, SPREAD_RAD, SPREAD_M)
+    starts = [nominal, *(nominal + spread * rng.uniform(-1.0, 1.0, (STARTS, len(nominal))))]
+    fits = [solve_damped(problem, x, max_iterations=ITERATIONS) for x in starts]
+    return min(fits, key=lambda fit: fit.cost)

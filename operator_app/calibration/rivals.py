@@ -1,0 +1,285 @@
+"""When nothing fits at all: which simple mistake makes everything fit? Each is tried by solving anew.
+
+Only for misfits that no linear explanation can reach. Knows arms, fixtures and pose sets; no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from time import monotonic
+from typing import TypeVar
+
+import numpy as np
+
+from fixtures.ball import Ball
+from fixtures.base import Fixture
+from fixtures.hinge import Hinge
+from operator_app.calibration.causes import NamedCause, Words, frozen_in_words, wrong_reading
+from operator_app.calibration.loop import loop_of_poses, pick
+from operator_app.calibration.noise import error_model, noise_model, soften
+from operator_app.calibration.other_basins import far_from_nominal
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import forward
+from solver.chain.parameters import nominal_vector
+from solver.chain.poses import PoseSet
+from solver.errors import SolverError
+from solver.estimators.implicit import fit_implicit
+from solver.estimators.least_squares import solve_damped
+from solver.estimators.mixed_fit import fit_mixed
+from solver.estimators.paper import ClosureProblem
+from solver.judging.candidates import still_runs
+from solver.judging.evidence import LEAST_SCALE, probabilities
+from solver.judging.ranges import makes_sense, mistakes
+from solver.loops.closure import ClosureModel
+
+_T = TypeVar("_T")
+
+FITS = 3.0
+"""chi2/dof at stated variances up to which a rival is an explanation."""
+
+BETTER = 10.0
+"""And by so much it has to be smaller than without it."""
+
+PROMISING = 0.1
+"""A rival is solved to the end when it leaves less than this share of the squared closure error."""
+
+PER_FREEDOM = 4.6
+"""What an equation that a rival does without counts against it: log of 100."""
+
+TRIED = 3
+"""How many of the most promising are solved to the end."""
+
+ITERATIONS = 15
+"""A rival that is right is near its solution by then."""
+
+SECONDS = 4.0
+"""Nobody waits longer for an explanation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rival:
+    """A mistake that may have been made: what the poses, the fixture and the sensors would then be."""
+
+    words: Words
+    poses: PoseSet
+    fixture: Fixture
+    unsensed: tuple[int, ...] = ()
+
+
+def named_rivals(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    *,
+    unsensed: tuple[int, ...],
+    scale: float,
+    dof: int,
+    near: bool = False,
+) -> tuple[NamedCause, ...]:
+    """Name the mistakes that explain a gross misfit, the most probable first.
+
+    Parameters
+    ----------
+    scale, dof
+        chi2/dof at stated variances without any, infinite where nothing could be solved, and its dof.
+    near
+        Only simple mistakes of the file that bring the solution near the nominal values, however well
+        it fits without.
+    """
+    deadline = monotonic() + SECONDS
+    as_it_is = np.inf
+    if not near and not unsensed:
+        plain = Rival(words=Words("", "", ""), poses=poses, fixture=fixture)
+        as_it_is = _cost(arm, plain)
+    found: list[tuple[Rival, float]] = []
+    families = (
+        (_same_loop(fixture, poses, arm, unsensed),)
+        if near
+        else (
+            _frozen(arm, fixture, poses, unsensed),
+            _same_loop(fixture, poses, arm, unsensed),
+            _blind(arm, fixture, poses, unsensed),
+        )
+    )
+    for family in families:
+        for rival in _screened(arm, family, deadline, below=PROMISING * as_it_is):
+            if near and not _is_near(arm, rival):
+                continue
+            if monotonic() > deadline:
+                break
+            ratio, left = _solved(arm, rival)
+            if ratio < FITS and (near or BETTER * ratio < scale):
+                weight = -0.5 * dof * np.log(max(ratio, LEAST_SCALE))
+                found.append((rival, float(weight - PER_FREEDOM * max(0, dof - left))))
+        if found:
+            break
+    if not found:
+        return ()
+    chance = probabilities(np.array([weight for _, weight in found]))
+    order = np.argsort(-chance)
+    return tuple(
+        NamedCause(
+            code=found[k][0].words.code,
+            probability=float(chance[k]),
+            text=found[k][0].words.text,
+            remedy=found[k][0].words.remedy,
+            refuses=True,
+        )
+        for k in order
+        if chance[k] > 0.02
+    )
+
+
+def _same_loop(
+    fixture: Fixture, poses: PoseSet, arm: ArmModel, unsensed: tuple[int, ...]
+) -> Iterator[Rival]:
+    """Mistakes of the file: a unit, a sign, two columns exchanged."""
+    if unsensed:
+        return
+    for mistake in mistakes(arm, poses.q_rad):
+        if makes_sense(arm, mistake.q_rad):
+            words = Words(mistake.code, mistake.text + ": the loops close", mistake.remedy)
+            changed = replace(poses, q_rad=mistake.q_rad)
+            yield Rival(words=words, poses=changed, fixture=fixture)
+
+
+def _frozen(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
+) -> Iterator[Rival]:
+    """A sensor that reads the same in a run of poses: the loops close without that run."""
+    sigma = arm.sigma_rad()
+    for j in range(1, poses.joint_count + 1):
+        for first, last in still_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
+            rest = np.setdiff1d(np.arange(len(poses)), np.arange(first + 1, last))
+            if len(rest) >= 4 and j not in unsensed:
+                yield Rival(
+                    words=frozen_in_words(j, tuple(range(first, last)), poses.label),
+                    poses=pick(poses, rest),
+                    fixture=fixture,
+                    unsensed=unsensed,
+                )
+
+
+def _blind(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
+) -> Iterator[Rival]:
+    """A hinge that is none; a sensor that says nothing in any pose."""
+    if isinstance(fixture, Hinge):
+        yield Rival(
+            words=Words(
+                "WRONG_FIXTURE",
+                "the loops close as those of a ball that turns freely, not of a hinge",
+                "calibrate with --fixture ball, or look what lets the hinge tilt",
+            ),
+            poses=poses,
+            fixture=_ball_instead(arm, fixture, poses),
+        )
+    for j in range(1, poses.joint_count + 1):
+        if j not in unsensed:
+            yield Rival(
+                words=wrong_reading(j, arm), poses=poses, fixture=fixture, unsensed=(*unsensed, j)
+            )
+
+
+def _ball_instead(arm: ArmModel, hinge: Hinge, poses: PoseSet) -> Ball:
+    """A ball where the hinge is thought to be."""
+    tip = np.array([hinge.a_n_m, 0.0, hinge.s_n_m])
+    theta_off, *lengths_and_twists = arm.table.stacked()
+    frames = forward(poses.q_rad + theta_off, *lengths_and_twists)
+    ground = np.median(frames.p_end + frames.R_end @ tip, axis=0)
+    return Ball(
+        tip_m=(float(tip[0]), float(tip[1]), float(tip[2])),
+        ground_m=(float(ground[0]), float(ground[1]), float(ground[2])),
+        give=hinge.give,
+    )
+
+
+def _screened(
+    arm: ArmModel, rivals: Iterator[Rival], deadline: float, *, below: float
+) -> list[Rival]:
+    """The most promising rivals by the closure that is left when every equation counts the same."""
+    costs: list[tuple[float, int, Rival]] = []
+    for number, rival in enumerate(rivals):
+        if monotonic() > deadline:
+            break
+        costs.append((_cost(arm, rival), number, rival))
+    costs.sort(key=lambda cost: cost[:2])
+    return [rival for cost, _, rival in costs[:TRIED] if np.isfinite(cost) and cost <= below]
+
+
+def _start(arm: ArmModel, rival: Rival) -> tuple[FloatArray, float]:
+    """Parameters of a rival's loop and the mean square of what is left of the closure."""
+    unsensed = tuple(sorted(rival.unsensed))
+    model = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
+    q = rival.poses.q_rad
+    if not unsensed:
+        problem = ClosureProblem.of(model, q)
+        found = solve_damped(problem, nominal_vector(model.parameters), max_iterations=ITERATIONS)
+        return found.x, 2.0 * found.cost / len(q)
+    kept = np.ones(len(q), dtype=np.bool_)
+    noise = noise_model(arm, rival.fixture, rival.poses, kept)
+    floor = np.maximum(noise.joint_variance, 1e-8)
+    fit = fit_implicit(
+        model,
+        q,
+        replace(noise, joint_variance=floor),
+        nominal_vector(model.parameters),
+        max_iterations=ITERATIONS,
+    )
+    return fit.x, float((fit.corrections**2).mean())
+
+
+def _is_near(arm: ArmModel, rival: Rival) -> bool:
+    """Whether a rival's loop closes near its nominal values."""
+
+    def near() -> bool:
+        model = loop_of_poses(arm, rival.fixture, rival.poses)
+        return not far_from_nominal(model.parameters, _start(arm, rival)[0])
+
+    return _tried(near, otherwise=False)
+
+
+def _cost(arm: ArmModel, rival: Rival) -> float:
+    return _tried(lambda: _start(arm, rival)[1], np.inf)
+
+
+def _solved(arm: ArmModel, rival: Rival) -> tuple[float, int]:
+    """chi2/dof of a rival at stated variances, and its degrees of freedom."""
+
+    def solve() -> tuple[float, int]:
+        x, _ = _start(arm, rival)
+        kept = np.ones(len(rival.poses), dtype=np.bool_)
+        unsensed = tuple(sorted(rival.unsensed))
+        hard = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
+        model, tolerance = soften(hard, arm)
+        errors = error_model(
+            arm, rival.fixture, rival.poses, kept, unsensed_joints=unsensed, tolerance=tolerance
+        )
+        fit = fit_mixed(
+            model,
+            rival.poses.q_rad,
+            errors,
+            _in_order(model, hard, x),
+            group=rival.poses.placement,
+            estimate=False,
+        ).fit
+        return fit.chi2 / max(fit.dof, 1), fit.dof
+
+    return _tried(solve, (np.inf, 0))
+
+
+def _in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
+    """Parameters (P,) of `model`: those that `other` has as in its `x`, the rest nominal."""
+    known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
+    return np.array([known.get(p.name, p.nominal) for p in model.parameters])
+
+
+def _tried(work: Callable[[], _T], otherwise: _T) -> _T:
+    """Return what `work` gives; a rival that cannot be solved is none."""
+    try:
+        with np.errstate(all="ignore"):
+            return work()
+    except (SolverError, np.linalg.LinAlgError, ValueError, FloatingPointError):
+        return otherwise

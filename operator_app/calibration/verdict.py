@@ -1,0 +1,265 @@
+"""What a calibration is worth: accepted, accepted with warnings, or not, and the causes in order.
+
+Joins what the tests say (`solver.judging.trial`) with what was known before and what the fit itself
+shows. Knows results and words; computes no estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from operator_app.calibration.causes import NamedCause, in_words
+from solver.arrays import FloatArray
+from solver.estimators.estimate import Estimate
+from solver.judging.candidates import Candidate, Cause
+from solver.judging.evidence import Evidence
+from solver.judging.trial import Test, Trial
+
+IMPACT = 2.0
+"""An explanation that moves a parameter by more of its sigmas than this shows that they do not hold."""
+
+UNNAMED_SCALE = 4.0
+"""chi2/dof at stated variances that nothing explains and that no sigma is believed beyond."""
+
+WORTHLESS_RAD, WORTHLESS_M = np.deg2rad(10.0), 0.03
+"""How well a tape measure and a protractor know a parameter beforehand, unless a file says otherwise."""
+
+COARSE_RAD, COARSE_M = np.deg2rad(1.0), 0.01
+"""A sigma beyond this is named."""
+
+MOST_NAMED = 5
+"""Nobody looks for more causes than these at once."""
+
+FEW_DOF = 30
+"""With fewer degrees of freedom no test can tell much."""
+
+
+class Class(Enum):
+    """The three verdicts; only the first two upload."""
+
+    ACCEPTED = "accepted"
+    WITH_WARNINGS = "accepted_with_warnings"
+    NOT_ACCEPTED = "not_accepted"
+
+    @property
+    def words(self) -> str:
+        """As it is read."""
+        return self.value.replace("accepted_with", "accepted, with").replace("_", " ")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """A verdict with its reasons.
+
+    Attributes
+    ----------
+    causes
+        The most probable first.
+    tests
+        Every test that was made.
+    stated_chi2_per_dof
+        chi2/dof with the variances that the files state; None where it was not asked.
+    """
+
+    causes: tuple[NamedCause, ...] = ()
+    tests: tuple[Test, ...] = ()
+    stated_chi2_per_dof: float | None = None
+
+    @property
+    def verdict(self) -> Class:
+        """Not accepted as soon as one cause refuses."""
+        if any(cause.refuses for cause in self.causes):
+            return Class.NOT_ACCEPTED
+        return Class.WITH_WARNINGS if self.causes else Class.ACCEPTED
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is not accepted; empty when it is."""
+        return tuple(f"{c.text}: {c.remedy}" for c in self.causes if c.refuses)
+
+
+def causes_of(
+    trial: Trial, estimate: Estimate, judged: tuple[str, ...], labels: tuple[str, ...]
+) -> tuple[NamedCause, ...]:
+    """Name what the tests found.
+
+    Parameters
+    ----------
+    judged
+        Names of the parameters whose sigmas have to hold: not those that were only toleranced.
+    labels
+        Of the poses in the order in which they were taken.
+    """
+    names = [p.name for p in estimate.parameters]
+    here = [names.index(name) for name in judged]
+    sd = estimate.standard_deviation[here]
+    moved = trial.apart[here].copy()
+    found: list[NamedCause] = []
+    for competing in trial.rounds:
+        best = competing[0]
+        if best.evidence is not None:
+            moved = moved + best.evidence.moved[here]
+        impact = float(np.abs(moved / np.where(sd > 0.0, sd, 1.0)).max(initial=0.0))
+        for x in competing:
+            if x.candidate is None or x.evidence is None:
+                continue
+            code, text, remedy = in_words(x.candidate, x.evidence, trial.scene, labels)
+            found.append(
+                NamedCause(
+                    code=code,
+                    probability=x.probability,
+                    text=text,
+                    remedy=remedy,
+                    refuses=_refuses(x.candidate, x.evidence, estimate, impact),
+                )
+            )
+    found.extend(_unnamed(trial))
+    return tuple(_once(found))[:MOST_NAMED]
+
+
+def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: float) -> bool:
+    """Whether parameters may be wrong by more than their sigmas say, if this is what happened."""
+    if cause.cause is Cause.FROZEN or impact > IMPACT:
+        return True
+    if cause.cause is Cause.LOST_COUNTS:
+        # The offset is one before and another after: both have to be within what is claimed.
+        name = f"theta_off_{cause.subject}"
+        names = [p.name for p in estimate.parameters]
+        if name in names:
+            sd = float(estimate.standard_deviation[names.index(name)])
+            return abs(float(found.b[0])) > IMPACT * sd
+    return False
+
+
+def _unnamed(trial: Trial) -> Iterable[NamedCause]:
+    """Something is wrong that nothing here explains."""
+    if not trial.fires:
+        return
+    last = trial.rounds[-1][0] if trial.rounds else None
+    if last is not None and last.evidence is not None:
+        ratio = last.evidence.chi2 / max(last.evidence.dof, 1)
+        if ratio <= UNNAMED_SCALE:
+            return
+        probability = 1.0 - sum(x.probability for x in trial.rounds[-1] if x.candidate)
+    else:
+        ratio = trial.left.chi2 / max(trial.left.dof, 1)
+        probability = 1.0 if last is None else last.probability
+    yield NamedCause(
+        code="UNNAMED",
+        probability=max(0.0, probability),
+        text=f"the readings scatter {np.sqrt(ratio):.1f} times as much as the files state and no "
+        "single fault explains it",
+        remedy="check that arm file, fixture file and poses belong together, and what was done "
+        "between the poses; try --global-start",
+        refuses=ratio > UNNAMED_SCALE,
+    )
+
+
+def _once(causes: Iterable[NamedCause]) -> Iterable[NamedCause]:
+    seen: set[str] = set()
+    for cause in causes:
+        if cause.text not in seen:
+            seen.add(cause.text)
+            yield cause
+
+
+def of_the_fit(
+    estimate: Estimate,
+    judged: tuple[str, ...],
+    *,
+    prior_m: float = WORTHLESS_M,
+    prior_rad: float = WORTHLESS_RAD,
+) -> tuple[NamedCause, ...]:
+    """Name what the fit itself shows: that it did not converge, that its sigmas are of no use."""
+    found = []
+    if estimate.dof < FEW_DOF:
+        found.append(
+            NamedCause(
+                code="TOO_FEW_POSES",
+                probability=1.0,
+                text=f"{estimate.dof} degrees of freedom are too few to tell whether anything is wrong",
+                remedy="take at least 20 poses",
+                refuses=False,
+            )
+        )
+    if not estimate.converged:
+        found.append(
+            NamedCause(
+                code="NOT_CONVERGED",
+                probability=1.0,
+                text=f"the iteration did not settle in {estimate.iterations} rounds",
+                remedy="look at the warnings for what the readings have wrong, or try --global-start",
+                refuses=True,
+            )
+        )
+    wide, coarse = [], []
+    for p, sd in zip(estimate.parameters, estimate.standard_deviation, strict=True):
+        if p.name not in judged:
+            continue
+        size = f"{p.name} ({_with_unit(float(sd), angle=p.is_angle)})"
+        if not sd <= (prior_rad if p.is_angle else prior_m):
+            wide.append(size)
+        elif sd > (COARSE_RAD if p.is_angle else COARSE_M):
+            coarse.append(size)
+    if wide or coarse:
+        found.append(
+            NamedCause(
+                code="LITTLE_MOTION",
+                probability=1.0,
+                text=f"these poses tell {', '.join((*wide, *coarse)[:4])} "
+                f"{'no better than was known before' if wide else 'only roughly'}: standard "
+                "deviations in brackets",
+                remedy="take more poses that differ more: every joint through a larger part of its "
+                "range",
+                refuses=bool(wide),
+            )
+        )
+    return tuple(found)
+
+
+def _with_unit(value: float, *, angle: bool) -> str:
+    if not np.isfinite(value):
+        return "unknown"
+    return f"{np.rad2deg(value):.2g} deg" if angle else f"{1e3 * value:.2g} mm"
+
+
+def paper_test(paper: Estimate, implicit: Estimate) -> tuple[Test, tuple[NamedCause, ...]]:
+    """Test the paper's estimate by its distance from the implicit one, in sigmas of the difference."""
+    from scipy.special import ndtri
+
+    z = distance_in_sigmas(paper, implicit)
+    worst = int(np.argmax(z))
+    test = Test(
+        code="PAPER_DISTANCE",
+        statistic=float(z[worst]),
+        threshold=float(-ndtri(0.5e-3 / len(z))),
+    )
+    if not test.fires:
+        return test, ()
+    p = paper.parameters[worst]
+    apart = abs(float(paper.x[worst]) - implicit.value(p.name))
+    return test, (
+        NamedCause(
+            code="PAPER_OFF",
+            probability=1.0,
+            text=f"{p.name} by the paper's estimator is {_with_unit(apart, angle=p.is_angle)} "
+            f"({z[worst]:.0f} sigmas) from what weighing every reading by its noise gives",
+            remedy="use --estimator implicit",
+            refuses=True,
+        ),
+    )
+
+
+def distance_in_sigmas(one: Estimate, two: Estimate) -> FloatArray:
+    """Distance of every parameter of `one` from `two`, in sigmas of the difference (P,)."""
+    names = [p.name for p in two.parameters]
+    here = [names.index(p.name) for p in one.parameters]
+    apart = one.x - two.x[here]
+    angles = np.array([p.is_angle for p in one.parameters])
+    apart = np.where(angles, np.arctan2(np.sin(apart), np.cos(apart)), apart)
+    sd = np.hypot(one.standard_deviation, two.standard_deviation[here])
+    return np.asarray(np.abs(apart) / np.where(sd > 0.0, sd, 1e-300))

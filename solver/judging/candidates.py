@@ -1,0 +1,315 @@
+"""Everything that may be wrong with an arm, its fixture or its readings, as columns of the linear fit.
+
+Each candidate is a rate of the misclosures with something that was taken for right: then it costs
+nothing to ask how much believing it would explain. Knows closure models and sensors; no likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensor_curve import SensorCurve
+from solver.chain.sensors import Encoder, Rvdt
+from solver.estimators.effects import Design, System
+from solver.judging.steps import Suspect
+
+ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
+"""Natural size of what nobody stated a size of."""
+
+MOST_COLUMNS = 600
+"""A candidate that may differ in every pose is asked of so many columns' worth of poses, spread evenly."""
+
+STILL_POSES = 4
+"""So many readings in a row that agree within noise, while others move, may be a frozen sensor."""
+
+MOVES_RAD = np.deg2rad(1.0)
+
+
+class Cause(Enum):
+    """What can be wrong."""
+
+    SLIPPED = "slipped"
+    LOST_COUNTS = "lost counts"
+    LENGTH_CHANGED = "length changed"
+    ODD_POSES = "odd poses"
+    FROZEN = "frozen"
+    READING = "reading"
+    CURVE = "curve"
+    TURN_ERROR = "once-per-turn error"
+    SAG = "sag"
+    LENGTH = "length"
+    TWIST = "twist"
+    GIVES = "gives"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """One possible cause.
+
+    Attributes
+    ----------
+    cause, subject
+        What and of which joint, entry or side.
+    columns, natural
+        Rates (m, r, c) of the misclosures and the natural size (c,) of each coefficient.
+    places
+        How many like it were looked through to find it (poses, say).
+    poses
+        Poses it is about, indices in the order of the fit; empty when about all.
+    most
+        Largest size, in units of the natural one, at which it is still this cause.
+    shapes, least
+        What it deviates by in every pose is ``shapes @ b`` (m,), or b itself; a cause is only what is
+        larger (rms) than `least`.
+    """
+
+    cause: Cause
+    subject: str
+    columns: FloatArray
+    natural: FloatArray
+    places: int = 1
+    poses: tuple[int, ...] = ()
+    most: float = 300.0
+    shapes: FloatArray | None = None
+    least: float = 0.0
+
+    def is_stated(self, b: FloatArray) -> bool:
+        """Whether coefficients (c,) amount to no more than what the files state anyway."""
+        size = b if self.shapes is None else self.shapes @ b
+        return float(np.sqrt(np.mean(size**2))) < self.least
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """A fit as the candidates see it: its system with poses in the order in which they were taken.
+
+    `readings` (m, n) are in that order too.
+    """
+
+    arm: ArmModel
+    design: Design
+    system: System
+    readings: FloatArray
+    order: IntArray
+
+    @classmethod
+    def in_time(cls, arm: ArmModel, design: Design, system: System, order: IntArray) -> Scene:
+        """Return the scene with row k the pose that was taken k-th; `order` (m,) picks it."""
+        return cls(
+            arm=arm,
+            design=design,
+            system=System(
+                w=system.w[order],
+                A=system.A[order],
+                B=system.B[order],
+                E=system.E[order],
+                angle=system.angle[order],
+            ),
+            readings=design.q[order],
+            order=order,
+        )
+
+    @property
+    def sensed(self) -> tuple[int, ...]:
+        """Joints (1-based) whose readings are used."""
+        unsensed = self.design.model.unsensed_joints
+        return tuple(j for j in range(1, self.arm.joint_count + 1) if j not in unsensed)
+
+    def sides(self) -> Iterator[tuple[str, IntArray]]:
+        """Sides of the fixture with the indices of the parameters that say where they are."""
+        model = self.design.model
+        names = [p.name for p in model.parameters]
+        for side, own in (("table", model.ground_side), ("hand", model.hand_side)):
+            if own:
+                yield side, np.array([names.index(name) for name in own])
+
+    def joint(self, j: int) -> FloatArray:
+        """Rates (m, r, 1) with the reading of joint j."""
+        return self.system.B[:, :, j - 1, None]
+
+    def suspects(self) -> tuple[Suspect, ...]:
+        """What may have changed in mid-session."""
+        names = [p.name for p in self.design.model.parameters]
+        found = [Suspect(name=f"joint {j}", columns=self.joint(j)) for j in self.sensed]
+        found += [
+            Suspect(name=side, columns=self.system.A[:, :, here]) for side, here in self.sides()
+        ]
+        found += [
+            Suspect(name=names[k], columns=self.system.A[:, :, k, None])
+            for k in self.design.soft_index
+            if not self.design.model.parameters[k].is_angle
+        ]
+        return tuple(found)
+
+    def of_suspect(self, suspect: Suspect, first: int) -> Candidate:
+        """Return the candidate of a step at pose `first`."""
+        columns = suspect.columns.copy()
+        columns[:first] = 0.0
+        parameters = self.design.model.parameters
+        if suspect.name.startswith("joint "):
+            cause, subject, natural = Cause.LOST_COUNTS, suspect.name[6:], np.array([ANGLE_RAD])
+        elif suspect.name in ("table", "hand"):
+            here = dict(self.sides())[suspect.name]
+            cause, subject = Cause.SLIPPED, suspect.name
+            natural = np.array([ANGLE_RAD if parameters[k].is_angle else LENGTH_M for k in here])
+        else:
+            cause, subject, natural = Cause.LENGTH_CHANGED, suspect.name, np.array([LENGTH_M])
+        return Candidate(
+            cause=cause,
+            subject=subject,
+            columns=columns,
+            natural=natural,
+            places=len(columns),
+            poses=(first,),
+        )
+
+    def standing(self) -> Iterator[Candidate]:
+        """Causes that are there in all poses, or in a run of them."""
+        yield from self._readings()
+        yield from self._frozen()
+        yield from self._smooth()
+        yield from self._entries()
+        yield from self._fixture()
+
+    def _readings(self) -> Iterator[Candidate]:
+        """Every joint's reading wrong in every pose in its own way: noise, or no sensor at all."""
+        stated = self.design.joint_variance(self.design.stated_variances())
+        for j in self.sensed:
+            some = self._some(1)
+            columns = np.zeros((*self.system.w.shape, len(some)))
+            columns[some, :, np.arange(len(some))] = self.system.B[some, :, j - 1]
+            yield Candidate(
+                cause=Cause.READING,
+                subject=str(j),
+                columns=columns,
+                natural=np.full(len(some), ANGLE_RAD),
+                least=2.0 * float(np.sqrt(np.mean(stated[:, j - 1]))),
+            )
+
+    def _frozen(self) -> Iterator[Candidate]:
+        """Runs of poses in which one joint reads the same while others move."""
+        for j in self.sensed:
+            for first, last in still_runs(self.readings, j, 3.0 * self._noise(j)):
+                poses = np.arange(first + 1, last)
+                columns = np.zeros((*self.system.w.shape, len(poses)))
+                columns[poses, :, np.arange(len(poses))] = self.system.B[poses, :, j - 1]
+                yield Candidate(
+                    cause=Cause.FROZEN,
+                    subject=str(j),
+                    columns=columns,
+                    natural=np.full(len(poses), 10.0 * ANGLE_RAD),
+                    poses=tuple(range(first, last)),
+                )
+
+    def _smooth(self) -> Iterator[Candidate]:
+        """Every joint's reading off by a function of its angle, or of the pose."""
+        for j in self.sensed:
+            sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
+            B = self.joint(j)
+            if isinstance(sensor, Rvdt):
+                half = 0.5 * sensor.full_scale_rad
+                middle = self.arm.joints[j - 1].middle_rad
+                shapes = SensorCurve(joint=j, middle_rad=middle, half_scale_rad=half).basis(turn)
+                yield Candidate(
+                    cause=Cause.CURVE,
+                    subject=str(j),
+                    columns=B * shapes[:, None, :],
+                    natural=np.full(shapes.shape[1], max(sensor.linearity_rad, ANGLE_RAD)),
+                    most=10.0,
+                    shapes=shapes,
+                    least=0.5 * sensor.linearity_rad,
+                )
+            elif isinstance(sensor, Encoder):
+                shapes = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
+                yield Candidate(
+                    cause=Cause.TURN_ERROR,
+                    subject=str(j),
+                    columns=B * shapes[:, None, :],
+                    natural=np.full(4, ANGLE_RAD),
+                    most=30.0,
+                    shapes=shapes,
+                    least=2.0 * sensor.accuracy_rad,
+                )
+            if (phi := self._in_time(self.design.sag_basis.phi)).size:
+                yield Candidate(
+                    cause=Cause.SAG,
+                    subject=str(j),
+                    columns=B * phi[:, None, :],
+                    natural=np.full(phi.shape[1], ANGLE_RAD),
+                    most=30.0,
+                    shapes=phi,
+                    least=2.0 * self.arm.joints[j - 1].sag_rad,
+                )
+
+    def _entries(self) -> Iterator[Candidate]:
+        """Every entry of the maker's table off by more than its tolerance."""
+        design = self.design
+        for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
+            parameter = design.model.parameters[k]
+            yield Candidate(
+                cause=Cause.TWIST if parameter.is_angle else Cause.LENGTH,
+                subject=parameter.name,
+                columns=self.system.A[:, :, k, None],
+                natural=np.array([sd]),
+                most=100.0,
+                least=2.0 * sd,
+            )
+
+    def _fixture(self) -> Iterator[Candidate]:
+        """A fixture that gives: anew in every pose, or smoothly with it."""
+        if not self.design.gives:
+            return
+        Et = np.swapaxes(self.system.E, -1, -2)
+        m, r, k = Et.shape
+        natural = np.concatenate((np.full(k - 3, ANGLE_RAD), np.full(3, LENGTH_M)))
+        some = self._some(k)
+        columns = np.zeros((m, r, len(some), k))
+        columns[some, :, np.arange(len(some)), :] = Et[some]
+        yield Candidate(
+            cause=Cause.GIVES,
+            subject="in every pose",
+            columns=columns.reshape(m, r, -1),
+            natural=np.tile(natural, len(some)),
+            most=15.0,
+        )
+        phi = self._in_time(self.design.give_basis.phi)
+        yield Candidate(
+            cause=Cause.GIVES,
+            subject="with the pose",
+            columns=(Et[..., None] * phi[:, None, None, :]).reshape(m, r, -1),
+            natural=np.repeat(natural, phi.shape[1]),
+            most=15.0,
+        )
+
+    def _in_time(self, phi: FloatArray) -> FloatArray:
+        """Rows of a basis over the fit's poses (m, k) in the order of the scene."""
+        return np.asarray(phi[self.order] if phi.size else np.zeros((len(self.order), 0)))
+
+    def _some(self, columns: int) -> IntArray:
+        m = len(self.readings)
+        return np.unique(np.linspace(0, m - 1, min(m, MOST_COLUMNS // columns)).astype(np.int64))
+
+    def _noise(self, j: int) -> float:
+        return max(float(self.arm.sigma_rad()[j - 1]), 1e-6)
+
+
+def still_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:
+    """Runs [first, last) of poses in which a joint reads the same although most others move."""
+    m = len(q)
+    reading = q[:, joint - 1]
+    others = np.delete(q, joint - 1, axis=1)
+    runs, first = [], 0
+    for k in range(1, m + 1):
+        if k < m and abs(reading[k] - reading[first]) <= tolerance_rad:
+            continue
+        moved = np.ptp(others[first:k], axis=0) > MOVES_RAD
+        if k - first >= STILL_POSES and 2 * int(moved.sum()) >= others.shape[1]:
+            runs.append((first, k))
+        first = k
+    return runs

@@ -1,0 +1,339 @@
+"""Can this calibration be right? Tests of what can go wrong, and what best explains a failed one.
+
+All from one linear fit at the stated variances: no test refits. While nothing fires, no explanation is
+asked for. When something does, all candidates are weighed on one scale and the best is taken in, until
+what is left over is what the files state. Knows fits and arms; no file and no words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.scoring import derivatives
+from solver.judging.candidates import Candidate, Cause, Scene
+from solver.judging.evidence import (
+    Evidence,
+    evidence,
+    noise_scale,
+    probabilities,
+    sound,
+    unnamed,
+)
+from solver.judging.holdout import far_block, fold_poses
+from solver.judging.left_over import LeftOver
+from solver.judging.odd_poses import OddPoses, odd_poses, pose_columns
+from solver.judging.steps import Step, steps
+
+FALSE_ALARM = 1e-3
+"""Chance of each test to fire on a sound pose set."""
+
+MOST_CAUSES = 4
+"""Causes taken in one after the other; a set with more is no calibration."""
+
+FOLDS, FAR_SHARE = 5, 0.2
+"""Parts that are predicted by the rest, and the share of a block far from it."""
+
+GROSS = 30.0
+"""chi2/dof that the best explanation leaves beyond which no second one is asked for."""
+
+PARTLY = 2.0
+"""chi2/dof that an explanation may leave and still be the whole story."""
+
+LIKELY = 0.02
+"""Least probability of a cause worth naming."""
+
+PRIORS = {
+    Cause.SLIPPED: 0.02,
+    Cause.LOST_COUNTS: 0.02,
+    Cause.ODD_POSES: 0.02,
+    Cause.FROZEN: 0.01,
+    Cause.READING: 0.01,
+    Cause.CURVE: 0.02,
+    Cause.LENGTH: 0.02,
+    Cause.TWIST: 0.01,
+    Cause.GIVES: 0.01,
+    Cause.TURN_ERROR: 0.005,
+    Cause.SAG: 0.003,
+    Cause.LENGTH_CHANGED: 2e-5,
+}
+"""How often each happens, before anything is looked at; what is named here shares it among its subjects."""
+
+UNNAMED = 0.002
+"""How often something happens that is none of these."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Test:
+    """One test: it fires when `statistic` exceeds `threshold`, on sound sets with `false_alarm`."""
+
+    code: str
+    statistic: float
+    threshold: float
+    false_alarm: float = FALSE_ALARM
+
+    @property
+    def fires(self) -> bool:
+        """Whether the statistic is beyond the threshold."""
+        return not self.statistic <= self.threshold
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Explanation:
+    """A cause with what it is worth; `candidate` None stands for something that has no name here."""
+
+    candidate: Candidate | None
+    evidence: Evidence | None
+    probability: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trial:
+    """What the tests say.
+
+    Attributes
+    ----------
+    tests
+        All of them.
+    rounds
+        For each cause taken in, the explanations that competed, the most probable first.
+    odd
+        Poses that do not fit the others, indices in time order.
+    step
+        The most significant step of anything.
+    left
+        What the fit left over at stated variances, poses in time order.
+    apart
+        How far the estimate at stated variances lies from the one that was judged (P,), rad and m.
+    scene
+        The system the tests were made on.
+    """
+
+    tests: tuple[Test, ...]
+    rounds: tuple[tuple[Explanation, ...], ...]
+    odd: OddPoses
+    step: Step | None
+    left: LeftOver
+    apart: FloatArray
+    scene: Scene
+
+    @property
+    def fires(self) -> bool:
+        """Whether any test does."""
+        return any(test.fires for test in self.tests)
+
+
+def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
+    """Test a fit.
+
+    Parameters
+    ----------
+    fit
+        The mixed model at its solution; it is judged at its *stated* variances.
+    taken
+        (m,): when each pose of the fit was taken, its place among the others.
+    """
+    stated = fit.stated
+    order = np.argsort(taken, kind="stable")
+    scene = Scene.in_time(arm, stated.design, stated.system, order)
+    left = left_over_of(stated).reordered(order)
+    tests = [chi2_test_at_stated(left)]
+    odd, largest, more = _look(scene, left)
+    tests += more
+    tests += [*pull_tests(stated), *variance_tests(stated)]
+    tests.append(prediction_test(stated))
+    fires = any(test.fires for test in tests)
+    return Trial(
+        tests=tuple(tests),
+        rounds=tuple(_explain(scene, left)) if fires else (),
+        odd=odd,
+        step=largest,
+        left=left,
+        apart=_apart(fit, stated),
+        scene=scene,
+    )
+
+
+def _apart(fit: LinearFit, stated: LinearFit) -> FloatArray:
+    """Estimate at stated variances less the estimate (P,)."""
+    design = fit.design
+    out = np.zeros(len(design.nominal))
+    out[design.hard_index] = stated.step - fit.step
+    soft = len(design.soft_index)
+    out[design.soft_index] = design.soft_sd * (stated.b[:soft] - fit.b[:soft])
+    return out
+
+
+def chi2_test_at_stated(left: LeftOver) -> Test:
+    """Test chi2 at the stated variances."""
+    from scipy.special import chdtri
+
+    return Test(
+        code="CHI2_STATED", statistic=left.chi2, threshold=float(chdtri(left.dof, FALSE_ALARM))
+    )
+
+
+def pull_tests(stated: LinearFit) -> list[Test]:
+    """Test the largest pull of a toleranced entry, and their sum of squares."""
+    from scipy.special import chdtri, ndtri
+
+    design = stated.design
+    z = np.array([p.z for p in stated.pulls() if p.source in ("lengths", "twists")])
+    if not len(z):
+        return []
+    seen = np.diagonal(stated.H_inverse)[design.hard : design.hard + len(z)]
+    # An entry of which the poses say nothing has no pull.
+    z = np.where(seen < 1.0 - 1e-6, z, 0.0)
+    return [
+        Test(
+            code="PULL",
+            statistic=float(np.abs(z).max()),
+            threshold=float(-ndtri(0.5 * FALSE_ALARM / len(z))),
+        ),
+        Test(
+            code="PULLS",
+            statistic=float(z @ z),
+            threshold=float(chdtri(len(z), FALSE_ALARM)),
+        ),
+    ]
+
+
+def prediction_test(stated: LinearFit) -> Test:
+    """Predict every fifth of the poses, and a block far from the rest, by all the others."""
+    from scipy.special import chdtri
+
+    q = stated.design.q
+    parts = (*fold_poses(q, FOLDS), far_block(q, FAR_SHARE)) if len(q) >= 2 * FOLDS else ()
+    worst = Test(code="PREDICTION", statistic=0.0, threshold=np.inf)
+    for poses in parts:
+        chi2, dof = stated.held_out_chi2(poses)
+        if dof:
+            threshold = float(chdtri(dof, FALSE_ALARM / len(parts)))
+            if chi2 / threshold > worst.statistic / worst.threshold:
+                worst = Test(code="PREDICTION", statistic=chi2, threshold=threshold)
+    return worst
+
+
+def variance_tests(stated: LinearFit) -> list[Test]:
+    """Test every variance: is the likelihood steeper at what is stated than chance makes it."""
+    from scipy.special import ndtri
+
+    found = derivatives(stated, priors=False)
+    names = [c.name for c in stated.design.components]
+    threshold = float(-ndtri(FALSE_ALARM / max(len(names), 1)))
+    sd = np.sqrt(np.maximum(np.diagonal(found.information), 1e-300))
+    return [
+        Test(code=f"VARIANCE_{name.upper()}", statistic=float(z), threshold=threshold)
+        for name, z in zip(names, found.score / sd, strict=True)
+        if name != "discrepancy"
+    ]
+
+
+def _look(scene: Scene, left: LeftOver) -> tuple[OddPoses, Step | None, list[Test]]:
+    """Look for odd poses and for steps, at the scale of the noise that is left."""
+    scale = noise_scale(left.chi2, left.dof)
+    odd = odd_poses(left, scale=scale)
+    tests = [Test(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]
+    found = steps(left, scene.suspects(), scale=scale)
+    if found:
+        tests.append(Test(code="STEP", statistic=found[0].chi2, threshold=found[0].threshold))
+    return odd, found[0] if found else None, tests
+
+
+def _explain(scene: Scene, left: LeftOver) -> Iterable[tuple[Explanation, ...]]:
+    """Take in the best explanation of what is left over, until nothing fires any more."""
+    standing = tuple(scene.standing())
+    for _ in range(MOST_CAUSES):
+        found = _weighed(left, (*_changes(scene, left), *standing))
+        yield found
+        best = found[0]
+        if best.candidate is None or best.evidence is None:
+            return
+        if best.evidence.chi2 > GROSS * max(best.evidence.dof, 1):
+            # Nothing linear explains this.
+            return
+        size = best.evidence.size * best.candidate.natural
+        left = left.also_drawn(best.candidate.columns, size)
+        _, _, tests = _look(scene, left)
+        if left.dof <= 0 or not any(t.fires for t in (chi2_test_at_stated(left), *tests)):
+            return
+
+
+def _changes(scene: Scene, left: LeftOver) -> Iterable[Candidate]:
+    """Steps and odd poses: candidates that are looked for in what is left."""
+    scale = noise_scale(left.chi2, left.dof)
+    suspects = {s.name: s for s in scene.suspects()}
+    for step in steps(left, tuple(suspects.values()), scale=scale):
+        yield scene.of_suspect(suspects[step.suspect], step.pose)
+    odd = tuple(pose.pose for pose in odd_poses(left, scale=scale).odd)
+    m = len(left.white)
+    for count in range(1, len(odd) + 1):
+        if count in (1, 2, 3, len(odd)):
+            columns = pose_columns(left, odd[:count])
+            yield Candidate(
+                cause=Cause.ODD_POSES,
+                subject="",
+                columns=columns,
+                natural=np.full(columns.shape[-1], 3.0),
+                places=m**count,
+                poses=odd[:count],
+            )
+
+
+def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanation, ...]:
+    """Probabilities of all candidates, of nothing wrong and of something without a name."""
+    listed = [
+        (c, e)
+        for c in candidates
+        if (e := evidence(left, c.columns, c.natural, most=c.most)) is not None
+        and not c.is_stated(e.b)
+        and float(np.sqrt(np.mean((e.b / c.natural) ** 2))) <= c.most
+    ]
+    counts: dict[Cause, int] = {}
+    for c, _ in listed:
+        counts[c.cause] = counts.get(c.cause, 0) + 1
+    weights = [
+        e.log_likelihood
+        + np.log(PRIORS[c.cause] / counts[c.cause] / c.places)
+        # What leaves the rest larger than stated needs a second cause, and that one has no name.
+        + (np.log(UNNAMED) if e.chi2 > PARTLY * max(e.dof, 1) else 0.0)
+        for c, e in listed
+    ]
+    weights += [sound(left) + np.log(1.0 - sum(PRIORS.values())), unnamed(left) + np.log(UNNAMED)]
+    chance = probabilities(np.array(weights))
+    found = [
+        Explanation(candidate=c, evidence=e, probability=float(p))
+        for (c, e), p in zip(listed, chance[:-2], strict=True)
+    ]
+    found.append(Explanation(candidate=None, evidence=None, probability=float(chance[-1])))
+    found.sort(key=lambda explanation: -explanation.probability)
+    return tuple(x for k, x in enumerate(found) if k == 0 or x.probability >= LIKELY)
+
+
+def left_over_of(fit: LinearFit) -> LeftOver:
+    """Return what a mixed model left over, its poses in the order of its system."""
+    from scipy.linalg import cholesky
+
+    design, parts = fit.design, fit.parts()
+    scaled = fit.H_inverse * np.outer(fit.scale, fit.scale)
+    try:
+        half = cholesky(scaled, lower=True) / fit.scale[:, None]
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(scaled)
+        half = vectors * np.sqrt(np.maximum(values, 0.0)) / fit.scale[:, None]
+    size = np.ones(design.hard + len(design.soft_index))
+    size[design.hard :] = design.soft_sd * fit.root[: len(design.soft_index)]
+    place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))
+    return LeftOver(
+        whitener=np.concatenate([part.L_inverse for part in parts]),
+        U=np.concatenate([part.M @ half for part in parts]),
+        white=np.concatenate([part.w + part.M @ fit.coefficients for part in parts]),
+        chi2=fit.chi2,
+        to_x=(half[: len(size)] * size[:, None])[place],
+        dof=fit.dof,
+    )

@@ -249,10 +249,10 @@ def closed_walk(
     good &= in_range((rigid - specimen.chain.theta_off)[:, 1:])
     if good.sum() < poses:
         raise RuntimeError(f"arm {specimen.seed}: {good.sum()} of {len(good)} places can be had")
-    rigid = rigid[good][:poses]
+    rigid = rigid[good]
     # A displacement of a fifth of a millimetre does not change the load that brings it about.
     ground, hand = specimen.load.give(frames(specimen.chain, rigid), rigid)
-    scatter = stream(specimen.seed, Stream.SCATTER).normal(size=(poses, 6))
+    scatter = stream(specimen.seed, Stream.SCATTER).normal(size=ground.shape)
     size = np.repeat([specimen.sizes.give_rad, specimen.sizes.give_m], 3)
     ground = ground + SCATTER * size * scatter
     if slipped is not None:
@@ -260,9 +260,10 @@ def closed_walk(
         ground[at:] += on_table
         hand[at:] += on_hand
     angles, closed = loop.closed(rigid, free=FOLLOW, ground=ground, hand=hand)
-    if not closed.all():
-        raise RuntimeError(f"arm {specimen.seed}: a loop does not close when its hinge gives")
-    return angles, ground, hand
+    kept = np.flatnonzero(closed & (np.abs(angles - rigid).max(axis=-1) < STRAY_RAD))[:poses]
+    if len(kept) < poses:
+        raise RuntimeError(f"arm {specimen.seed}: {len(kept)} of {poses} loops close as they give")
+    return angles[kept], ground[kept], hand[kept]
 
 
 def taken(

@@ -29,15 +29,15 @@ def nominal_pool() -> np.ndarray:
 
 
 def flipped_poses(chain: Chain, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Closed angles (count, 8) of a chain near the nominal one, hand upside down."""
+    """Closed angles (count, 8) of a chain near the nominal one, hand upside down; fewer if it has none."""
     pool, found = nominal_pool(), np.zeros((0, 8))
-    for _ in range(40):
+    for attempt in range(60):
         start = pool[rng.integers(len(pool), size=100)]
-        start = start + np.deg2rad(12.0) * rng.normal(size=start.shape)
+        start = start + np.deg2rad(12.0 + attempt) * rng.normal(size=start.shape)
         found = np.concatenate((found, _closed(chain, start)))
         if len(found) >= count:
             return found[:count]
-    raise RuntimeError(f"{len(found)} flipped poses of {count} found")
+    return found
 
 
 def _closed(chain: Chain, angles: np.ndarray) -> np.ndarray:

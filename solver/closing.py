@@ -17,6 +17,7 @@ equations with dphi unknown. Knows a `ClosureModel`, no estimator.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,7 +115,7 @@ def close_loops(
         if iteration == max_iterations or not open_still.any():
             break
         if not open_still.all():
-            going, error = going[open_still], _of_poses(error, open_still)
+            going, error = going[open_still], error.of_poses(open_still)
             here = model.at_poses(going)
         dq, du = newton_step(error, sigma)
         longest = np.concatenate((np.abs(dq), np.abs(du)), axis=-1).max(-1, keepdims=True)
@@ -122,6 +123,11 @@ def close_loops(
         q[going] += dq * shrink
         u[going] += du * shrink
     return ClosedPoses(q=q, u=u, closed=size < max(100.0 * tolerance, 1e-9))
+
+
+def held_still(joints: Sequence[int], joint_count: int) -> FloatArray:
+    """Measure (n,) in which all joints move alike, and `joints` (1-based) not at all."""
+    return np.where(np.isin(np.arange(1, joint_count + 1), joints), 0.0, 1.0)
 
 
 def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -196,12 +202,3 @@ def left_inverse(N: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.pinv(N)) if N.shape[-1] else np.swapaxes(N, -1, -2)
     square = (N * N).sum(-2, keepdims=True)
     return np.swapaxes(N, -1, -2) / np.where(square > 0.0, square, np.inf)
-
-
-def _of_poses(error: LoopError, poses: BoolArray) -> LoopError:
-    return LoopError(
-        residual=error.residual[poses],
-        jac_x=error.jac_x[poses],
-        jac_q=error.jac_q[poses],
-        jac_u=error.jac_u[poses],
-    )

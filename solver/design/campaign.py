@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.closing import held_still, newton_step
 from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign_settings import CampaignSettings, Phase
 from solver.design.exploration import Explorer
@@ -196,10 +197,8 @@ class Campaign:
         index = list(self.plan.visits)
         manifold = self.plan.manifold
         error = self.task.model.loop(self.estimate.x, manifold.q[index], manifold.u[index])
-        J = np.concatenate((error.jac_q, error.jac_u), axis=-1)
-        passive = [c for c in range(J.shape[-1]) if c + 1 not in self.drives]
-        step = (np.linalg.pinv(J[..., passive]) @ error.residual[..., None])[..., 0]
-        return float(np.abs(step).max())
+        still = held_still(self.drives, manifold.q.shape[-1])
+        return max(float(np.abs(step).max(initial=0.0)) for step in newton_step(error, still))
 
     def _try_plan(self) -> bool:
         """Make a plan from where the arm stands; False when it cannot be made (yet)."""

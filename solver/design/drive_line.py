@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
+from solver.closing import close_loops, held_still
 from solver.design.manifold import Ranges
 from solver.design.motion import chain_motion
-from solver.design.projection import project
 from solver.loops.closure import ClosureModel
 
 LOST_RAD = 0.25
@@ -73,6 +73,7 @@ def drive_straight(
         Points each line is divided into.
     """
     columns = [j - 1 for j in drives]
+    held = held_still(drives, q.shape[-1])
     start = q[:, columns]
     share = np.linspace(0.0, 1.0, steps + 1)
     here_q, here_u = np.array(q), np.array(u)
@@ -97,7 +98,9 @@ def drive_straight(
         whole[lost] = 0.0
         first_q, first_u = here_q + whole[:, :n], here_u + whole[:, n:]
         first_q[:, columns] = line
-        found = project(model, x, first_q, first_u, held=drives)
+        found = close_loops(
+            model, x, first_q, u=first_u, sigma_rad=held, max_iterations=6, tolerance=1e-11
+        )
         jumped = np.abs(found.q - first_q).max(-1) > LOST_RAD
         closed &= found.closed & ~jumped & ~lost
         step = np.abs(found.q - here_q).max(-1) / np.maximum(np.abs(by_drive).max(-1), 1e-12)

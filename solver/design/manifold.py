@@ -16,7 +16,6 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.closing import close_loops
 from solver.design.motion import ChainMotion, chain_motion
-from solver.design.projection import project
 from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:
@@ -130,7 +129,7 @@ def grow_manifold(
         wave_q, wave_u = wave_q[alone], wave_u[alone]
         if len(wave_q) == 0:
             break
-        closed = project(model, x, wave_q, wave_u)
+        closed = close_loops(model, x, wave_q, u=wave_u, max_iterations=6, tolerance=1e-11)
         # A correction as long as the step itself has landed somewhere else.
         moved = np.sqrt(((closed.q - wave_q) ** 2).sum(-1))
         keep = closed.closed & (ranges.clearance(closed.q) >= 0.0) & (moved < 0.7 * step_rad)

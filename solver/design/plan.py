@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.closing import close_loops
+from solver.closing import close_loops, reduced_jacobian
 from solver.design.d_optimal import (
     Design,
     TooFewCandidatesError,
@@ -266,15 +266,11 @@ def prediction_sigma(
 ) -> FloatArray:
     """How uncertain free joints' readings are at given drive angles: largest sigma a pose (m,), rad.
 
-    With the drives held, the loop gives ``dq = -J_p^-1 J_x dx``.
+    With the drives held, the loop gives ``dq = -(E' J_p)^+ E' C dphi`` of the free joints.
     """
-    error = model.loop(x, q, u)
-    J = np.concatenate((error.jac_q, error.jac_u), axis=-1)
-    passive = [c for c in range(J.shape[-1]) if c + 1 not in drives]
-    n = q.shape[-1]
-    arm_rows = [k for k, c in enumerate(passive) if c < n]
-    answer = np.linalg.pinv(J[..., passive]) @ error.jac_x
-    G = answer[..., arm_rows, :]
+    A, B = reduced_jacobian(model, x, q, u)
+    free = [j for j in range(q.shape[-1]) if j + 1 not in drives]
+    G = np.linalg.pinv(B[..., free]) @ A
     variance = ((G @ covariance) * G).sum(-1)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)).max(-1))
 

@@ -79,7 +79,9 @@ def test_no_route_out_of_an_island(region, loop, x, ranges) -> None:
 
 def test_line_into_a_fold_is_not_safe(loop, x, region, ranges) -> None:
     # Driving joints 6 and 7 from the best posture for them outwards ends in a fold.
-    start = int(np.argmax(region.motion.leverage((6, 7))))
+    # (with room to the ends of the ranges: whether a pose lies at one is the sampling's luck).
+    room = ranges.clearance(region.q) > 0.1
+    start = int(np.argmax(np.where(room, region.motion.leverage((6, 7)), 0.0)))
     q, u = region.q[start : start + 1], region.u[start : start + 1]
     safe = []
     for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):

@@ -28,6 +28,12 @@ from solver.loops.closure import ClosureModel, LoopError
 SINGULAR = 1e-7
 """Singular values below this share of the largest belong to directions that no free joint moves."""
 
+TINY = 1e-200
+"""Keeps a pose whose joints are all held from dividing by zero."""
+
+STALLED_RAD = 1e-14
+"""A step as short as rounding: as near to closed as this pose comes."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosedPoses:
@@ -106,12 +112,13 @@ def close_loops(
     q = np.array(q, dtype=np.float64)
     u = np.array(model.initial_unsensed(x, q) if u is None else u, dtype=np.float64)
     sigma = np.ones(q.shape[-1]) if sigma_rad is None else np.asarray(sigma_rad)
-    size = np.empty(len(q))
+    size, moved = np.empty(len(q)), np.full(len(q), np.inf)
     going, here = np.arange(len(q)), model
     for iteration in range(max_iterations + 1):
         error = here.loop(x, q[going], u[going])
         size[going] = np.abs(error.residual).max(-1, initial=0.0)
-        open_still = size[going] >= tolerance
+        # What does not close any further stays as near as it came.
+        open_still = (size[going] >= tolerance) & (moved[going] > STALLED_RAD)
         if iteration == max_iterations or not open_still.any():
             break
         if not open_still.all():
@@ -122,6 +129,7 @@ def close_loops(
         shrink = np.minimum(1.0, max_step_rad / np.maximum(longest, 1e-300))
         q[going] += dq * shrink
         u[going] += du * shrink
+        moved[going] = longest[:, 0]
     return ClosedPoses(q=q, u=u, closed=size < max(100.0 * tolerance, 1e-9))
 
 
@@ -139,14 +147,14 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     reduced = reduced_equations(error)
     w, B = reduced.w[..., None], reduced.B * sigma
     Bt = np.swapaxes(B, -1, -2)
-    V = B @ Bt
+    V, unit = B @ Bt, np.eye(B.shape[-2])
     largest = np.diagonal(V, axis1=-2, axis2=-1).max(-1, initial=0.0)
-    V += (SINGULAR**2 * largest + 1e-300)[..., None, None] * np.eye(V.shape[-1])
-    dq = -(Bt @ np.linalg.solve(V, w))[..., 0]
-    # A ridge at the size of rounding keeps solve quiet; pivots as small as it say what rank there is.
-    pivots = np.diagonal(np.linalg.cholesky(V), axis1=-2, axis2=-1) ** 2
-    weak = pivots.min(-1, initial=np.inf) < 10.0 * SINGULAR**2 * largest + 1e-290
-    if weak.any():
+    # Pivots no larger than a ridge at the size of rounding say that the rank is short.
+    ridge = SINGULAR**2 * largest + TINY
+    pivots = np.diagonal(np.linalg.cholesky(V + ridge[..., None, None] * unit), axis1=-2, axis2=-1)
+    weak = (pivots**2).min(-1, initial=np.inf) < 10.0 * ridge
+    dq = -(Bt @ np.linalg.solve(V + (ridge * weak)[..., None, None] * unit, w))[..., 0]
+    if weak.any() and sigma.any():
         dq[weak] = -(np.linalg.pinv(B[weak], rcond=SINGULAR) @ w[weak])[..., 0]
     dq *= sigma
     return dq, unsensed_step(error, (error.jac_q @ dq[..., None])[..., 0])

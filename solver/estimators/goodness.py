@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.closing import unsensed_step
+from solver.closing import close_loops
 from solver.loops.closure import ClosureModel, ReducedError
 
 
@@ -66,15 +66,8 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
 
 def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
     """Closure error of one placement with its unsensed joints at the angles that close it best."""
-    u = model.initial_unsensed(x, q)
-    error = model.loop(x, q, u)
-    for _ in range(50):
-        step = unsensed_step(error)
-        longest = float(np.abs(step).max(initial=0.0))
-        u = u + step * min(1.0, 0.5 / max(longest, 1e-300))
-        error = model.loop(x, q, u)
-        if longest < 1e-12:
-            break
+    still = np.zeros(q.shape[-1])
+    u = close_loops(model, x, q, sigma_rad=still, max_iterations=50).u
     filled = q.copy()
     offsets = {p.name: p.nominal for p in model.with_all_joints_sensed().parameters}
     first = u.shape[-1] - len(model.unsensed_joints)

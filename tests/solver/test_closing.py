@@ -1,0 +1,133 @@
+"""The reduction and the closer against least squares that know neither."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import lstsq, null_space
+
+from solver.chain.parameters import nominal_vector
+from solver.closing import (
+    close_loops,
+    held_still,
+    left_inverse,
+    left_null_space,
+    newton_step,
+    reduced_equations,
+)
+from solver.loops.closure import LoopError
+from tests.oracles.loop_oracle import closed_poses, paper_truth
+from tests.solver.conftest import loop_of
+
+SIGMA = np.array([5e-6] * 5 + [6e-3] * 2)
+
+
+def random_loops(seed: int, unsensed: int, poses: int = 20) -> LoopError:
+    rng = np.random.default_rng(seed)
+    return LoopError(
+        residual=rng.normal(size=(poses, 6)),
+        jac_x=rng.normal(size=(poses, 6, 14)),
+        jac_q=rng.normal(size=(poses, 6, 7)),
+        jac_u=rng.normal(size=(poses, 6, unsensed)),
+    )
+
+
+@pytest.mark.parametrize("unsensed", [0, 1, 2, 3, 5])
+def test_e_is_an_orthonormal_basis_of_the_left_null_space(unsensed: int) -> None:
+    N = random_loops(unsensed, unsensed).jac_u
+    E = left_null_space(N)
+    assert E.shape == (20, 6, 6 - unsensed)
+    assert np.abs(np.swapaxes(E, -1, -2) @ E - np.eye(6 - unsensed)).max() < 1e-14
+    assert np.abs(np.swapaxes(E, -1, -2) @ N).max(initial=0.0) < 1e-14
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        (1.0, 0, 0, 0, 0, 0),
+        (-1.0, 0, 0, 0, 0, 0),
+        (0, 0, 1.0, 0, 0, 0),
+        (1e-150, 0, 1e-140, 0, 0, 0),
+        (-1e-17, 0, 1.0, 1e-17, 0, 0),
+        (1e150, -1e150, 0, 0, 0, 0),
+    ],
+)
+def test_e_at_hard_columns(column: tuple[float, ...]) -> None:
+    N = np.array(column)[:, None]
+    E = left_null_space(N)
+    assert np.abs(E.T @ E - np.eye(5)).max() < 1e-15
+    assert np.abs(E.T @ N).max() < 1e-15 * np.abs(N).max()
+
+
+def test_a_column_of_zeros_leaves_five_equations_all_the_same() -> None:
+    E = left_null_space(np.zeros((6, 1)))
+    assert E.shape == (6, 5)
+    assert np.abs(E.T @ E - np.eye(5)).max() == 0.0
+
+
+@pytest.mark.parametrize("unsensed", [1, 2, 3])
+def test_left_inverse_is_the_least_squares_answer(unsensed: int) -> None:
+    error = random_loops(unsensed, unsensed)
+    for N, c, found in zip(error.jac_u, error.residual, left_inverse(error.jac_u), strict=True):
+        np.testing.assert_allclose(found @ c, np.linalg.lstsq(N, c, rcond=None)[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("unsensed", [0, 1, 3])
+@pytest.mark.parametrize("held", [(), (2,)])
+def test_newton_step_is_the_smallest_that_closes(unsensed: int, held: tuple[int, ...]) -> None:
+    error = random_loops(7 + unsensed, unsensed)
+    sigma = SIGMA * held_still(held, 7)
+    dq, du = newton_step(error, sigma)
+    moving = [j for j in range(7) if sigma[j] > 0.0]
+    for k in range(20):
+        # Minimise |dq / sigma|^2 subject to c + J_q dq + N du = 0, by SciPy's null space and SVD.
+        c, N = error.residual[k], error.jac_u[k]
+        J = error.jac_q[k][:, moving]
+        Z = null_space(N.T) if unsensed else np.eye(6)
+        known = lstsq(Z.T @ J * sigma[moving], -Z.T @ c, cond=1e-13)[0] * sigma[moving]
+        # In the measure in which it is the smallest. Normal equations lose the square of the sensors'
+        # ratio, 1e6, times that of J; Newton's next step mends it.
+        off = (dq[k][moving] - known) / sigma[moving]
+        assert np.linalg.norm(off) < 1e-5 * np.linalg.norm(known / sigma[moving])
+        np.testing.assert_allclose(c + error.jac_q[k] @ dq[k] + N @ du[k], 0.0, atol=1e-5)
+        assert not dq[k][[j for j in range(7) if j not in moving]].any()
+
+
+def test_what_no_free_joint_closes_stays_open_and_moves_as_little_as_possible() -> None:
+    error = random_loops(3, 1)
+    sigma = held_still((1, 2, 3, 4, 5), 7)
+    dq, _ = newton_step(error, sigma)
+    reduced = reduced_equations(error)
+    for k in range(20):
+        known = np.linalg.lstsq(reduced.B[k][:, 5:], -reduced.w[k], rcond=None)[0]
+        np.testing.assert_allclose(dq[k][5:], known, rtol=1e-9, atol=1e-12)
+
+
+def test_a_pose_does_not_depend_on_the_others_in_its_batch() -> None:
+    truth = paper_truth()
+    model = loop_of(truth)
+    x = nominal_vector(model.parameters)
+    rng = np.random.default_rng(4)
+    q = closed_poses(truth, rng, 12)[:, 1:] + rng.normal(size=(12, 7)) * 0.05
+    together = close_loops(model, x, q)
+    assert together.closed.all()
+    for k in range(12):
+        alone = close_loops(model, x, q[k : k + 1])
+        np.testing.assert_allclose(alone.q[0], together.q[k], rtol=0, atol=1e-13)
+
+
+def test_all_joints_held_leaves_only_the_hinge_to_turn() -> None:
+    truth = paper_truth()
+    model = loop_of(truth)
+    x = nominal_vector(model.parameters)
+    q = closed_poses(truth, np.random.default_rng(5), 4)[:, 1:] + 1e-3
+    found = close_loops(model, x, q, sigma_rad=np.zeros(7))
+    np.testing.assert_array_equal(found.q, q)
+    assert not found.closed.any()
+    for k in range(4):
+
+        def left(turn: float, k: int = k) -> float:
+            error = model.loop(x, q[k : k + 1], found.u[k : k + 1] + turn)
+            return float((error.residual**2).sum())
+
+        assert left(0.0) <= min(left(1e-6), left(-1e-6))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from operator_app.report.table import Column, Figure, Table, in_json, quantity_of
+from operator_app.report.table import Figure, Table, figures, in_json, quantity_of, words
 from operator_app.report.text import paragraph, table_lines
 from operator_app.session.planned_capture import CampaignEnd
 from operator_app.session.state import CapturedPose
@@ -47,12 +47,7 @@ def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter])
     weak = Table(
         ident="weak",
         title="",
-        columns=(
-            Column("short of the request", words=True),
-            Column("unit", words=True),
-            Column("sigma"),
-            Column("requested"),
-        ),
+        columns=(*words("short of the request", "unit"), *figures("sigma", "requested")),
         rows=tuple(
             (
                 w.name,

@@ -9,7 +9,17 @@ from operator_app.calibration.compare import Comparison, Drift, Side
 from operator_app.config.parameters import ParametersDocument
 from operator_app.report.calibration_data import notices_data
 from operator_app.report.numbers import places_to_show
-from operator_app.report.table import ANGLE, LENGTH, Cell, Column, Figure, Quantity, Table, shown
+from operator_app.report.table import (
+    ANGLE,
+    LENGTH,
+    Cell,
+    Figure,
+    Quantity,
+    Table,
+    figures,
+    shown,
+    words,
+)
 from operator_app.report.text import paragraph, table_lines, warnings_text
 
 DRIFTED = "drifted"
@@ -98,21 +108,20 @@ def _table(found: Comparison) -> Table:
         q: places_to_show((q.per_si * d.sigma for d in found.drifts if _quantity(d) is q), least=3)
         for q in (ANGLE, LENGTH)
     }
-    columns = [Column("parameter", words=True), Column("unit", words=True)]
-    columns += [Column(title) for title in ("A", "B", "change", "sigma", "sigmas")]
+    titles = ("A", "B", "change", "sigma", "sigmas")
     rows: list[tuple[Cell, ...]] = []
     for d in found.drifts:
         quantity, n = _quantity(d), places[_quantity(d)]
-        figures = (
+        shown_there = (
             Figure(value, quantity, places=n, signed=value is d.change)
             for value in (d.before, d.after, d.change, d.sigma)
         )
         word = "DRIFT" if d.significant else ""
-        rows.append((d.name, quantity.unit, *figures, _sigmas(d), word))
+        rows.append((d.name, quantity.unit, *shown_there, _sigmas(d), word))
     return Table(
         ident="drift",
         title="",
-        columns=(*columns, Column("", words=True)),
+        columns=(*words("parameter", "unit"), *figures(*titles), *words("")),
         rows=tuple(rows),
     )
 

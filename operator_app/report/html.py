@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from operator_app.report.markup import Html, element
+from operator_app.report.page_head import banner, tiles, verdict, verdict_words
 from operator_app.report.section import Section
-from operator_app.report.sections import banner, sections_of, tiles, verdict, verdict_words
+from operator_app.report.sections import sections_of
 from operator_app.report.style import STYLE
 from operator_app.report.subject import Subject
 

@@ -9,9 +9,9 @@ from functools import lru_cache
 from operator_app.calibration.checks import Checks
 from operator_app.calibration.solve import Solution
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.report.facts import Facts, Headline, facts_of
+from operator_app.report.facts import Facts, facts_of
 from operator_app.report.spans import Line, line
-from operator_app.report.table import Figure, Table
+from operator_app.report.table import Figure, Headline, Table
 from operator_app.report.text import placed
 from operator_app.session.snapshot import SessionSnapshot
 

@@ -16,9 +16,10 @@ from operator_app.report.table import (
     NOISE_ANGLE,
     SHARE,
     Cell,
-    Column,
     Figure,
     Table,
+    figures,
+    words,
 )
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 from solver.estimators.estimate import Estimate
@@ -75,15 +76,11 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
         ident="joint-table",
         title="Joints: sensors, corrections that close the loops, coverage",
         columns=(
-            Column("joint", words=True),
-            Column("sensor", words=True),
-            Column("mode", words=True),
-            Column("noise stated", "mrad"),
-            Column("correction rms", "mrad"),
-            Column("times noise"),
-            Column("poses from", "deg"),
-            Column("to", "deg"),
-            Column("covered", "%"),
+            *words("joint", "sensor", "mode"),
+            *figures("noise stated", "correction rms", unit="mrad"),
+            *figures("times noise"),
+            *figures("poses from", "to", unit="deg"),
+            *figures("covered", unit="%"),
         ),
         rows=tuple(rows),
         note=f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times their sensor's stated "
@@ -131,35 +128,30 @@ def rvdt_table(subject: Subject) -> Table | None:
         ident="rvdt-table",
         title="RVDT joints: readings against the angle that the loop measures",
         columns=(
-            Column("joint", words=True),
-            Column("covered", "% of full scale"),
-            Column("gain, reading per angle"),
-            Column("found", "%", group=linear),
-            Column("sigma", "%", group=linear),
-            Column("allowed", "%", group=linear),
-            Column("found", "LSB", group=noise),
-            Column("95 % from", "LSB", group=noise),
-            Column("to", "LSB", group=noise),
-            Column("allowed", "LSB", group=noise),
-            Column("share of squared closure error", "%"),
+            *words("joint"),
+            *figures("covered", unit="% of full scale"),
+            *figures("gain, reading per angle"),
+            *figures("found", "sigma", "allowed", unit="%", group=linear),
+            *figures("found", "95 % from", "to", "allowed", unit="LSB", group=noise),
+            *figures("share of squared closure error", unit="%"),
         ),
         rows=tuple(rows),
     )  # fmt: skip
 
 
-def correction_table(joint: int, figures: RvdtFigures) -> Table:
+def correction_table(joint: int, found: RvdtFigures) -> Table:
     """What to add to an RVDT's readings, over the range the poses cover."""
     return Table(
         ident=f"correction-{joint}",
         title=f"Joint {joint}: corrections by reading",
-        columns=(Column("reading", "deg"), Column("add", "mrad"), Column("sigma", "mrad")),
+        columns=(*figures("reading", unit="deg"), *figures("add", "sigma", unit="mrad")),
         rows=tuple(
             (
                 Figure(reading, ANGLE, places=2),
                 Figure(correction, CLOSURE_ANGLE, places=2, signed=True),
                 Figure(sigma, CLOSURE_ANGLE, places=2),
             )
-            for reading, correction, sigma in figures.table_rad[::2].tolist()
+            for reading, correction, sigma in found.table_rad[::2].tolist()
         ),
     )
 
@@ -187,14 +179,13 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> Table:
         ident="pose-table",
         title="Captured poses: mean joint readings, error of closure, notes",
         columns=(
-            Column("pose", words=True),
-            Column(f"UTC{day}", words=True),
-            *(Column(f"{j}", group="mean reading of joint [deg]") for j in range(1, joints + 1)),
-            Column("largest sd", "mdeg"),
-            Column("position", "mm", group="closure error"),
-            Column("orientation", "mrad", group="closure error"),
-            Column("chi2"),
-            Column("note", words=True),
+            *words("pose", f"UTC{day}"),
+            *figures(*map(str, range(1, joints + 1)), group="mean reading of joint [deg]"),
+            *figures("largest sd", unit="mdeg"),
+            *figures("position", unit="mm", group="closure error"),
+            *figures("orientation", unit="mrad", group="closure error"),
+            *figures("chi2"),
+            *words("note"),
         ),
         rows=tuple(
             (

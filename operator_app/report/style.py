@@ -5,7 +5,7 @@ Grey where things are normal; colour marks the abnormal and tells series apart, 
 
 from __future__ import annotations
 
-from operator_app.report.facts import HEAT_STEPS
+from operator_app.report.parameter_facts import HEAT_STEPS
 
 LIGHT = {
     "page": "#ffffff",

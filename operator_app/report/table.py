@@ -129,6 +129,18 @@ class Column:
     detail: bool = False
 
 
+def words(*titles: str) -> tuple[Column, ...]:
+    """Return columns of words."""
+    return tuple(Column(title, words=True) for title in titles)
+
+
+def figures(
+    *titles: str, unit: str = "", group: str = "", detail: bool = False
+) -> tuple[Column, ...]:
+    """Return neighbouring columns of figures."""
+    return tuple(Column(title, unit, group=group, detail=detail) for title in titles)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
     """Rows of facts.
@@ -171,6 +183,25 @@ class Table:
             note=self.note,
             out=self.out,
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Headline:
+    """A figure that sums a calibration up, and what to hold it against."""
+
+    name: str
+    figure: Figure
+    note: str = ""
+
+    @property
+    def text(self) -> str:
+        """``rank 14 (of 14)``."""
+        return self.figure_text + (f" ({self.note})" if self.note else "")
+
+    @property
+    def figure_text(self) -> str:
+        """``rank 14``."""
+        return f"{self.name} {self.figure.with_unit}"
 
 
 def keyed(tables: Iterable[Table]) -> dict[str, Any]:

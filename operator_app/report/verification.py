@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from operator_app.calibration.verify import Verdict
-from operator_app.report.facts import CLOSURE_COLUMNS, closure_row
 from operator_app.report.numbers import significant
+from operator_app.report.quality_facts import CLOSURE_COLUMNS, closure_row
 from operator_app.report.table import Figure, Table, keyed
 from operator_app.report.text import paragraph, table_text
 from solver.chain.poses import PoseSet

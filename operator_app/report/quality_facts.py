@@ -1,0 +1,257 @@
+"""Tables of how good a calibration is: condition, closure, sources of error, budget. Knows no renderer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from operator_app.calibration.checks import FOLDS, Checks
+from operator_app.calibration.solve import Solution
+from operator_app.report.numbers import (
+    NOT_KNOWN,
+    plural,
+    significant,
+)
+from operator_app.report.table import (
+    CLOSURE_ANGLE,
+    CLOSURE_LENGTH,
+    SHARE,
+    Cell,
+    Figure,
+    Headline,
+    Key,
+    Table,
+    figures,
+    words,
+)
+from solver.estimators.estimate import Estimate
+from solver.estimators.goodness import ClosureSigmas
+from solver.estimators.variance_components import VarianceComponents
+
+SMALLEST_P = 1e-12
+LARGEST = 3
+"""Sources of error that are named where there is no room for all."""
+OBSERVABILITY = (
+    "geometric mean of the singular values over root m",
+    "smallest over largest singular value",
+    "smallest singular value",
+    "its square over the largest",
+    "one over the sum of inverses",
+)
+
+
+def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table:
+    """Condition, rank, degrees of freedom, chi2, weakest direction."""
+    estimate, seen = solution.identified, solution.seen
+    weights = ", ".join(
+        f"{name} {significant(weight, 2)}"
+        for name, weight in zip(seen.weakest.parameters[:4], seen.weakest.weights, strict=False)
+    )
+    freedom = f"{plural(solution.model.equations_per_pose, 'equation')} a pose, less parameters"
+    ended = "converged" if estimate.converged else "did not converge"
+
+    def key(figure: Figure, *key: str) -> Figure:
+        return Figure(figure.value, places=figure.places, digits=figure.digits, key=key)
+
+    rows: list[tuple[Cell, ...]] = [
+        (
+            h.name,
+            key(h.figure, {"chi2/dof": "chi2_per_dof"}.get(h.name, h.name.replace(" ", "_"))),
+            h.note,
+        )
+        for h in headlines
+        if not h.name.startswith("sigma_")
+    ]
+    rows[1:1] = [
+        (
+            "condition number, 1 m : 1 rad",
+            Figure(seen.condition_number, key=("condition_number",)),
+            "",
+        )
+    ]
+    if solution.components is not None:
+        found = solution.components
+        ratio = Figure(found.stated_chi2 / found.stated_dof, key=("stated_chi2_per_dof",))
+        rows.append(("chi2/dof at stated noise", ratio, "1 when all is as good as stated"))
+    rows += [
+        ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
+        ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), ended),
+    ]
+    return Table(
+        ident="determined",
+        title="How well the poses determine them (no unit)",
+        columns=(*words("figure"), *figures("value"), *words("")),
+        rows=tuple(rows),
+        note=f"Weakest direction: {weights}.",
+    )
+
+
+def observability_table(solution: Solution) -> Table:
+    """Return the five observability indices of the literature."""
+    return Table(
+        ident="observability",
+        title="Observability of the scaled Jacobian (no unit)",
+        columns=(*words("index"), *figures("value"), *words("")),
+        rows=tuple(
+            (f"O{k}", Figure(value, key=("observability", f"O{k}")), meaning)
+            for k, (value, meaning) in enumerate(
+                zip(solution.seen.observability, OBSERVABILITY, strict=True), 1
+            )
+        ),
+        detail=True,
+    )
+
+
+CLOSURE_COLUMNS = (
+    *words("parameters"),
+    *figures("rms", "as printed", group="sigma_pos [mm]"),
+    *figures("rms", "as printed", group="sigma_ori [mrad]"),
+)
+
+
+def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> Table:
+    """Closure sigmas before and after, in both readings, and on poses held out."""
+    estimate = solution.identified
+    rotations = estimate.rotation_rows
+    rows = [
+        closure_row("nominal, before", solution.before, rotations, key=("before",)),
+        closure_row(f"{estimate.estimator} (chosen), after", estimate.sigmas, rotations, key=()),
+    ]
+    if beside is not None:
+        rows.append(closure_row(f"{beside.estimator}, for comparison", beside.sigmas, rotations))
+    held = (
+        ()
+        if checks is None
+        else (
+            (f"{FOLDS} folds", "hold_out", checks.held_out),
+            ("far block", "far_block", checks.far_block),
+        )
+    )
+    for name, key, found in held:
+        if found is not None:
+            for part, which, sigmas in (
+                ("took part", "inside", found.inside_sigmas),
+                ("held out", "held_out", found.sigmas),
+            ):
+                place = ("checks", key)
+                title = f"{name}, {part}"
+                rows.append(closure_row(title, sigmas, rotations, key=place, reading=which))
+    return Table(
+        ident="closure",
+        title="Closure at the measured joints (eqs. 14 and 15)",
+        columns=CLOSURE_COLUMNS,
+        rows=tuple(rows),
+    )
+
+
+def closure_row(
+    name: str,
+    sigmas: ClosureSigmas,
+    rotations: int = 1,
+    *,
+    key: Key | None = None,
+    reading: str = "",
+) -> tuple[Cell, ...]:
+    """Return one row of closure sigmas.
+
+    Parameters
+    ----------
+    rotations
+        How many rotations close; without any sigma_ori says nothing.
+    key
+        Where the figures stand in JSON; None: nowhere.
+    reading
+        JSON's name of a figure that it has in one reading only.
+    """
+    cells: list[Cell] = [name]
+    for symbol, quantity, both, there in (
+        ("sigma_pos_mm", CLOSURE_LENGTH, sigmas.position_m, True),
+        ("sigma_ori_mrad", CLOSURE_ANGLE, sigmas.orientation_rad, rotations > 0),
+    ):
+        for value, last in ((both.rms, reading or "rms"), (both.as_printed, "as_printed")):
+            listed = key is not None and not (reading and last == "as_printed")
+            place = (*key, symbol, last) if key is not None and listed else ()
+            cells.append(Figure(value, quantity, digits=4, key=place) if there else NOT_KNOWN)
+    return tuple(cells)
+
+
+def components_table(found: VarianceComponents | None) -> Table | None:
+    """Size of every source of error that was estimated, with its interval."""
+    if found is None or (not found.components and found.flexure is None):
+        return None
+    rows: list[tuple[Cell, ...]] = []
+    for c in found.components:
+        quantity = CLOSURE_LENGTH if c.unit == "m" else CLOSURE_ANGLE
+        fixture = c.name.startswith("fixture")
+        key = f"fixture_{quantity.unit}" if fixture else f"{c.name}_{quantity.unit}"
+        rows.append(
+            (
+                component_words(c.name),
+                quantity.unit,
+                Figure(c.stated, quantity),
+                Figure(c.sd, quantity, role="found", key=("variance_components", key)),
+                Figure(c.low, quantity, key=("variance_components_interval", key, 0)),
+                Figure(c.high, quantity, key=("variance_components_interval", key, 1)),
+            )
+        )
+    note = ""
+    if found.flexure is not None:
+        p = found.flexure.p_value
+        chance = f"= {significant(p, 2)}" if p > SMALLEST_P else f"< {SMALLEST_P:.0e}"
+        asks = "ask" if found.flexure.gives else "do not ask"
+        note = (
+            f"The data {asks} for a fixture that gives more than stated (score test, p {chance})."
+        )
+    return Table(
+        ident="noise",
+        title="Sources of error, sized by the data",
+        columns=(*words("source", "unit"), *figures("stated", "found", "95 % from", "to")),
+        rows=tuple(rows),
+        note=note,
+    )
+
+
+def component_words(name: str) -> str:
+    """Say what a variance component is."""
+    kind, _, which = name.partition("_")
+    match kind:
+        case "rvdt":
+            return f"reading of joint {which} (RVDT)"
+        case "curve":
+            return f"curve of joint {which} (RVDT)"
+        case "fixture":
+            return "fixture, turning" if which == "rad" else "fixture, shifting"
+        case _:
+            return name
+
+
+def budget_table(solution: Solution) -> Table | None:
+    """Share of every parameter's variance that each source of error brings."""
+    if solution.components is None:
+        return None
+    estimate, budget = solution.estimate, solution.components.budget
+    total = np.diagonal(estimate.covariance)
+
+    def share(source: str, k: int, name: str) -> Figure:
+        value = float(budget[source][k] / total[k]) if total[k] > 0.0 else 0.0
+        return Figure(value, SHARE, places=0, key=("budget", name, source))
+
+    rows: list[tuple[Cell, ...]] = []
+    for k, p in enumerate(estimate.parameters):
+        if p.name not in solution.tolerated:
+            shares = {source: share(source, k, p.name) for source in budget}
+            largest = sorted(shares, key=lambda source: -(shares[source].value or 0.0))[:LARGEST]
+            told = ", ".join(f"{source_words(s)} {shares[s].with_unit}" for s in largest)
+            rows.append((p.name, told, *shares.values()))
+    return Table(
+        ident="budget",
+        title="Uncertainty budget: share of each variance by source [%]",
+        columns=(*words("parameter", "largest"), *figures(*map(source_words, budget), detail=True)),
+        rows=tuple(rows),
+    )
+
+
+def source_words(source: str) -> str:
+    """Say what a source of the budget is: ``RVDT curve 6``."""
+    return source.replace("_", " ").replace("rvdt", "RVDT")

@@ -10,8 +10,9 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Rvdt
 
-SHAPE_WEIGHTS = (0.5, 1.0, 1.0, 0.5, 0.25, 0.125)
-"""Prior sizes of Legendre P1..P6: a transformer's curve is mostly a bow and an S, and its gain is off."""
+SHAPE_WEIGHTS = (0.5, 1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
+"""Prior sizes of Legendre P1..P10: a transformer's curve is mostly a bow and an S, its gain is off, and
+what is left falls with the square of the order, so that a bend or a bump is no surprise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -30,11 +30,19 @@ FLOOR = 1e-3
 LEAST_GIVE = 1e-8
 """Smallest give (rad, m) that is told from none; where a fixture is stated to be rigid."""
 
+LEAST_CURVE = 0.1
+"""No analogue sensor is straighter than this share of its specification."""
+
 FIRST_GIVE = 5e-4
 """Where a give that nothing stated is looked for (rad, m)."""
 
 UNIT_DISCREPANCY = 1e-3
 """Discrepancy is counted in mm and mrad."""
+
+ANEW = 0.5
+"""Share of a stated give or play that is at least taken to be new in every pose. All of it enters as
+what is the same again besides (smooth in the pose, or on one side of every joint), so that no source
+enters below its statement; how much is new the data tell well, and what is the same they hardly do."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 CHUNK = 4096
@@ -191,15 +199,15 @@ class Design:
             self.fixture_components[key] = self._component(
                 Component(
                     name=key,
-                    start=max(stated, LEAST_GIVE) ** 2,
-                    floor=max(stated, LEAST_GIVE) ** 2,
+                    start=max(ANEW * stated, LEAST_GIVE) ** 2,
+                    floor=max(ANEW * stated, LEAST_GIVE) ** 2,
                     leap=FIRST_GIVE**2,
                 )
             )
         self.play_component: int | None = None
         if self.backlash.any():
             self.play_component = self._component(
-                Component(name="joint_play", start=1.0, floor=1.0)
+                Component(name="joint_play", start=ANEW**2, floor=ANEW**2)
             )
         lengths = sum(not self.model.parameters[k].is_angle for k in self.soft_index)
         soft = [names[k] for k in self.soft_index]
@@ -224,10 +232,9 @@ class Design:
                     Component(
                         name=f"curve_{a.joint}",
                         start=0.25 * a.curve_variance,
-                        floor=1e-6 * a.curve_variance,
+                        floor=LEAST_CURVE**2 * a.curve_variance,
                         soft=a.curve_variance,
                         wall=25.0 * a.curve_variance,
-                        leap=0.25 * a.curve_variance,
                     )
                 )
                 names_ = tuple(f"curve{k}_{a.joint}" for k in range(1, width + 1))
@@ -239,8 +246,8 @@ class Design:
         if len(self.play_joints):
             # Play taken up to the same side in every pose is no noise: it passes for an offset.
             self.groups.append(
-                Group(source="joint_play", width=len(self.play_joints), fixed=0.0,
-                      component=self.play_component, scale=1.0,
+                Group(source="joint_play", width=len(self.play_joints), fixed=1.0,
+                      component=None, scale=0.0,
                       names=tuple(f"play_{j + 1}" for j in self.play_joints))
             )  # fmt: skip
         self.sag_joints = np.flatnonzero(self.sag)
@@ -295,9 +302,12 @@ class Design:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Components (K,) as the files state them; a discrepancy is none."""
+        """Components (K,) as the files state them, all of it anew in every pose; a discrepancy is none."""
         stated = {f"rvdt_{a.joint}": a.variance for a in self.errors.analogue}
         stated |= {f"curve_{a.joint}": a.curve_variance for a in self.errors.analogue}
+        gives = {"fixture_rad": self.errors.give_rad, "fixture_m": self.errors.give_m}
+        stated |= {name: max(give or 0.0, LEAST_GIVE) ** 2 for name, give in gives.items()}
+        stated["joint_play"] = 1.0
         return np.array([stated.get(c.name, c.floor) for c in self.components])
 
     # ---- noise

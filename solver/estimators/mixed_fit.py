@@ -28,6 +28,9 @@ SETTLED = 1e-3
 SURPRISE = 4.0
 """chi2 per degree of freedom from which the search starts at large variances."""
 
+WORSE = 3.0
+"""Fall of the log-likelihood in a round that relinearising does not explain."""
+
 LINEAR = 3e-4
 """Change of an angle or length (rad, m) that does not change the derivatives."""
 
@@ -130,6 +133,7 @@ def _iterate(
     state = _State(np.array(x0, dtype=float), np.zeros_like(design.q), start.u, design.q.copy())
     state.angle = design.q
     converged, rounds = False, 0
+    best, last = -np.inf, v
     for rounds in range(1, MAX_ROUNDS + 1):
         system, rates = _linearise(design, state)
         try:
@@ -140,6 +144,11 @@ def _iterate(
             # Nothing stated explains these readings: start where much may give.
             v = np.maximum(v, [c.leap for c in design.components])
             fit = LinearFit(design, system, v)
+        if fit.log_likelihood < best - WORSE:
+            # The last scoring step went too far: half of it, on a scale of factors.
+            v = np.sqrt(v * last)
+            fit = LinearFit(design, system, v)
+        best, last = fit.log_likelihood, v
         found = derivatives(fit)
         v_new, moved = step(fit, found, held)
         moved = max(moved, _advance(design, state, system, rates, fit))

@@ -19,6 +19,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.estimators.component_report import Component
+from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.estimators.implicit import NoiseModel
 from solver.judging.holdout import Verification, verify
@@ -39,9 +40,9 @@ class Fixed:
     covariance
         Of these, in the same order (P, P).
     rvdt_sd_rad
-        Noise of RVDT joints as found with the parameters, by joint.
+        Noise and curve of RVDT joints as found with the parameters, by joint.
     fixture_variance
-        Give of the fixture as found (6,), or None.
+        Give of the fixture as found (6,), or None. Both count only where they are less than stated.
     unsensed_joints
         Joints whose readings the calibration did not use.
     """
@@ -117,19 +118,7 @@ def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -
     # A calibration that corrected lengths and twists within their tolerance has those as well.
     model = freed(model, fixed.values)
     x, covariance = _in_order(model, fixed)
-    everything = np.ones(len(poses), dtype=np.bool_)
-    stated = noise_model(arm, fixture, poses, everything)
-    variance = np.array(stated.joint_variance)
-    for joint, sd in fixed.rvdt_sd_rad.items():
-        variance[:, joint - 1] = np.maximum(variance[:, joint - 1], sd**2)
-    give = stated.fixture_variance if fixed.fixture_variance is None else fixed.fixture_variance
-    found = verify(
-        model,
-        x,
-        covariance,
-        poses.q_rad,
-        NoiseModel(joint_variance=variance, fixture_variance=give),
-    )
+    found = verify(model, x, covariance, poses.q_rad, stated_noise(arm, fixture, poses, fixed))
     at_nominal = closure_at_readings(model, nominal_vector(model.parameters), poses.q_rad)
     odd = np.flatnonzero((found.pose_probability < IMPROBABLE / len(poses)) | ~found.closed)
     return Verdict(
@@ -138,6 +127,29 @@ def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -
         odd_poses=tuple(int(k) for k in odd[np.argsort(found.pose_probability[odd])]),
         poses=len(poses),
     )
+
+
+def stated_noise(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -> NoiseModel:
+    """Return what the files state of new readings, and less where the calibration found less.
+
+    What a calibration found to be larger than stated is no excuse: a fixture that slipped while it
+    was made would make every later pose look good.
+    """
+    everything = np.ones(len(poses), dtype=np.bool_)
+    stated = noise_model(arm, fixture, poses, everything)
+    variance = np.array(stated.joint_variance)
+    variance += arm.backlash_rad**2 + arm.sag_rad**2 + 2.0 * arm.accuracy_rad**2
+    for j, linearity in enumerate(arm.linearity_rad()):
+        # At a new reading the curve is one more unknown error.
+        whole = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
+        least = np.maximum(variance[:, j], fixed.rvdt_sd_rad.get(j + 1, np.inf) ** 2)
+        variance[:, j] = np.minimum(whole, least)
+    give = np.repeat([fixture.give.orientation_rad**2, fixture.give.position_m**2], 3)
+    if stated.fixture_variance is not None:
+        give = give + stated.fixture_variance
+    if fixed.fixture_variance is not None:
+        give = np.minimum(give, fixed.fixture_variance)
+    return NoiseModel(joint_variance=variance, fixture_variance=give)
 
 
 def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,132 @@
+"""The three classes and the causes: faults of the shop floor, done to sessions that were sound."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.solve import Solution, calibrate
+from operator_app.calibration.verdict import Class
+from operator_app.calibration.verify import fixed_by, judge_poses
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import parse_poses
+from solver.errors import UnidentifiableError
+from solver.judging.ranges import ReadingsOutOfRangeError
+from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
+from tests.oracles.shop_floor_faults import CASES, Case
+
+SEED = 3001
+
+
+def solved(found: Session, **options: str) -> Solution:
+    poses = parse_poses(found.csv().encode(), "poses.csv").poses
+    arm, hinge = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    return calibrate(arm, hinge, poses, **options)
+
+
+def fault(name: str, seed: int = SEED) -> Case:
+    return CASES[name](seed)
+
+
+@pytest.fixture(scope="module")
+def sound() -> Solution:
+    return solved(session(SEED))
+
+
+def test_a_sound_session_is_accepted_and_every_test_says_how_often_it_would_not_be(
+    sound: Solution,
+) -> None:
+    assert sound.verdict is Class.ACCEPTED
+    assert sound.causes == ()
+    codes = [t.code for t in sound.judgement.tests]
+    assert {"CHI2_STATED", "STEP", "POSE", "PULL", "PULLS", "PREDICTION"} <= set(codes)
+    for test in sound.judgement.tests:
+        assert not test.fires
+        assert 0.0 < test.false_alarm < 0.01
+    assert sound.judgement.stated_chi2_per_dof is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("hinge slips 5 mm", r"slipped on the (table|hand) by about [345]\.\d mm"),
+        (
+            "joint slips 1 deg",
+            r"joint \d shifted by [+-](0\.9|1\.0)\d* deg \([+-]\d+ (LSB|counts)\)",
+        ),
+        ("1 outlier 0.5 deg", r"pose p\d+ does not fit the others"),
+        ("RVDT 5 %", r"joint [67] (deviates|scatters) .*deg"),
+        ("12 flipped", r"12 of 40 poses close only with the hand upside down"),
+    ],
+)
+def test_the_fault_is_the_first_cause_with_its_size_and_a_remedy(name: str, words: str) -> None:
+    case = fault(name)
+    found = solved(case.taken)
+    assert found.verdict is not Class.ACCEPTED
+    first = found.causes[0]
+    assert any(re.fullmatch(pattern, first.code) for pattern in case.causes), first
+    assert re.search(words, first.text), first.text
+    assert first.remedy
+    assert first.probability > 0.5
+
+
+def test_a_slip_is_found_between_the_poses_where_it_happened() -> None:
+    specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
+    slip = np.array([0.0, 0.0, 0.0, 2e-3, 2e-3, 1e-3])
+    walk = closed_walk(specimen, 40, slipped=(23, slip, np.zeros(6)))
+    found = solved(taken(specimen, *walk))
+    assert found.causes[0].code == "SLIP_FIXTURE"
+    assert "between pose p023 and pose p024" in found.causes[0].text
+
+
+def test_mistakes_of_the_file_are_refused_by_name() -> None:
+    with pytest.raises(ReadingsOutOfRangeError) as error:
+        solved(fault("radians").taken)
+    assert error.value.code == "RADIANS"
+    with pytest.raises(ReadingsOutOfRangeError) as error:
+        solved(fault("columns exchanged").taken)
+    assert error.value.code.startswith("EXCHANGED_")
+
+
+def test_a_stuck_sensor_is_told_from_a_joint_that_stands_still() -> None:
+    case = fault("RVDT stuck")
+    with pytest.raises(UnidentifiableError, match="its sensor is stuck") as error:
+        solved(case.taken)
+    assert any(re.fullmatch(pattern, error.value.code) for pattern in case.causes)
+
+
+def test_the_paper_is_judged_by_its_distance_from_what_the_noise_says() -> None:
+    found = solved(session(SEED), estimator="paper")
+    test = next(t for t in found.judgement.tests if t.code == "PAPER_DISTANCE")
+    assert (found.verdict is Class.NOT_ACCEPTED) == test.fires
+
+
+def test_the_order_of_the_poses_is_the_time_that_a_step_is_found_in() -> None:
+    """Shuffled, the same readings are no step but odd poses or noise."""
+    case = fault("joint slips 1 deg")
+    shuffled = case.taken.picked(np.random.default_rng(0).permutation(40))
+    first = solved(shuffled).causes[0]
+    assert not first.code.startswith("STEP")
+
+
+def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_found(
+    sound: Solution,
+) -> None:
+    arm, hinge = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+
+    def poses_of(found: Session):
+        return parse_poses(found.csv().encode(), "new.csv").poses
+
+    fixed = fixed_by(sound)
+    assert judge_poses(arm, hinge, poses_of(session(SEED, walk=1, poses=12)), fixed).holds
+    specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
+    slip = np.array([0.0, 0.0, 0.0, 4e-3, 2e-3, 2e-3])
+    walk = closed_walk(specimen, 12, walk=1, slipped=(0, slip, np.zeros(6)))
+    moved = poses_of(taken(specimen, *walk))
+    assert not judge_poses(arm, hinge, moved, fixed).holds
+    excused = replace(fixed, fixture_variance=np.full(6, 1e-2), rvdt_sd_rad={6: 1.0, 7: 1.0})
+    assert not judge_poses(arm, hinge, moved, excused).holds

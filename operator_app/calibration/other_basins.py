@@ -26,15 +26,22 @@ BETTER = 0.5
 
 
 def far_from_nominal(
-    parameters: tuple[Parameter, ...], x: FloatArray
+    parameters: tuple[Parameter, ...], x: FloatArray, sd: FloatArray | None = None
 ) -> list[tuple[Parameter, float]]:
-    """Parameters whose values (P,) are farther from nominal than anybody is mistaken, and how far."""
+    """Parameters whose values (P,) are farther from nominal than anybody is mistaken, and how far.
+
+    Where `sd` (P,) is given, only what lies outside by three of these as well: what hardly any pose
+    sees may end anywhere.
+    """
+    spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = [
         (p, float(wrap_angle(value - p.nominal)) if p.is_angle else float(value - p.nominal))
         for p, value in zip(parameters, x, strict=True)
     ]
     return [
-        (p, change) for p, change in changes if abs(change) > (FAR_RAD if p.is_angle else FAR_M)
+        (p, change)
+        for (p, change), more in zip(changes, spread, strict=True)
+        if abs(change) > (FAR_RAD if p.is_angle else FAR_M) + more
     ]
 
 
@@ -54,6 +61,7 @@ def other_basin(
     far = far_from_nominal(
         tuple(p for p, yes in zip(estimate.parameters, looked_for, strict=True) if yes),
         estimate.x[looked_for],
+        estimate.standard_deviation[looked_for],
     )
     if not far:
         return ()

@@ -116,11 +116,10 @@ def weigh(
     return Judgement(
         causes=(
             *_beforehand(poses, known),
-            *(() if gross else far),
+            *(() if gross else (*_of_geometry(known.checks), *far)),
             *by_tests,
             *(far if gross and not rivals else ()),
             *of_paper,
-            *(() if gross else _of_geometry(known.checks)),
             *of_the_fit(found.estimate if paper is None else paper, judged),
         ),
         tests=tests,

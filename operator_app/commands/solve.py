@@ -40,6 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="add the pose-wise jackknife and hold-out (5 folds, and a block far from the rest)",
     )
+    parser.add_argument(
+        "--test",
+        metavar="FILE",
+        help="judge the result by poses of the same placement that took no part; exit 4 if it fails",
+    )
     estimator_options(parser)
     tolerance_option(parser)
     json_option(parser)
@@ -51,12 +56,14 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.calibration.judgement import Notice
     from operator_app.calibration.loop import loop_of_poses, pick_placements
     from operator_app.calibration.solve import calibrate
+    from operator_app.calibration.verify import fixed_by, judge_poses
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
     from operator_app.report.calibration_data import unidentifiable_data
     from operator_app.report.facts import facts_of
-    from operator_app.report.text import facts_text, unidentifiable_text
+    from operator_app.report.text import facts_text, paragraph, unidentifiable_text
+    from operator_app.report.verification import verification_json, verification_text
     from solver.errors import UnidentifiableError
 
     arm = load_arm(args.arm)
@@ -93,12 +100,35 @@ def execute(args: argparse.Namespace) -> int:
             found = unidentifiable_data(
                 error.directions, parameters=len(loop.parameters), poses=len(poses)
             )
+            if error.note:
+                found["causes"] = [
+                    {"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}
+                ]
             print(json.dumps(found, indent=2, allow_nan=False))
         else:
             print(unidentifiable_text(error.directions))
+            if error.note:
+                print(paragraph(f"! {error.note}", indent=2))
         return ExitCode.NOT_IDENTIFIABLE
     solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in loaded.warnings)
     checks = check(solution, arm, fixture, poses) if args.checks else None
     facts = facts_of(solution, checks=checks)
-    print(json.dumps(facts.json, indent=2, allow_nan=False) if args.json else facts_text(facts))
-    return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
+    tested = None
+    if args.test:
+        new = load_poses(args.test, joint_count=arm.joint_count).poses
+        if len(new.placements) > 1 or len(poses.placements) > 1:
+            raise UsageError("--test: both files must be of one placement, the same one")
+        if new.sha256() == poses.sha256():
+            raise UsageError("--test: these are the poses the calibration is made from")
+        tested = judge_poses(arm, fixture, new, fixed_by(solution))
+    if args.json:
+        document = facts.json
+        if tested is not None:
+            document["test"] = verification_json(tested, new)
+        print(json.dumps(document, indent=2, allow_nan=False))
+    else:
+        print(facts_text(facts))
+        if tested is not None:
+            print(f"\n{verification_text(tested, new, args.poses)}")
+    holds = tested is None or tested.holds
+    return ExitCode.ACCEPTED if solution.accepted and holds else ExitCode.NOT_ACCEPTED

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from operator_app.cli import main
+from tests.oracles.shop_floor import session
 
 TRUTH = {
     "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,
@@ -130,3 +131,21 @@ def test_bad_options_say_what_there_is(
     said = capsys.readouterr()
     assert said.out == ""
     assert words in said.err
+
+
+def test_the_result_is_tested_on_a_second_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another walk of the same arm holds; the same file is refused; another arm's poses do not hold."""
+    names = {"made": session(5), "new": session(5, walk=1, poses=12), "other": session(6, poses=12)}
+    for name, taken in names.items():
+        (tmp_path / f"{name}.csv").write_text(taken.csv())
+    made = str(tmp_path / "made.csv")
+    assert main(["solve", made, "--test", str(tmp_path / "new.csv"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"] == "accepted"
+    assert found["test"]["verdict"] == "holds"
+    assert main(["solve", made, "--test", str(tmp_path / "other.csv")]) == 4
+    assert "DOES NOT HOLD" in capsys.readouterr().out
+    assert main(["solve", made, "--test", made]) == 2
+    assert "the poses the calibration is made from" in capsys.readouterr().err

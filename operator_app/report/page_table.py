@@ -9,6 +9,7 @@ from operator_app.report.table import Cell, Column, Figure, Table
 
 def table_html(table: Table) -> Html:
     """Build a table whose first column heads its rows."""
+    table = table.whole
     starts = [
         bool(c.group) and c.group != before.group
         for before, c in zip((table.columns[0], *table.columns), table.columns, strict=False)

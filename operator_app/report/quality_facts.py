@@ -18,6 +18,7 @@ from operator_app.report.table import (
     CLOSURE_LENGTH,
     SHARE,
     Cell,
+    Column,
     Figure,
     Headline,
     Key,
@@ -247,7 +248,11 @@ def budget_table(solution: Solution) -> Table | None:
     return Table(
         ident="budget",
         title="Uncertainty budget: share of each variance by source [%]",
-        columns=(*words("parameter", "largest"), *figures(*map(source_words, budget), detail=True)),
+        columns=(
+            *words("parameter"),
+            Column("largest", words=True, summary=True),
+            *figures(*map(source_words, budget), detail=True),
+        ),
         rows=tuple(rows),
     )
 

@@ -59,9 +59,18 @@ METHOD_WORDS = (
         "next to the poses."
     ),
 )
-HEADINGS = {"parameters": "Parameters", "dh": "D-H table", "determined": "How well the poses determine "
-           "them", "closure": "Residuals by pose", "noise": "Noise found with the parameters",
-           "correlations": "Correlations"}  # fmt: skip
+HEADINGS = {
+    "parameters": "Parameters",
+    "dh": "D-H table",
+    "determined": "How well the poses determine them",
+    "closure": "Residuals by pose",
+    "jackknife": "Jackknife",
+    "noise": "Noise found with the parameters",
+    "budget": "Uncertainty budget",
+    "tolerated": "Corrected lengths and twists",
+    "observability": "Observability",
+    "correlations": "Correlations",
+}
 """Headings of tables that share their section with something else; others are headed by their title."""
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from operator_app.report.numbers import NOT_KNOWN, fixed, significant
@@ -120,6 +120,8 @@ class Column:
         Header over neighbouring columns of the same group.
     detail
         Whether there is room for it on the page only.
+    summary
+        Whether it stands for details, where there is no room for them.
     """
 
     title: str
@@ -127,6 +129,7 @@ class Column:
     words: bool = False
     group: str = ""
     detail: bool = False
+    summary: bool = False
 
 
 def words(*titles: str) -> tuple[Column, ...]:
@@ -174,14 +177,18 @@ class Table:
     @property
     def brief(self) -> Table:
         """The table without the columns that only the page has room for."""
-        kept = [k for k, column in enumerate(self.columns) if not column.detail]
-        return Table(
-            ident=self.ident,
-            title=self.title,
+        return self._of([k for k, column in enumerate(self.columns) if not column.detail])
+
+    @property
+    def whole(self) -> Table:
+        """The table without the columns that stand for others."""
+        return self._of([k for k, column in enumerate(self.columns) if not column.summary])
+
+    def _of(self, kept: list[int]) -> Table:
+        return replace(
+            self,
             columns=tuple(self.columns[k] for k in kept),
             rows=tuple(tuple(row[k] for k in kept) for row in self.rows),
-            note=self.note,
-            out=self.out,
         )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot
+from hardware.arm import ArmSnapshot, Watch
 from operator_app.errors import GuardError
 from operator_app.planning.drives import names
 from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, require_closed_chain
@@ -27,6 +27,7 @@ from operator_app.session.campaign_replay import (
 )
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
+from solver.arrays import FloatArray
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
 from solver.design.campaign_settings import Phase
@@ -56,6 +57,14 @@ class CampaignEnd:
     complete: bool
     text: str
     weak: tuple[Weak, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """Where a move of these drives began: angles of all joints (n,), rad."""
+
+    drives: tuple[int, ...]
+    q_rad: FloatArray
 
 
 class PlannedCapture:
@@ -156,20 +165,53 @@ class PlannedCapture:
                 case GoTo():
                     self._move(campaign, action)
 
+    def to_first(self) -> tuple[str, tuple[Stop, ...]]:
+        """Go to the first captured pose on ways the plan knows to be clear; nothing is reported.
+
+        Returns
+        -------
+        Why it was not reached ("" if it was), and where the drives stood before each move: the way back.
+        """
+        campaign = None if self._moved else self._campaign
+        first = self._session.state.used_poses[0].mean_rad
+        moves = None if campaign is None else campaign.way_to(first)
+        if campaign is None or moves is None:
+            return "no way back to it is planned from here", ()
+        session, stops = self._session, list[Stop]()
+        self._listener.going(None)
+        for move in moves:
+            if isinstance(move, ChangeDrives):
+                session.set_modes(move.drives)
+                session.settle()
+                continue
+            here = session.arm.snapshot().positions_rad
+            stops.append(Stop(drives=session.position_joints, q_rad=here))
+            moved = session.go_to(move.targets_rad, _on_path(campaign, move))
+            if not moved.reached:
+                return moved.reason, tuple(stops)
+        return "", tuple(stops)
+
+    def retrace(self, stops: tuple[Stop, ...]) -> None:
+        """Go back the way `to_first` came, with the drives it had, to where the plan goes on."""
+        session = self._session
+        for stop in reversed(stops):
+            if session.position_joints != stop.drives:
+                session.set_modes(stop.drives)
+                session.settle()
+            moved = session.go_to({j: float(stop.q_rad[j - 1]) for j in stop.drives})
+            if not moved.reached:
+                raise GuardError(
+                    f"the arm does not come back to where it was before: {moved.reason}",
+                    "look at what is in the way, then go on with this session",
+                )
+
     # -- carrying out ----------------------------------------------------------------------------
 
     def _move(self, campaign: Campaign, action: GoTo) -> None:
         """Move and report; a move that the operator ended is no report."""
         session = self._session
-        on_path = path_watch(
-            action.trace_rad, action.tolerance_rad, campaign.task.ranges.within(STOP_MARGIN_RAD)
-        )
-
-        def watch(snapshot: ArmSnapshot) -> str | None:
-            return on_path(snapshot.positions_rad)
-
         self._listener.going(action)
-        moved = session.go_to(action.targets_rad, watch)
+        moved = session.go_to(action.targets_rad, _on_path(campaign, action))
         if not moved.reached:
             session.settle()
             self._say(f"Stopped short: {moved.reason}.")
@@ -277,6 +319,18 @@ class PlannedCapture:
             },
         )
         return built(session.model, session.fixture, session.state)
+
+
+def _on_path(campaign: Campaign, move: GoTo) -> Watch:
+    """Judge a move under way by the path it was planned on."""
+    on_path = path_watch(
+        move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(STOP_MARGIN_RAD)
+    )
+
+    def watch(snapshot: ArmSnapshot) -> str | None:
+        return on_path(snapshot.positions_rad)
+
+    return watch
 
 
 def _end_of(data: Mapping[str, Any]) -> CampaignEnd:

@@ -11,7 +11,7 @@ from operator_app.calibration.solve import Solution
 from operator_app.calibration.verify import Verdict, fixed_by, judge_poses
 from operator_app.errors import GuardError
 from operator_app.session.listener import Listener
-from operator_app.session.planned_capture import CampaignEnd, PlannedCapture
+from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, Stop
 from operator_app.session.session import Session
 from operator_app.session.state import pose_set_of
 from solver.chain.poses import PoseSet
@@ -46,7 +46,7 @@ def take_poses(
         session.set_modes(wanted)
         listener.modes_set(wanted)
     if session.state.resumed and session.state.used_poses:
-        _there_and_back(session, listener)
+        _there_and_back(session, listener, planned)
     end = None
     if planned is None:
         _explore(session, listener)
@@ -54,31 +54,47 @@ def take_poses(
         end = planned.run()
     state = session.state
     if state.used_poses and not any(r.again.after == state.captured for r in state.returns):
-        return_to_first(session, listener)
+        _return_to_first(session, listener, planned)
     return end
 
 
-def return_to_first(session: Session, listener: Listener) -> None:
+def _return_to_first(
+    session: Session, listener: Listener, planned: PlannedCapture | None
+) -> tuple[Stop, ...]:
     """Read the first pose that counts once more: what slipped since shows in it, whatever the model.
 
-    One that cannot be reached any more is said and recorded; the capture goes on without.
+    An explored session's poses lie in a box that the drives cross straight; a planned one's may have a
+    fold between them, so that its plan has to know the way. A pose that cannot be reached is said and
+    recorded; the capture goes on without.
+
+    Returns
+    -------
+    The way a planned session came.
     """
     first = session.state.used_poses[0]
     listener.told(f"Back to pose {first.number}: to read it once more shows what slipped since.")
     listener.going(None)
-    targets = {j: float(first.mean_rad[j - 1]) for j in session.position_joints}
-    moved = session.reach(targets)
-    if moved.reached:
-        session.look_again("return", of=first.number)
+    way: tuple[Stop, ...] = ()
+    if planned is None:
+        targets = {j: float(first.mean_rad[j - 1]) for j in session.position_joints}
+        missed = session.reach(targets).reason
     else:
-        session.record("return_missed", {"of": first.number, "reason": moved.reason})
-        listener.told(f"Pose {first.number} could not be read once more: {moved.reason}.")
+        missed, way = planned.to_first()
+    if missed:
+        session.record("return_missed", {"of": first.number, "reason": missed})
+        listener.told(f"Pose {first.number} could not be read once more: {missed}.")
+    else:
+        session.look_again("return", of=first.number)
+    return way
 
 
-def _there_and_back(session: Session, listener: Listener) -> None:
+def _there_and_back(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
     """Read the first pose once more and come back: a plan under way goes on from where the arm was."""
     before = session.arm.snapshot().positions_rad
-    return_to_first(session, listener)
+    way = _return_to_first(session, listener, planned)
+    if planned is not None:
+        planned.retrace(way)
+        return
     listener.going(None)
     back = session.go_to({j: float(before[j - 1]) for j in session.position_joints})
     if not back.reached:

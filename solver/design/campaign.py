@@ -18,6 +18,7 @@ from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign_settings import CampaignSettings, Phase
 from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
+from solver.design.paths import Route
 from solver.design.plan import Plan, PlanningTask, information_of, make_plan
 from solver.design.stop_rule import Progress, StopDecision, judge_progress
 from solver.errors import SolverError
@@ -31,6 +32,8 @@ EASIER = 0.7
 """Share of the least leverage that is accepted when nothing else can be reached."""
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A plan is made again when the estimate moves its poses by more than this."""
+NEXT_TO_RAD = 0.5
+"""From a candidate this near a captured pose the drives go there straight (all joints together)."""
 
 
 class Campaign:
@@ -298,28 +301,63 @@ class Campaign:
                     complete=False,
                 )
             return
-        drives = self.drives
         number = self._taken + 1
+        self._queue.extend(
+            self._moves(route, f"planned pose {number}", of=f" of {self.settings.poses}")
+        )
+        self._queue.append(Capture(planned=True, why=f"planned pose {number}"))
+        self._node = target
+
+    def _moves(self, route: Route, goal: str, *, of: str = "") -> list[GoTo | ChangeDrives]:
+        """Moves along a route, with the changes of drives on it."""
+        moves: list[GoTo | ChangeDrives] = []
+        drives = self.drives
         for leg in route.legs:
             if leg.drives != drives:
                 drives = leg.drives
-                self._queue.append(
-                    ChangeDrives(
-                        drives=drives,
-                        why=f"joints {' and '.join(map(str, drives))} reach planned pose {number}",
-                    )
+                why = f"joints {' and '.join(map(str, drives))} reach {goal}"
+                moves.append(ChangeDrives(drives=drives, why=why))
+            moves.extend(
+                GoTo(
+                    targets_rad=leg.targets(k),
+                    trace_rad=leg.trace_rad,
+                    tolerance_rad=self.settings.tolerance_rad,
+                    why=f"to {goal}{of}",
                 )
-            for k in range(len(leg.waypoints_rad)):
-                self._queue.append(
-                    GoTo(
-                        targets_rad=leg.targets(k),
-                        trace_rad=leg.trace_rad,
-                        tolerance_rad=self.settings.tolerance_rad,
-                        why=f"to planned pose {number} of {self.settings.poses}",
-                    )
-                )
-        self._queue.append(Capture(planned=True, why=f"planned pose {number}"))
-        self._node = target
+                for k in range(len(leg.waypoints_rad))
+            )
+        return moves
+
+    def way_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
+        """Moves from where the arm stands to a captured pose (n,); None where no safe way is known.
+
+        No proposal: nothing is to be reported, and the arm comes back by the same moves reversed
+        before the campaign goes on. While exploring, the drives go back straight, as they came.
+        """
+        if self.phase is Phase.EXPLORING:
+            return (_straight(captured_rad, self.drives),)
+        plan = self.plan
+        if plan is None:
+            return None
+        # The pose was captured: the candidate next to it is a safe place, if a path leads there.
+        away = np.linalg.norm(plan.manifold.q - captured_rad, axis=-1)
+        away[~plan.graph.reachable(self._node)] = np.inf
+        target = int(np.argmin(away))
+        if away[target] > NEXT_TO_RAD:
+            return None
+        route = plan.graph.route(
+            self.task.model,
+            plan.x,
+            self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),
+            source=self._node,
+            target=target,
+            drives=self.drives,
+        )
+        if route is None:
+            return None
+        moves = self._moves(route, "a captured pose")
+        drives = route.legs[-1].drives if route.legs else self.drives
+        return (*moves, _straight(captured_rad, drives))
 
     def _judge(self) -> StopDecision | None:
         if not self.settings.requested or self.plan is None:
@@ -355,3 +393,12 @@ class Campaign:
     def _finish(self, text: str, *, complete: bool, decision: StopDecision | None = None) -> None:
         self.phase = Phase.FINISHED
         self._queue.append(Finished(complete=complete, decision=decision, text=text))
+
+
+def _straight(q_rad: FloatArray, drives: tuple[int, ...]) -> GoTo:
+    return GoTo(
+        targets_rad={j: float(q_rad[j - 1]) for j in drives},
+        trace_rad=None,
+        tolerance_rad=np.inf,
+        why="to a captured pose",
+    )

@@ -105,6 +105,29 @@ def test_the_planned_arm_is_known_to_its_own_uncertainty(whole: SimpleNamespace)
     assert np.all(error < 5.0 * solution.estimate.standard_deviation)
 
 
+def test_it_goes_to_its_first_pose_and_back_on_ways_that_the_plan_knows(tmp_path: Path) -> None:
+    wanted = procedure(4)
+    session = opened(tmp_path / "session", PlantArm(wanted, "exact"), wanted)
+    told = Told(session)
+    told.run()
+    before, drives = session.arm.snapshot().positions_rad, session.position_joints
+    moves = len(named(session, "campaign_move"))
+
+    missed, way = told.capture.to_first()
+    assert missed == ""
+    assert len(way) >= 1
+    first = session.state.used_poses[0].mean_rad
+    here = session.arm.snapshot().positions_rad
+    assert np.abs(here - first).max() < math.radians(0.1)
+
+    told.capture.retrace(way)
+    assert session.position_joints == drives
+    assert np.abs(session.arm.snapshot().positions_rad - before).max() < math.radians(0.1)
+    # The plan knows nothing of it: a resumed session replays what it proposed, and no more.
+    assert len(named(session, "campaign_move")) == moves
+    session.close("done")
+
+
 class Standing:
     """An arm that can only be looked at."""
 

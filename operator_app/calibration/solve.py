@@ -374,10 +374,8 @@ def _outliers(found: Calibrated, of_each: IntArray) -> tuple[int, ...]:
     """
     from scipy.special import chdtrc
 
-    chances = []
-    for k in range(len(found.order)):
-        chi2, dof = found.linear.held_out_chi2(np.array([k]))
-        chances.append(float(chdtrc(dof, chi2)) if dof else 1.0)
+    chi2, dof = found.linear.left_out_chi2()
+    chances = chdtrc(np.maximum(dof, 1), chi2)
     named = [k for k in np.argsort(chances) if chances[k] < OUTLIER_LEVEL / len(chances)]
     return tuple(int(of_each[found.order[k]]) for k in named)
 

@@ -45,7 +45,7 @@ what is the same again besides (smooth in the pose, or on one side of every join
 enters below its statement; how much is new the data tell well, and what is the same they hardly do."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 8, 12
-CHUNK = 4096
+CHUNK = 1024
 """Poses that are whitened at a time: memory does not grow with columns times poses."""
 
 

@@ -215,6 +215,19 @@ class LinearFit:
         along = vectors.T @ (w + M @ self.coefficients)
         return float((along[good] ** 2 / values[good]).sum()), int(good.sum())
 
+    def left_out_chi2(self) -> tuple[FloatArray, IntArray]:
+        """The same of every single pose against all others: chi2 and degrees of freedom, (m,) each."""
+        chi2, dof = [], []
+        for part in self.parts():
+            P = np.eye(part.w.shape[1]) - (part.M @ self.H_inverse) @ np.swapaxes(part.M, -1, -2)
+            values, vectors = np.linalg.eigh(0.5 * (P + np.swapaxes(P, -1, -2)))
+            left = (part.w + part.M @ self.coefficients)[..., None]
+            along = (np.swapaxes(vectors, -1, -2) @ left)[..., 0]
+            good = values > 1e-9
+            chi2.append((along**2 / np.where(good, values, np.inf)).sum(-1))
+            dof.append(good.sum(-1))
+        return np.concatenate(chi2), np.concatenate(dof)
+
     def _rows(self, poses: IntArray) -> tuple[FloatArray, FloatArray]:
         poses = np.atleast_1d(poses)
         M, w = [], []

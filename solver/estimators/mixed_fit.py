@@ -180,7 +180,7 @@ class _Rates:
 def _linearise(design: Design, state: _State) -> tuple[System, _Rates]:
     """Reduced system of all poses at a state, in chunks: the full Jacobians never stand side by side."""
     m = len(design.q)
-    pieces, rates = [], []
+    found: list[FloatArray] = []
     soft = state.x - design.nominal
     soft[design.hard_index] = 0.0
     for first in range(0, m, CHUNK):
@@ -190,21 +190,28 @@ def _linearise(design: Design, state: _State) -> tuple[System, _Rates]:
         error = model.loop(state.x, design.q[here] + e, state.u[here])
         E = left_null_space(error.jac_u)
         Et = np.swapaxes(E, -1, -2)
-        A, B = Et @ error.jac_x, Et @ error.jac_q
+        A = Et @ error.jac_x
         c = error.residual - (error.jac_q @ e[..., None])[..., 0]
         w = (Et @ c[..., None])[..., 0] - A @ soft
-        pieces.append((w, A, B, E))
         down = (
-            np.linalg.pinv(error.jac_u)
+            np.asarray(np.linalg.pinv(error.jac_u))
             if error.jac_u.shape[-1]
             else np.zeros((len(e), 0, c.shape[-1]))
         )
-        rates.append((down, down @ error.jac_x, down @ error.jac_q, (down @ c[..., None])[..., 0]))
-    w, A, B, E = (np.concatenate(p) if len(pieces) > 1 else p[0] for p in zip(*pieces, strict=True))
-    return (
-        System(w=w, A=A, B=B, E=E, angle=state.angle),
-        _Rates(*(np.concatenate(p) if len(rates) > 1 else p[0] for p in zip(*rates, strict=True))),
-    )
+        closed = (down @ c[..., None])[..., 0]
+        piece: tuple[FloatArray, ...] = (
+            w, A, Et @ error.jac_q, E,
+            down, down @ error.jac_x, down @ error.jac_q, closed,
+        )  # fmt: skip
+        if m <= CHUNK:
+            found = list(piece)
+            break
+        found = found or [np.empty((m, *p.shape[1:])) for p in piece]
+        for whole, part in zip(found, piece, strict=True):
+            whole[here] = part
+    w, A, B, E, down, by_x, by_q, closed = found
+    system = System(w=w, A=A, B=B, E=E, angle=state.angle)
+    return system, _Rates(down=down, by_x=by_x, by_q=by_q, closed=closed)
 
 
 def _advance(design: Design, state: _State, system: System, rates: _Rates, fit: LinearFit) -> float:

@@ -167,6 +167,10 @@ def test_poses_held_out_are_predicted_by_the_others(design: Design, system: Syst
     chi2, dof = fit.held_out_chi2(out)
     assert dof == 10
     assert chi2 == pytest.approx(difference @ np.linalg.solve(covariance, difference), rel=1e-5)
+    single = fit.left_out_chi2()
+    for k in range(POSES):
+        assert single[0][k] == pytest.approx(fit.held_out_chi2(np.array([k]))[0], rel=1e-6)
+    assert np.all(single[1] == 5)
     white, its = fit.held_out(out)
     assert white @ np.linalg.solve(its, white) == pytest.approx(chi2, rel=1e-6)
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import BoolArray, FloatArray
 from solver.closing import close_loops
-from solver.loops.closure import ClosureModel, ReducedError
+from solver.loops.closure import ClosureModel, ReducedError, pose_blocks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,11 +51,36 @@ def _both(rows: FloatArray) -> TwoReadings:
     return TwoReadings(rms=float(np.sqrt(total / count)), as_printed=float(np.sqrt(total) / count))
 
 
-def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosureAtReadings:
+    """Reduced closure error of every pose at the joints as measured; fields as of `ReducedError`."""
+
+    residual: FloatArray
+    rotation_rows: int
+    unsensed: FloatArray
+    flipped: BoolArray
+
+
+def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ClosureAtReadings:
     """Closure error at the *measured* joints (m, n), so that all estimators share one scale.
 
     Unsensed joints take the angles that close each loop best: their readings are not evidence.
     """
+    # Of each block only what is asked for is kept: no Jacobian of all poses.
+    found = [
+        (error.residual, error.unsensed, error.flipped, error.rotation_rows)
+        for error in (_at_readings(part, x, here) for part, here in pose_blocks(model, q))
+    ]
+    residual, unsensed, flipped, rotation_rows = zip(*found, strict=True)
+    return ClosureAtReadings(
+        residual=np.concatenate(residual),
+        rotation_rows=rotation_rows[0],
+        unsensed=np.concatenate(unsensed),
+        flipped=np.concatenate(flipped),
+    )
+
+
+def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
     if not model.unsensed_joints:
         return model.reduced(x, q)
     # Offsets of unsensed joints may belong to a placement: each fills in its own.

@@ -19,6 +19,10 @@ from solver.arrays import FloatArray
 UNSEEN = 1e-12
 """A scaled singular value below this share of the largest belongs to no direction that is seen."""
 
+LAST_SHARE = 1e-12
+"""A step that would lower the cost by less than this share of it is the last. It is taken unseen: of the
+parameters' standard deviations it is a hundred thousandth, and what is left after it a fraction of that."""
+
 BLOCK_ROWS = 2048
 """Rows of a block: with some tens of columns it stays in a core's own cache."""
 
@@ -155,7 +159,7 @@ def solve_damped(
             largest = float(np.max(np.abs(step), initial=0.0))
             # At the floor of rounding no step can be seen to descend any more; that is the minimum.
             predicted = 0.5 * float(((gain * s * (2.0 - gain * s)) * beta**2).sum())
-            if predicted <= 1e-14 * here.cost + 1e-300:
+            if predicted <= LAST_SHARE * here.cost + 1e-300:
                 if damping == 0.0:
                     x, iteration = x + step, iteration + 1
                 return ended(x, converged=True)

@@ -16,13 +16,10 @@ from solver.chain.pose_order import canonical_order
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress, Triangle, solve_damped, triangle_of
-from solver.loops.closure import ClosureModel, nearest_equivalent
+from solver.loops.closure import ClosureModel, nearest_equivalent, pose_blocks
 
 SAME_DESCRIPTION = 1e-9
 """Parameters (rad, m) that differ by less, and by full turns, describe a loop alike."""
-
-BLOCK_POSES = 256
-"""Poses evaluated at a time: all that kinematics and Jacobian of so many need fits a core's own cache."""
 
 
 def estimate_paper(
@@ -88,8 +85,7 @@ class ClosureProblem:
     @classmethod
     def of(cls, model: ClosureModel, q: FloatArray) -> ClosureProblem:
         """Cut the poses `q` (m, n), rad, into blocks."""
-        cuts = np.split(np.arange(len(q)), np.arange(BLOCK_POSES, len(q), BLOCK_POSES))
-        return cls(blocks=tuple((model.at_poses(cut), q[cut]) for cut in cuts))
+        return cls(blocks=pose_blocks(model, q))
 
     def __call__(self, x: FloatArray) -> Triangle:
         """Closure error c and the paper's C = dc/dphi (eqs. 5, 6 and 13) at parameters `x` (P,)."""

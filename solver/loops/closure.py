@@ -18,6 +18,9 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter, wrap_angles
 
+BLOCK_POSES = 256
+"""Poses evaluated at a time: all that kinematics and Jacobian of so many need fits a core's own cache."""
+
 Which = IntArray | slice
 """Indices of some parameters or poses, or ``slice(None)``: all of them."""
 
@@ -237,6 +240,12 @@ class ClosureModel(ABC):
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Points of the arm (k, 3), m, and its fixture's axis (3,), in the base frame; None: no picture."""
         return None
+
+
+def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel, FloatArray], ...]:
+    """Cut the poses `q` (m, n) into blocks: loops of some poses and their joint angles (m_k, n)."""
+    cuts = np.split(np.arange(len(q)), np.arange(BLOCK_POSES, len(q), BLOCK_POSES))
+    return tuple((model.at_poses(cut), q[cut]) for cut in cuts)
 
 
 def nearest_equivalent(

@@ -13,7 +13,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable, Frames, turned
 from solver.chain.parameters import DhKind
-from solver.chain.rotations import rotation_vector, rotation_vector_differential, skew
+from solver.chain.rotations import rotation_vector, rotation_vector_differential
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.closure import ClosureModel, Held, Hold, LoopError, ReducedError
 from solver.loops.endpoint_geometry import HeldAxis, held_frame_entries
@@ -175,24 +175,29 @@ def _hinge_angle(at_zero: Frames) -> FloatArray:
 def _swing(n: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotation in the xy plane that carries z onto the unit vector `n`, and its rate.
 
+    The swing is ``f (-n_y, n_x)``, f the angle between z and n over its sine. With ``dn = w x n``,
+
+        dn_x = w_y n_z - w_z n_y,   dn_y = w_z n_x - w_x n_z,   df = g (n_x w_y - n_y w_x),
+
+    g = 1 + n_z (n_z - f) / sine^2.
+
     Returns
     -------
     swing
         (..., 2), rad: angle between z and n, along z x n.
     by_rotation
-        (..., 2, 3): derivative of the swing for a spatial angular increment w, ``dn = w x n``.
+        (..., 2, 3): derivative of the swing for a spatial angular increment w.
     """
     nx, ny, nz = n[..., 0], n[..., 1], n[..., 2]
     sine = np.hypot(nx, ny)
     # Below this the quotients lose digits and their series are exact to double precision.
     tiny = (sine < 1e-4) & (nz > 0.0)
     safe = np.where(tiny | (sine == 0.0), 1.0, sine)
-    ratio = np.where(tiny, 1.0 + sine**2 / 6.0, np.arctan2(sine, nz) / safe)
-    slope = np.where(tiny, -2.0 / 3.0, (nz - ratio) / safe**2)
-    dn = -skew(n)
-    dratio = slope[..., None] * (nx[..., None] * dn[..., 0, :] + ny[..., None] * dn[..., 1, :])
-    dratio = dratio - dn[..., 2, :]
-    first = -dn[..., 1, :] * ratio[..., None] - ny[..., None] * dratio
-    second = dn[..., 0, :] * ratio[..., None] + nx[..., None] * dratio
-    swing = np.stack((-ny * ratio, nx * ratio), axis=-1)
-    return swing, np.stack((first, second), axis=-2)
+    f = np.where(tiny, 1.0 + sine**2 / 6.0, np.arctan2(sine, nz) / safe)
+    g = 1.0 + nz * np.where(tiny, -2.0 / 3.0, (nz - f) / safe**2)
+    by_rotation = np.empty((*nx.shape, 2, 3))
+    by_rotation[..., 0, 0] = f * nz + g * ny * ny
+    by_rotation[..., 1, 1] = f * nz + g * nx * nx
+    by_rotation[..., 0, 1] = by_rotation[..., 1, 0] = -g * nx * ny
+    by_rotation[..., 0, 2], by_rotation[..., 1, 2] = -f * nx, -f * ny
+    return np.stack((-ny * f, nx * f), axis=-1), by_rotation

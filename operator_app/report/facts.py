@@ -33,6 +33,7 @@ from operator_app.report.quality_facts import (
     components_table,
     determined_table,
     observability_table,
+    tests_table,
 )
 from operator_app.report.table import (
     CLOSURE_ANGLE,
@@ -130,6 +131,7 @@ def facts_of(
             components_table(solution.components),
             budget_table(solution),
             tolerated_table(solution),
+            tests_table(solution),
             observability_table(solution),
             correlation_table(estimate),
         ),

@@ -71,9 +71,8 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table
             "",
         )
     ]
-    if solution.components is not None:
-        found = solution.components
-        ratio = Figure(found.stated_chi2 / found.stated_dof, key=("stated_chi2_per_dof",))
+    if (stated := solution.judgement.stated_chi2_per_dof) is not None:
+        ratio = Figure(stated, key=("stated_chi2_per_dof",))
         rows.append(("chi2/dof at stated noise", ratio, "1 when all is as good as stated"))
     rows += [
         ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
@@ -254,9 +253,33 @@ def budget_table(solution: Solution) -> Table | None:
             *figures(*map(source_words, budget), detail=True),
         ),
         rows=tuple(rows),
+        note=f"Assumed, since no file states them: {', '.join(solution.assumed)}."
+        if solution.assumed
+        else "",
     )
 
 
 def source_words(source: str) -> str:
     """Say what a source of the budget is: ``RVDT curve 6``."""
     return source.replace("_", " ").replace("rvdt", "RVDT")
+
+
+def tests_table(solution: Solution) -> Table | None:
+    """Return every test that the verdict rests on; those that fired are marked."""
+    rows = tuple(
+        (
+            t.code,
+            Figure(t.statistic, role="warn" if t.fires else "text"),
+            Figure(t.threshold),
+            Figure(t.false_alarm, digits=2),
+        )
+        for t in solution.judgement.tests
+    )
+    return None if not rows else Table(
+        ident="tests",
+        title="Tests that the verdict rests on (no unit)",
+        columns=(*words("test"), *figures("statistic", "threshold", "false alarm")),
+        rows=rows,
+        note="A test fires (▲) above its threshold; false alarm is how often a sound set fires it.",
+        detail=True,
+    )  # fmt: skip

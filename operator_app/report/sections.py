@@ -68,6 +68,7 @@ HEADINGS = {
     "noise": "Noise found with the parameters",
     "budget": "Uncertainty budget",
     "tolerated": "Corrected lengths and twists",
+    "tests": "Tests",
     "observability": "Observability",
     "correlations": "Correlations",
 }

@@ -43,7 +43,7 @@ class VerdictPanel(Lines):
         if facts is None:
             return [line((" no calibration of these poses yet", "dim"))]
         count = len(facts.notices)
-        tail = f" with {plural(count, 'warning')}" if count and facts.accepted else ""
+        tail = f": {plural(count, 'warning')}" if count and facts.accepted else ""
         glyph, role = ("▲" if count else "✓", "bold") if facts.accepted else ("■", "alarm")
         sigmas = [h for h in facts.headlines if h.name.startswith("sigma_")]
         others = [h for h in facts.headlines if not h.name.startswith(("sigma_", "rank"))]

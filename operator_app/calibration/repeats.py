@@ -1,22 +1,50 @@
-"""One pose read twice: which joint's reading slipped in between, and by how much? Knows no session.
+"""One pose read twice: what slipped in between, and by how much? Knows no session.
 
 A session comes back to its first pose. The drives do not return exactly, and the others follow them:
-such a difference lies along the chain's own motions. What is left is noise, or something slipped.
-Says what the readings say; what follows from it is the verdict's affair.
+such a difference lies along the chain's own motions. What is left is noise, play, the fixture's give, or
+something slipped. Says what the readings say; what follows from it is the verdict's affair.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from fixtures.base import NO_GIVE, Give
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
 from solver.closing import close_loops
 from solver.design.motion import chain_motion
 from solver.loops.closure import ClosureModel
+
+LEAST_GIVE_RAD, LEAST_GIVE_M = 1e-4, 1e-4
+"""Shape of a slip of a fixture that is stated to be rigid."""
+
+SIZES = np.geomspace(1.0, 1e4, 200)
+"""Times the stated give at which a slip of the fixture is tried."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reread:
+    """Two readings of one pose, and how many poses had been captured when it was read again.
+
+    Attributes
+    ----------
+    label
+        Of the pose.
+    first_rad, again_rad
+        (n,), each the mean of as many samples.
+    """
+
+    label: str
+    after: int
+    first_rad: FloatArray
+    again_rad: FloatArray
+    samples: int
+    samples_again: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +56,7 @@ class Repeat:
     difference_rad
         (n,) second reading less the first, all joints.
     chi2, dof
-        Of the difference that no motion of the chain explains, by the stated noise.
+        Of the difference that no motion of the chain explains, by stated noise, play and give.
     joint
         The joint (1-based) whose reading alone explains most of that.
     size_rad, sigma_rad
@@ -36,6 +64,10 @@ class Repeat:
     chi2_left
         What stays unexplained by it, with one degree of freedom less: large where it was no joint,
         but the fixture.
+    joint_odds
+        How much likelier that joint makes it than the fixture does, each as far off as is most likely.
+    turned_rad, shifted_m
+        How far the fixture slipped, if it was the fixture.
     """
 
     difference_rad: FloatArray
@@ -45,6 +77,9 @@ class Repeat:
     size_rad: float
     sigma_rad: float
     chi2_left: float
+    joint_odds: float
+    turned_rad: float
+    shifted_m: float
 
 
 def compare_readings(
@@ -55,40 +90,106 @@ def compare_readings(
     again_rad: FloatArray,
     *,
     samples: int,
+    samples_again: int | None = None,
+    give: Give = NO_GIVE,
 ) -> Repeat:
-    """Compare two readings (n,) of one pose, each the mean of `samples`, by stated noise and play.
+    """Compare two readings (n,) of one pose, each the mean of `samples`, by all that is stated.
 
     Parameters
     ----------
     model, x
-        The loop and its parameters as calibrated: they say how the chain moves.
+        The loop of this pose and its parameters as calibrated: they say how the chain moves.
+    give
+        The fixture's: with friction the other way round, it bends anew.
     """
-    used, sigmas = [], []
+    used, variances = [], []
     for j, joint in enumerate(arm.joints):
         if not isinstance(joint.sensor, NoSensor) and j + 1 not in model.unsensed_joints:
-            # Noise of two readings, and play that may be taken up from either side.
-            variance = joint.sensor.variance_of_mean_rad2(samples) + joint.backlash_rad**2
+            # Noise of two readings, and play that may be taken up from either side. What sags under
+            # its own weight sags alike in the same pose.
             used.append(j)
-            sigmas.append(np.sqrt(2.0 * variance))
-    sigma = np.array(sigmas)
+            variances.append(
+                joint.sensor.variance_of_mean_rad2(samples)
+                + joint.sensor.variance_of_mean_rad2(samples_again or samples)
+                + 2.0 * joint.backlash_rad**2
+            )
+    sigma = np.sqrt(variances)
     closed = close_loops(model, x, np.asarray(first_rad)[None])
-    motion = chain_motion(model, x, closed.q, closed.u).tangent[0, used]
+    motion = chain_motion(model, x, closed.q, closed.u)
     difference = np.asarray(again_rad - first_rad)
-    d = difference[used] / sigma
-    # Off the motions, each joint's own slip is a column of what is left.
-    Q = np.linalg.qr(motion / sigma[:, None])[0]
-    off = np.eye(len(used)) - Q @ Q.T
-    left = off @ d
-    seen = np.maximum(np.diagonal(off), 1e-12)
+    # Off the motions: J dq = f for a fixture displaced by f, and any dq with that differs by motions.
+    basis = np.linalg.qr(motion.tangent[0, used] / sigma[:, None], mode="complete")[0]
+    off = basis[:, motion.degrees :]
+    d: FloatArray = np.asarray(off.T @ (difference[used] / sigma), dtype=np.float64)
+    by_give = off.T @ (np.linalg.pinv(motion.jacobian[0])[used] / sigma[:, None])
+    rows = by_give.shape[1]
+    stated = np.repeat([give.orientation_rad, give.position_m], 3)[6 - rows :]
+    bends = by_give * stated
+    # White under everything stated: noise has unit variance here, the give two draws.
+    L = np.linalg.cholesky(np.eye(len(d)) + 2.0 * bends @ bends.T)
+    d = np.asarray(np.linalg.solve(L, d), dtype=np.float64)
+    by_joint = np.linalg.solve(L, off.T)
+    seen = np.maximum((by_joint**2).sum(0), 1e-12)
+    left = by_joint.T @ d
     explained = left**2 / seen
     k = int(np.argmax(explained))
-    chi2 = float(left @ left)
+    chi2 = float(d @ d)
+    shape = np.where(stated > 0.0, stated, np.repeat([LEAST_GIVE_RAD, LEAST_GIVE_M], 3)[6 - rows :])
+    gain, slip = _of_fixture(d, np.asarray(np.linalg.solve(L, by_give * shape), dtype=np.float64))
+    slip = slip * shape
     return Repeat(
         difference_rad=difference,
         chi2=chi2,
-        dof=len(used) - Q.shape[1],
+        dof=len(d),
         joint=used[k] + 1,
         size_rad=float(left[k] / seen[k] * sigma[k]),
         sigma_rad=float(sigma[k] / np.sqrt(seen[k])),
         chi2_left=chi2 - float(explained[k]),
+        joint_odds=float(np.exp(np.clip(_of_joint(float(explained[k])) - gain, -300.0, 300.0))),
+        turned_rad=float(np.linalg.norm(slip[:-3])),
+        shifted_m=float(np.linalg.norm(slip[-3:])),
+    )
+
+
+def _of_joint(explained: float) -> float:
+    """Logarithm of how much likelier a slip of one joint makes it, at its most likely variance."""
+    return 0.5 * (explained - 1.0 - float(np.log(explained))) if explained > 1.0 else 0.0
+
+
+def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
+    """Return the same for a slip of the fixture, and the slip in units of the columns."""
+    values, vectors = np.linalg.eigh(columns @ columns.T)
+    along = vectors.T @ d
+    spread = 1.0 + SIZES[:, None] ** 2 * np.maximum(values, 0.0)
+    gain = 0.5 * (along**2 * (1.0 - 1.0 / spread) - np.log(spread)).sum(-1)
+    best = int(np.argmax(gain))
+    slip = SIZES[best] ** 2 * columns.T @ (vectors @ (along / spread[best]))
+    return max(0.0, float(gain[best])), np.asarray(slip)
+
+
+def repeats_of(
+    rereads: Iterable[Reread],
+    arm: ArmModel,
+    model: ClosureModel,
+    x: FloatArray,
+    labels: tuple[str, ...],
+    give: Give,
+) -> tuple[tuple[Reread, Repeat], ...]:
+    """Compare all readings of poses that count; `labels` are those of the poses of `model`."""
+    return tuple(
+        (
+            r,
+            compare_readings(
+                arm,
+                model.at_poses(np.array([labels.index(r.label)])),
+                x,
+                r.first_rad,
+                r.again_rad,
+                samples=r.samples,
+                samples_again=r.samples_again,
+                give=give,
+            ),
+        )
+        for r in rereads
+        if r.label in labels
     )

@@ -38,6 +38,7 @@ from operator_app.calibration.noise import (
     soften,
 )
 from operator_app.calibration.other_basins import best_about_nominal
+from operator_app.calibration.repeats import Reread, repeats_of
 from operator_app.calibration.rivals import named_rivals
 from operator_app.calibration.stuck import explained
 from operator_app.calibration.verdict import FEW_DOF, Class, Judgement
@@ -176,6 +177,7 @@ def calibrate(
     drop: bool = False,
     length_tolerance_m: float | None = None,
     limits: AcceptanceLimits | None = None,
+    rereads: tuple[Reread, ...] = (),
     progress: Progress | None = None,
 ) -> Solution:
     """Calibrate `arm` in `fixture` from measured poses.
@@ -189,6 +191,8 @@ def calibrate(
         file states. The implicit estimator corrects them within that.
     drop
         Hold at their nominal values what the poses cannot see, instead of refusing.
+    rereads
+        Poses that were read once more after others: no more data, but a test of all of them.
 
     Raises
     ------
@@ -293,7 +297,14 @@ def calibrate(
         distinct,
         judged=tuple(p.name for p in hard.parameters),
         known=Known(
-            out_of_range=out_of_range, flipped=flipped, checks=checks, search=found, rvdt=rvdt
+            out_of_range=out_of_range,
+            flipped=flipped,
+            checks=checks,
+            search=found,
+            rvdt=rvdt,
+            returned=repeats_of(
+                rereads, arm, model, estimate.x, pick(poses, there).label, fixture.give
+            ),
         ),
         paper=judged_paper,
     )

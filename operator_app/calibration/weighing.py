@@ -12,6 +12,7 @@ from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.judgement import range_text
 from operator_app.calibration.loop import pick
 from operator_app.calibration.other_basins import other_basin
+from operator_app.calibration.repeats import Repeat, Reread
 from operator_app.calibration.rivals import named_rivals
 from operator_app.calibration.verdict import (
     UNNAMED_SCALE,
@@ -19,6 +20,7 @@ from operator_app.calibration.verdict import (
     causes_of,
     of_the_fit,
     paper_test,
+    return_tests,
 )
 from solver.arrays import IntArray
 from solver.chain.arm_model import ArmModel
@@ -48,6 +50,8 @@ class Known:
         The global start, where one was asked for.
     rvdt
         What the loops say of each RVDT.
+    returned
+        Poses that were read again, and what that says.
     """
 
     out_of_range: tuple[RangeFinding, ...] = ()
@@ -55,6 +59,7 @@ class Known:
     checks: tuple[SetupCheck, ...] = ()
     search: GlobalStart | None = None
     rvdt: tuple[RvdtVerdict, ...] = ()
+    returned: tuple[tuple[Reread, Repeat], ...] = ()
 
 
 def weigh(
@@ -108,7 +113,8 @@ def weigh(
             ),
             *far,
         )
-    tests = trial.tests
+    of_returns, since = return_tests(known.returned, found.estimate)
+    tests = (*trial.tests, *of_returns)
     of_paper: tuple[NamedCause, ...] = ()
     if paper is not None:
         test, of_paper = paper_test(paper, found.estimate)
@@ -118,12 +124,26 @@ def weigh(
             *_beforehand(poses, known),
             *(() if gross else (*_of_geometry(known.checks), *far)),
             *by_tests,
+            *_not_yet_named(since, by_tests),
             *(far if gross and not rivals else ()),
             *of_paper,
             *of_the_fit(found.estimate if paper is None else paper, judged),
         ),
         tests=tests,
         stated_chi2_per_dof=scale,
+    )
+
+
+def _not_yet_named(
+    since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
+) -> tuple[NamedCause, ...]:
+    """What only a return shows: the poses themselves say when a joint or the fixture slipped."""
+    subjects = tuple(cause.code.rsplit("_", 1)[-1] for cause in by_tests)
+    fixture = any(cause.code in ("SLIP_FIXTURE", "FIXTURE_GIVES") for cause in by_tests)
+    return tuple(
+        cause
+        for cause in since
+        if not (fixture if cause.code == "RETURN_FIXTURE" else cause.code[-1] in subjects)
     )
 
 

@@ -103,6 +103,7 @@ def solve(
         unsensed_joints=unsensed_joints,
         length_tolerance_m=procedure.length_tolerance_m,
         limits=procedure.acceptance,
+        rereads=state.rereads,
     )
 
 

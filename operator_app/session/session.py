@@ -319,6 +319,9 @@ class Session:
         keys = ("estimator", "unsensed_joints", "length_tolerance_m")
         if not then or tuple(then.get(k) for k in keys) != asked:
             return None
+        if then.get("rereads", 0) != len(self.state.rereads):
+            # The arm came back to a pose since: that may speak against it.
+            return None
         found = recorded(self.state)
         return found if isinstance(found, Calibrated) else None
 
@@ -342,6 +345,7 @@ class Session:
             unsensed_joints=own.unsensed_joints if unsensed_joints is None else unsensed_joints,
             length_tolerance_m=own.length_tolerance_m,
             limits=own.acceptance,
+            rereads=self.state.rereads,
             progress=progress,
         )
         estimate = solution.estimate
@@ -352,6 +356,7 @@ class Session:
                 "unsensed_joints": list(solution.model.unsensed_joints),
                 "length_tolerance_m": own.length_tolerance_m,
                 "poses": [p.number for p in poses],
+                "rereads": len(self.state.rereads),
                 "parameters": {
                     p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)
                 },

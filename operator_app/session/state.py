@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from operator_app.calibration.repeats import Reread
 from operator_app.config.procedure import CapturePlan
 from solver.arrays import FloatArray, frozen
 from solver.chain.poses import PoseSet
@@ -151,6 +152,21 @@ class SessionState:
             Return(first=known[r.of], again=r)
             for r in self.readings
             if r.kind == "return" and r.of in known
+        )
+
+    @property
+    def rereads(self) -> tuple[Reread, ...]:
+        """The same as a calibration is tested with."""
+        return tuple(
+            Reread(
+                label=str(r.first.number),
+                after=r.again.after,
+                first_rad=r.first.mean_rad,
+                again_rad=r.again.mean_rad,
+                samples=r.first.samples,
+                samples_again=r.again.samples,
+            )
+            for r in self.returns
         )
 
     def wanted_poses(self, capture: CapturePlan) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,6 +12,8 @@ import pytest
 from hardware.arm import Reading
 from hardware.virtual.scenarios import scenario
 from operator_app.calibration.repeats import Repeat, compare_readings
+from operator_app.calibration.solve import Solution
+from operator_app.calibration.verdict import Class
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled
@@ -18,6 +21,7 @@ from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.workflow import take_poses
+from solver.judging import trial
 
 MakeSession = Callable[..., Session]
 
@@ -141,3 +145,84 @@ def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
     assert session.state.returns == ()
     assert said[-1].startswith("Pose 1 could not be read once more: joint 7")
     assert read_journal(session.journal.path.parent).events[-1].name == "return_missed"
+
+
+def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Solution:
+    """Take all poses, let a joint slip before the arm is back, and calibrate."""
+    begun(session)
+    wanted = session.procedure.capture.poses
+    whole = session.arm.capture
+
+    def slipped(samples: int) -> Reading:
+        found = whole(samples)
+        mean = found.mean_rad.copy()
+        mean[joint - 1] += slip_rad
+        return replace(found, mean_rad=mean)
+
+    class Slipping(Listener):
+        def pose_captured(self, state: object, _: int) -> None:
+            if len(session.state.poses) == wanted:
+                session.arm.capture = slipped
+
+    take_poses(session, Slipping(), (1, 5))
+    return session.calibrate()
+
+
+def of_scenario(name: str, poses: int = 20) -> Procedure:
+    procedure = load_procedure("hinge")
+    capture = replace(procedure.capture, poses=poses, samples_per_pose=32)
+    return replace(procedure, arm=scenario(name).arm(procedure.arm), capture=capture)
+
+
+def return_test(solution: Solution) -> trial.Test:
+    (found,) = (t for t in solution.judgement.tests if t.code.startswith("RETURN"))
+    return found
+
+
+def returns_of(solution: Solution) -> list[str]:
+    return [c.code for c in solution.causes if c.code.startswith("RETURN")]
+
+
+@pytest.mark.parametrize("name", ["exact", "datasheet"])
+def test_a_sound_session_says_nothing_of_its_return_but_the_figure(
+    make_session: MakeSession, name: str
+) -> None:
+    solution = sessioned(make_session(of_scenario(name), name))
+    test = return_test(solution)
+    assert test.code == "RETURN_20"
+    assert 0.0 < test.statistic < test.threshold
+    assert returns_of(solution) == []
+    assert solution.accepted
+
+
+@pytest.mark.parametrize("name", ["exact", "datasheet"])
+def test_a_joint_that_slipped_before_the_return_is_named_and_refused(
+    make_session: MakeSession, name: str
+) -> None:
+    solution = sessioned(make_session(of_scenario(name), name), slip_rad=np.deg2rad(0.5))
+    assert return_test(solution).fires
+    assert returns_of(solution) == ["RETURN_JOINT_3"]
+    assert solution.verdict is Class.NOT_ACCEPTED
+    (cause,) = (c for c in solution.causes if c.code == "RETURN_JOINT_3")
+    assert cause.refuses
+    assert cause.probability > 0.9
+    size = re.search(r"joint 3 shifted by \+(\d\.\d+) deg \(sigma (\d\.\d+) deg\)", cause.text)
+    assert size is not None
+    assert float(size[1]) == pytest.approx(0.5, abs=3.0 * float(size[2]) + 1e-3)
+    assert "between pose 1 and its second reading after 20 poses" in cause.text
+
+
+def test_a_fixture_that_bends_is_no_encoder_that_slipped(make_session: MakeSession) -> None:
+    solution = sessioned(make_session(of_scenario("as_reported"), "as_reported"))
+    assert return_test(solution).fires
+    assert not [code for code in returns_of(solution) if code.startswith("RETURN_JOINT")]
+    assert any("fixture" in c.text for c in solution.causes)
+    assert solution.verdict is not Class.ACCEPTED
+
+
+def test_a_return_after_a_calibration_asks_for_another(make_session: MakeSession) -> None:
+    session = make_session(of_scenario("exact"))
+    sessioned(session)
+    assert session.calibrated() is not None
+    session.look_again("return", of=session.state.used_poses[0].number)
+    assert session.calibrated() is None

@@ -90,7 +90,7 @@ def weigh(
     unsensed = model.unsensed_joints
     scale = trial.left.chi2 / max(trial.left.dof, 1)
     gross = _left(trial) > UNNAMED_SCALE
-    by_tests = causes_of(trial, found.estimate, judged, used.label)
+    by_tests = causes_of(trial, found.estimate, judged, _labels(used))
     rivals: tuple[NamedCause, ...] = ()
     if gross:
         # Linear explanations end where nothing is near the truth any more.
@@ -131,6 +131,16 @@ def weigh(
         ),
         tests=tests,
         stated_chi2_per_dof=scale,
+    )
+
+
+def _labels(poses: PoseSet) -> tuple[str, ...]:
+    """Labels of poses, with the placement where each of several has a pose 1."""
+    if len(poses.placements) == 1:
+        return poses.label
+    return tuple(
+        f"{label} of placement {number}"
+        for label, number in zip(poses.label, poses.placement, strict=True)
     )
 
 

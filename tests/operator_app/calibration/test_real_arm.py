@@ -1,0 +1,62 @@
+"""A real arm, its ball in several sockets, as the operator calibrates it: tests/data/panda_ball."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.loop import pick_placements
+from operator_app.calibration.solve import Solution, calibrate
+from operator_app.calibration.verdict import Class
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from tests.oracles.panda import FOLDER
+
+PAIRS = ((1, 2), (3, 4), (5, 6))
+"""Each pair is the two sockets of one block, 50 mm apart; the block stood in three places."""
+
+SEEN = tuple(f"theta_off_{j}" for j in range(2, 7))
+
+
+def of(*placements: int) -> Solution:
+    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
+    chosen = pick_placements(poses, placements)
+    return calibrate(load_arm("franka_panda"), load_fixture("ball").fixture, chosen, drop=True)
+
+
+@pytest.fixture(scope="module")
+def of_pairs() -> tuple[Solution, ...]:
+    return tuple(of(*pair) for pair in PAIRS)
+
+
+def test_sockets_that_nobody_measured_are_no_reason_against_it(
+    of_pairs: tuple[Solution, ...],
+) -> None:
+    """The fixture's file states where one socket is: the block stood up to 0.9 m from there."""
+    for solution in of_pairs:
+        assert solution.verdict is Class.ACCEPTED
+        assert solution.held == ("theta_off_1", "theta_off_7")
+        assert len(solution.tolerated) > 15
+
+
+def test_offsets_of_separate_pairs_agree_within_what_they_claim(
+    of_pairs: tuple[Solution, ...],
+) -> None:
+    apart = []
+    for one, two in combinations((s.estimate for s in of_pairs), 2):
+        a, b = ([[p.name for p in e.parameters].index(n) for n in SEEN] for e in (one, two))
+        sd = np.hypot(one.standard_deviation[a], two.standard_deviation[b])
+        apart.append((one.x[a] - two.x[b]) / sd)
+    assert np.mean(np.abs(apart) < 1.96) >= 0.9
+
+
+def test_a_cause_names_the_placement_of_a_pose() -> None:
+    """What one pair of sockets and another do not agree on is said of placements, not of 'pose 1'."""
+    solution = of(2, 6)
+    assert solution.verdict is Class.NOT_ACCEPTED
+    said = [c.text for c in solution.causes if c.code.startswith("STEP")]
+    assert said
+    assert all("of placement 2 and pose" in text or "of placement 6" in text for text in said)

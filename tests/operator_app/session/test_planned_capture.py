@@ -192,7 +192,14 @@ def test_a_journal_that_cannot_be_repeated_is_planned_anew(
     assert told.capture._campaign is None
 
 
-@pytest.mark.parametrize("sync", [3, 1500, 3700])
+@pytest.mark.parametrize(
+    "sync",
+    [
+        pytest.param(3, marks=pytest.mark.campaign),
+        1500,
+        pytest.param(3700, marks=pytest.mark.campaign),
+    ],
+)
 def test_interrupted_anywhere_it_goes_on_with_nothing_lost(
     make_session: MakeSession, sync: int
 ) -> None:

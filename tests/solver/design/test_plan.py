@@ -120,6 +120,7 @@ def test_avoids_where_a_move_was_stopped(quick, x, plan) -> None:
     assert np.linalg.norm(other.poses_rad - bad, axis=-1).min() > 0.15
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", [2, 8])
 def test_twelve_planned_beat_sixty_random_on_wild_arms(seed: int) -> None:
     """Small version of tests/benchmarks/planning.py, which does fifty arms."""

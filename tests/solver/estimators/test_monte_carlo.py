@@ -9,6 +9,8 @@ from scipy.stats import binom, chi2
 from tests.benchmarks.monte_carlo import Study, study, table
 from tests.oracles.simulated_loops import PARAMETERS, Simulation
 
+pytestmark = pytest.mark.campaign
+
 RUNS = 100
 CHANCE = 1e-5
 """Of one bound failing although all is well; there are fewer than a hundred of them."""

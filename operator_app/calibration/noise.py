@@ -35,7 +35,7 @@ def error_model(
     """Return what the files state of the kept poses; `tolerance` is that of `soften`."""
     errors = stated_errors(
         arm,
-        samples=_samples(poses)[kept],
+        samples=samples_of(poses)[kept],
         sd_rad=None if poses.sd_rad is None else poses.sd_rad[kept],
         unsensed_joints=unsensed_joints,
     )
@@ -61,13 +61,14 @@ def noise_model(
                 0.0 if isinstance(j.sensor, NoSensor) else j.sensor.variance_of_mean_rad2(int(n))
                 for j in arm.joints
             ]
-            for n in _samples(poses)[kept]
+            for n in samples_of(poses)[kept]
         ]
     )
     return NoiseModel(joint_variance=variance, fixture_variance=instrument_variance(fixture))
 
 
-def _samples(poses: PoseSet) -> IntArray:
+def samples_of(poses: PoseSet) -> IntArray:
+    """Readings in the mean of each pose (m,); one where the file does not say."""
     return np.ones(len(poses), dtype=np.int64) if poses.samples is None else poses.samples
 
 

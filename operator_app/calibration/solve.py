@@ -40,15 +40,15 @@ from operator_app.calibration.noise import (
 from operator_app.calibration.other_basins import best_about_nominal
 from operator_app.calibration.repeats import Reread, repeats_of
 from operator_app.calibration.rivals import named_rivals
+from operator_app.calibration.rvdt import judge_rvdts
 from operator_app.calibration.stuck import explained
 from operator_app.calibration.verdict import FEW_DOF, Class, Judgement
 from operator_app.calibration.weighing import Known, weigh
 from operator_app.config.procedure import AcceptanceLimits
-from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
-from solver.chain.sensors import Rvdt
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
@@ -61,7 +61,7 @@ from solver.estimators.variance_components import (
 from solver.judging.dropping import drop_unidentifiable
 from solver.judging.identifiability import Identifiability, identifiability
 from solver.judging.ranges import range_findings
-from solver.judging.rvdt import RvdtVerdict, rvdt_verdicts
+from solver.judging.rvdt import RvdtVerdict
 from solver.loops.closure import ClosureModel
 from solver.search.global_start import GlobalStart, global_start
 
@@ -285,7 +285,16 @@ def calibrate(
     seen = _require_identifiable(hard, in_order(hard, model, estimate.x), q, sigma)
     checks = _checks(fixture, arm, model, estimate.x, unsensed_joints)
     rvdt = (
-        _rvdt(arm, fixture, poses, kept, held, estimate, length_tolerance_m)
+        judge_rvdts(
+            arm,
+            fixture,
+            poses,
+            kept,
+            estimate,
+            whole.components,
+            held=held,
+            length_tolerance_m=length_tolerance_m,
+        )
         if gross_misfit(whole) < GROSS
         else ()
     )
@@ -389,32 +398,6 @@ def _outliers(found: Calibrated, of_each: IntArray) -> tuple[int, ...]:
     chances = chdtrc(np.maximum(dof, 1), chi2)
     named = [k for k in np.argsort(chances) if chances[k] < OUTLIER_LEVEL / len(chances)]
     return tuple(int(of_each[found.order[k]]) for k in named)
-
-
-def _rvdt(
-    arm: ArmModel,
-    fixture: Fixture,
-    poses: PoseSet,
-    kept: BoolArray,
-    held: tuple[str, ...],
-    estimate: Estimate,
-    length_tolerance_m: float | None,
-) -> tuple[RvdtVerdict, ...]:
-    """Judge every RVDT by the loops of one placement; none where that cannot be asked."""
-    joints = tuple(j for j, joint in enumerate(arm.joints, 1) if isinstance(joint.sensor, Rvdt))
-    if not joints or len(poses.placements) > 1:
-        return ()
-    blind = tuple(sorted({*joints, *arm.unsensed_joints}))
-    whole = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
-    model = whole.at_poses(np.flatnonzero(kept)).without(held)
-    q = poses.q_rad[kept]
-    if len(q) * model.equations_per_pose <= len(model.parameters):
-        return ()
-    model, tolerance = soften(model, arm, length_tolerance_m=length_tolerance_m, held=held)
-    known = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
-    x0 = np.array([known.get(p.name, p.nominal) for p in model.parameters])
-    errors = error_model(arm, fixture, poses, kept, unsensed_joints=blind, tolerance=tolerance)
-    return rvdt_verdicts(model, arm, q, errors, x0=x0)
 
 
 def _require_identifiable(

@@ -129,6 +129,8 @@ def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
         "treat_as_unsensed": verdict.treat_as_unsensed,
         "share_of_residual": verdict.share,
     }
+    if (noise := verdict.noise) is not None:
+        found |= {"noise_lsb": noise.lsb, "noise_lsb_interval": [noise.low, noise.high]}
     if figures is not None:
         found |= {
             "linearity_percent_of_full_scale": 100.0 * figures.linearity,
@@ -136,8 +138,6 @@ def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
             "half_range_percent_of_full_scale": 100.0 * figures.half_range,
             "covered_percent_of_full_scale": 100.0 * figures.covered,
             "gain": figures.gain,
-            "noise_lsb": figures.noise_lsb,
-            "noise_lsb_interval": [figures.noise_low, figures.noise_high],
             "theta_off_deg": math.degrees(figures.theta_off_rad),
             "correction_table_deg": [
                 dict(zip(("reading", "correction", "sigma"), row, strict=True))

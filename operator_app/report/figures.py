@@ -162,8 +162,8 @@ def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Html:
         subject,
         ident=f"rvdt-{joint}",
         title=f"Joint {joint}: reading less the angle the loop measures",
-        description=f"Curve from {low.shown} to {high.with_unit}; noise about it "
-        f"{Figure(found.noise_lsb, LSB, digits=2).with_unit}. The specification allows "
+        description=f"Curve from {low.shown} to {high.with_unit}; noise of a "
+        f"single reading {Figure(found.noise.lsb, LSB, digits=2).with_unit}. The specification allows "
         f"±{Figure(allowed, CLOSURE_ANGLE).with_unit} about the best-fit line.",
         labels=(f"true angle of joint {joint}", "deviation"),
         at_rad=found.angle_rad,

@@ -116,14 +116,14 @@ def rvdt_table(subject: Subject) -> Table | None:
                 Figure(found.linearity, SHARE, places=2),
                 Figure(found.linearity_sd, SHARE, places=2),
                 Figure(sensor.linearity, SHARE, digits=2),
-                Figure(found.noise_lsb, LSB, digits=2),
-                Figure(found.noise_low, LSB, digits=2),
-                Figure(found.noise_high, LSB, digits=2),
+                Figure(found.noise.lsb, LSB, digits=2),
+                Figure(found.noise.low, LSB, digits=2),
+                Figure(found.noise.high, LSB, digits=2),
                 Figure(sensor.noise_lsb, LSB, digits=2),
                 Figure(verdict.share, SHARE, places=0),
             )
         )
-    linear, noise = "linearity, of full scale", "noise"
+    linear, noise = "linearity, of full scale", "noise of a single reading"
     return None if not rows else Table(
         ident="rvdt-table",
         title="RVDT joints: readings against the angle that the loop measures",

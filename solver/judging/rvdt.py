@@ -1,18 +1,19 @@
 """Verdict on an RVDT: what it reads against what the closed loop measures of its joint.
 
-With the wrist joints eliminated as unsensed the loop measures their true angles itself. Line, curve
-and noise of the readings (`solver.judging.rvdt_figures`) are held against the specification here, and put
-into plain words. Knows sensors and closure models; no fixture and no screen.
+With the wrist joints eliminated as unsensed the loop measures their true angles itself. Line and curve
+(`solver.judging.rvdt_figures`) and noise (`solver.judging.rvdt_noise`) of the readings are held against the
+specification here, and put into plain words. Knows sensors and closure models; no fixture and no screen.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
 from solver.chain.sensors import Rvdt
@@ -20,6 +21,7 @@ from solver.estimators.error_model import ErrorModel
 from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.loop_angles import LoopAngle, loop_angles
 from solver.judging.rvdt_figures import RvdtFigures, measure, sensor_angle
+from solver.judging.rvdt_noise import SingleNoise
 from solver.loops.closure import ClosureModel
 
 MIN_POSES = 15
@@ -32,8 +34,8 @@ LEVEL = 0.01
 TWO_SIDED = 1.959963984540054
 
 NOISE_MARGIN = 1.25
-"""Noise is out of specification when it is above it by more than this for certain: 60 poses know
-their own noise to a tenth, and a specification in whole LSB means no more.
+"""Noise is out of specification when it is above it by more than this for certain: a specification in
+whole LSB means no more.
 """
 
 HARMFUL = 3.0
@@ -66,6 +68,9 @@ class RvdtVerdict:
         (0..1, negative if it grows); 0 when the poses cannot decide.
     figures
         What was measured; None when the poses cannot decide.
+    noise
+        That of a single reading; known even where the poses cannot decide on the curve, but for a
+        joint whose readings take no part and have no spread.
     """
 
     joint: int
@@ -74,6 +79,7 @@ class RvdtVerdict:
     treat_as_unsensed: bool
     share: float
     figures: RvdtFigures | None
+    noise: SingleNoise | None = None
 
 
 def rvdt_verdicts(
@@ -82,6 +88,8 @@ def rvdt_verdicts(
     q: FloatArray,
     errors: ErrorModel,
     *,
+    noise: Mapping[int, SingleNoise],
+    samples: IntArray,
     x0: FloatArray | None = None,
 ) -> tuple[RvdtVerdict, ...]:
     """Judge every RVDT among the unsensed joints of `model` by readings `q` (m, n), rad.
@@ -92,6 +100,10 @@ def rvdt_verdicts(
         One placement's loop with the RVDT joints unsensed, so that their readings take no part.
     errors
         What is stated of all other sources, which would pass for noise of the RVDT.
+    noise
+        Of single readings, by joint, where it is known.
+    samples
+        Readings in each pose's mean (m,).
 
     Raises
     ------
@@ -111,8 +123,9 @@ def rvdt_verdicts(
     estimate, found = whole.estimate, whole.components
     angles = {a.joint: a for a in loop_angles(model, estimate.x, q, found.noise)}
     # A fixture that turns looks like noise of the wrist, and no pose tells the two apart: where it
-    # gives at all, none of the scatter is held against the sensor.
-    gives = found.flexure is not None and found.flexure.gives
+    # gives more than stated, none of the scatter between poses is held against the sensor.
+    if found.flexure is not None and found.flexure.gives:
+        noise = {j: one if one.from_spread else replace(one, low=0.0) for j, one in noise.items()}
     offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
     verdicts = []
     for joint, sensor in sensors.items():
@@ -121,10 +134,16 @@ def rvdt_verdicts(
         if not estimate.converged:
             reason = "the calibration without the RVDTs did not converge"
         if reason:
-            verdicts.append(_undecided(joint, reason))
+            verdicts.append(undecided(joint, sensor, reason, noise.get(joint)))
             continue
-        own = np.inf if gives else float(np.mean(angle.pose_variance))
-        figures = measure(reading, angle, sensor, estimate.covariance, most_loop_variance=own)
+        figures = measure(
+            reading,
+            angle,
+            sensor,
+            estimate.covariance,
+            noise.get(joint),
+            samples=float(1.0 / np.mean(1.0 / samples)),
+        )
         here = offsets | {joint: figures.theta_off_rad}
         share = _share(model, estimate.x, q, joint, figures, here)
         verdicts.append(_judge(joint, sensor, figures, share))
@@ -152,21 +171,33 @@ def _undecidable(
     return ""
 
 
-def _undecided(joint: int, reason: str) -> RvdtVerdict:
+def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) -> RvdtVerdict:
+    """Say why the poses cannot decide on the sensor's curve, and what is known of its noise."""
+    noisy = noise is not None and _too_noisy(noise, sensor)
+    verdict = Verdict.OUT_OF_SPECIFICATION if noisy else Verdict.CANNOT_DECIDE
+    words = [] if noise is None else _noise_words(noise, sensor)
+    curve = f"cannot decide on its curve: {reason}"
     return RvdtVerdict(
         joint=joint,
-        verdict=Verdict.CANNOT_DECIDE,
-        text=f"RVDT of joint {joint}: cannot decide: {reason}",
+        verdict=verdict,
+        text=f"RVDT of joint {joint}: "
+        + "; ".join([verdict.value, *words, curve] if noisy else [curve, *words]),
         treat_as_unsensed=False,
         share=0.0,
         figures=None,
+        noise=noise,
     )
+
+
+def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
+    """Whether a single reading is noisier than specified for certain."""
+    return noise.low > NOISE_MARGIN * sensor.noise_lsb
 
 
 def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
     curved = figures.line_probability < LEVEL
     too_curved = figures.linearity - TWO_SIDED * figures.linearity_sd > sensor.linearity
-    too_noisy = figures.noise_low > NOISE_MARGIN * sensor.noise_lsb
+    too_noisy = _too_noisy(figures.noise, sensor)
     rms = float(np.sqrt(np.mean(figures.deviation_rad**2)))
     # The loop must know the angle better than the sensor reads it, or there is nothing to gain.
     harmful = (curved or too_noisy) and rms > HARMFUL * max(sensor.sigma_rad, figures.loop_sd_rad)
@@ -183,6 +214,7 @@ def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> Rvdt
         treat_as_unsensed=harmful,
         share=share,
         figures=figures,
+        noise=figures.noise,
     )
 
 
@@ -202,18 +234,25 @@ def _words(
         f"linearity {100.0 * figures.linearity:.2f} % of full scale ({allowed}) {covered}",
         f"gain {figures.gain:.4f}",
     ]
-    if figures.noise_low > 0.0:
-        parts.append(f"noise {figures.noise_lsb:.1f} LSB (specification {sensor.noise_lsb:g})")
-    else:
-        parts.append(
-            f"noise below {figures.noise_high:.1f} LSB, not told from the loop's own "
-            f"{1e3 * figures.loop_sd_rad:.2g} mrad"
-        )
+    parts += _noise_words(figures.noise, sensor)
     if verdict is not Verdict.SOUND and share > 0.0:
         parts.append(f"explains {100.0 * share:.0f} % of the squared closure error")
     if harmful:
         parts.append(f"treat joint {joint} as unsensed, or correct its readings by the table")
     return "; ".join(parts)
+
+
+def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
+    """Say what is known of the noise, and what to do about it."""
+    allowed = f"specification {sensor.noise_lsb:g} LSB"
+    if noise.told:
+        words = f"noise of a single reading {noise.lsb:.1f} LSB ({allowed})"
+        remedy = "check its plug, screen and excitation, or average more samples a pose"
+        return [words, remedy] if _too_noisy(noise, sensor) else [words]
+    most = f"below {noise.high:.1f} LSB ({allowed})"
+    words = f"noise of a single reading: cannot be told from these poses, {most}"
+    remedy = "record several samples a pose with their sd to measure it"
+    return [words, remedy] if noise.high > NOISE_MARGIN * sensor.noise_lsb else [words]
 
 
 def _share(

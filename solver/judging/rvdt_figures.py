@@ -12,6 +12,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.sensors import Rvdt
 from solver.judging.loop_angles import LoopAngle
+from solver.judging.rvdt_noise import SingleNoise
 from solver.judging.smooth_curve import SmoothCurve, fit_curve
 
 TABLE_POINTS = 25
@@ -38,8 +39,8 @@ class RvdtFigures:
         Over all of full scale it can only be larger.
     half_range
         Half the peak-to-peak deviation from unit gain, fraction of full scale.
-    noise_lsb, noise_low, noise_high
-        Noise about the curve and its 95 % interval, LSB, with the loop's own noise taken out.
+    noise
+        That of a single reading.
     loop_sd_rad
         How well the loop itself measures the angle of one pose (rms).
     line_probability
@@ -59,9 +60,7 @@ class RvdtFigures:
     linearity: float
     linearity_sd: float
     half_range: float
-    noise_lsb: float
-    noise_low: float
-    noise_high: float
+    noise: SingleNoise
     loop_sd_rad: float
     line_probability: float
     angle_rad: FloatArray
@@ -91,22 +90,26 @@ def measure(
     measured: LoopAngle,
     sensor: Rvdt,
     parameter_covariance: FloatArray,
-    *,
-    most_loop_variance: float,
+    noise: SingleNoise | None,
+    samples: float,
 ) -> RvdtFigures:
     """Split the deviations of readings (m,) from the measured angles.
 
     Parameters
     ----------
-    most_loop_variance
-        Largest mean variance of the measured angles that the data allow, rad^2: what the readings
-        scatter beyond that is certainly theirs.
+    noise
+        That of a single reading; None where nothing better tells of it than the scatter about the
+        curve, which bounds it: the loop's own slow errors are in there too.
+    samples
+        Readings in each pose's mean.
 
     Raises
     ------
     ValueError
         If there are too few poses to fit any curve.
     """
+    from scipy.special import chdtri
+
     angle, offset = sensor_angle(reading_rad, measured)
     deviation = reading_rad - angle
     curve = fit_curve(angle, deviation)
@@ -115,7 +118,13 @@ def measure(
     constant = float(np.mean(curve(grid)))
     slope = float(np.polyfit(grid, curve(grid), 1)[0])
     line = np.polynomial.polynomial.polyval(grid, _line(grid, curve(grid)))
-    variance, low, high = _noise(curve, measured, most_loop_variance)
+    squares = float(curve.residual @ curve.residual)
+    own = float(np.mean(measured.pose_variance))
+    variance = max(squares / curve.dof - own, 0.0)
+    if noise is None:
+        most = max(squares / float(chdtri(curve.dof, 0.975)) - own, 0.0)
+        lsb, high = (np.sqrt(np.array([variance, most]) * samples) / sensor.resolution_rad).tolist()
+        noise = SingleNoise(lsb=lsb, low=0.0, high=high, from_spread=False)
     of_points = measured.covariance(parameter_covariance) + variance * np.eye(len(angle))
     # Deviation from its own best-fit line and from its own mean, as linear maps of the curve.
     ones = np.stack((np.ones_like(grid), grid - grid.mean()), axis=1)
@@ -132,9 +141,7 @@ def measure(
         linearity=float(np.abs(bend[peak]) / sensor.full_scale_rad),
         linearity_sd=float(np.sqrt(np.diagonal(spread).max()) / sensor.full_scale_rad),
         half_range=float(0.5 * np.ptp(curve(grid)) / sensor.full_scale_rad),
-        noise_lsb=float(np.sqrt(variance) / sensor.resolution_rad),
-        noise_low=float(np.sqrt(low) / sensor.resolution_rad),
-        noise_high=float(np.sqrt(high) / sensor.resolution_rad),
+        noise=noise,
         loop_sd_rad=_rms(np.diagonal(measured.covariance(parameter_covariance))),
         line_probability=curve.line_probability,
         angle_rad=angle + constant,
@@ -146,19 +153,6 @@ def measure(
 
 def _line(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(np.polynomial.polynomial.polyfit(x, y, 1), dtype=np.float64)
-
-
-def _noise(
-    curve: SmoothCurve, measured: LoopAngle, most_loop_variance: float
-) -> tuple[float, float, float]:
-    """Noise variance of the readings and its 95 % interval, rad^2."""
-    from scipy.special import chdtri
-
-    squares = float(curve.residual @ curve.residual)
-    loop = float(np.mean(measured.pose_variance))
-    low, high = (squares / chdtri(curve.dof, (0.025, 0.975))).tolist()
-    found = (squares / curve.dof - loop, low - most_loop_variance, high - loop)
-    return (max(found[0], 0.0), max(found[1], 0.0), max(found[2], 0.0))
 
 
 def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:

@@ -40,7 +40,7 @@ def found_lsb(job: tuple[float, int, int]) -> list[float]:
     lsb, samples, seed = job
     taken = session(seed, Sizes(noise_lsb=lsb), samples=samples)
     solution = calibrate(*packaged(), parse_poses(taken.csv().encode(), "poses.csv").poses)
-    return [np.nan if v.figures is None else v.figures.noise_lsb for v in solution.rvdt]
+    return [np.nan if v.noise is None else v.noise.lsb for v in solution.rvdt]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

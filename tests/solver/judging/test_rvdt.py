@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,21 +10,32 @@ import numpy as np
 import pytest
 
 from solver.estimators.error_model import stated_errors
+from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.rvdt import RvdtVerdict, Verdict, rvdt_verdicts
 from solver.judging.rvdt_figures import RvdtFigures
+from solver.judging.rvdt_noise import noise_behind, single_noise, spread_of
 from solver.judging.smooth_curve import fit_curve
 from tests.oracles.loop_oracle import Truth
-from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, RVDT_SD, Simulation, wrist_bows
+from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, Simulation, wrist_bows
 from tests.solver.conftest import loop_of, paper_arm, read_poses
 
 
-def judged(truth: Truth, q: np.ndarray, **kwargs: object) -> dict[int, RvdtVerdict]:
+def judged(truth: Truth, q: np.ndarray) -> dict[int, RvdtVerdict]:
     arm = paper_arm(truth)
     samples = np.ones(len(q), dtype=np.int64)
     errors = stated_errors(arm, samples=samples, unsensed_joints=(6, 7))
     errors = replace(errors, give_rad=0.0, give_m=0.0)
+    whole = stated_errors(arm, samples=samples)
+    whole = replace(whole, give_rad=0.0, give_m=0.0)
+    found = estimate_with_errors(loop_of(truth), q, whole).components
+    noise = {}
+    for c in found.components:
+        if c.name in ("rvdt_6", "rvdt_7"):
+            joint = int(c.name[-1])
+            noise[joint] = single_noise(arm.joints[joint - 1].sensor, c, None, samples)
     model = loop_of(truth, unsensed=(6, 7))
-    return {v.joint: v for v in rvdt_verdicts(model, arm, q, errors, **kwargs)}
+    verdicts = rvdt_verdicts(model, arm, q, errors, noise=noise, samples=samples)
+    return {v.joint: v for v in verdicts}
 
 
 def figures(verdict: RvdtVerdict) -> RvdtFigures:
@@ -53,7 +65,7 @@ def test_planted_one_percent_curve_is_found(hinge_data: Path, truth: Truth) -> N
         assert found[joint].verdict is Verdict.CURVED
         assert found[joint].treat_as_unsensed
         assert f"treat joint {joint} as unsensed" in found[joint].text
-        assert 1.5 < one.noise_lsb < 2.6
+        assert 1.5 < one.noise.lsb < 2.6
     # Joint 7's poses cover nearly all of the scale, so half the peak-to-peak is the amplitude.
     assert figures(found[7]).half_range == pytest.approx(0.01, abs=0.001)
     assert found[6].share + found[7].share > 0.8
@@ -92,8 +104,8 @@ def test_noise_out_of_specification(truth: Truth) -> None:
     found = judged(truth, Simulation(poses=60, wrist_sd=4.0 * LSB_RAD).rereadings(1))
     for verdict in found.values():
         assert verdict.verdict is Verdict.OUT_OF_SPECIFICATION
-        assert figures(verdict).noise_low < 4.0 < figures(verdict).noise_high
-        assert "noise 4" in verdict.text or "noise 3" in verdict.text
+        assert figures(verdict).noise.low < 4.0 < figures(verdict).noise.high
+        assert re.search(r"noise of a single reading [34]\.\d LSB", verdict.text)
 
 
 def test_rates_over_many_arms(truth: Truth) -> None:
@@ -103,7 +115,7 @@ def test_rates_over_many_arms(truth: Truth) -> None:
         found = judged(truth, q)
         for verdict in found.values():
             one = figures(verdict)
-            inside += one.noise_low <= RVDT_SD / LSB_RAD <= one.noise_high
+            inside += one.noise.low <= 2.0 <= one.noise.high
             curved += verdict.verdict is Verdict.CURVED
     # 95 % intervals: fewer than 41 of 50 inside has a chance of 1e-4.
     assert inside >= 41
@@ -136,16 +148,17 @@ def test_soft_fixture_is_not_held_against_the_sensor(truth: Truth) -> None:
     found = judged(truth, Simulation(poses=40, flexure_m=1e-3, flexure_rad=5e-3).readings(0))
     one = figures(found[6])
     # Five milliradians of flexure hide one of noise: no accusation, and the text says why.
-    assert one.noise_low == 0.0
-    assert "not told from the loop's own" in found[6].text
+    assert one.noise.low == 0.0
+    assert "noise of a single reading: cannot be told" in found[6].text
     assert found[6].verdict is Verdict.SOUND
 
 
 def test_a_model_without_unsensed_rvdts_is_a_wrong_call(truth: Truth) -> None:
     arm = paper_arm(truth)
     errors = stated_errors(arm, samples=np.ones(20, dtype=np.int64))
+    q, samples = Simulation(poses=20).rereadings(0), np.ones(20, dtype=np.int64)
     with pytest.raises(ValueError, match="RVDT"):
-        rvdt_verdicts(loop_of(truth), arm, Simulation(poses=20).rereadings(0), errors)
+        rvdt_verdicts(loop_of(truth), arm, q, errors, noise={}, samples=samples)
 
 
 def test_curve_degree_is_not_driven_by_noise() -> None:
@@ -157,3 +170,17 @@ def test_curve_degree_is_not_driven_by_noise() -> None:
     assert np.mean(np.array(degrees) == 1) > 0.7
     with pytest.raises(ValueError, match="eight points"):
         fit_curve(np.arange(5.0), np.arange(5.0))
+
+
+@pytest.mark.parametrize("lsb", [0.05, 0.2, 0.4, 1.0, 8.0])
+def test_noise_behind_rounded_readings(lsb: float) -> None:
+    """Against rounded draws: below half a count most of the spread is lost, above it 1/12 is added."""
+    rng = np.random.default_rng(4)
+    readings = np.round(rng.uniform(size=(1, 20_000)) + lsb * rng.normal(size=(16, 20_000)))
+    square = float(readings.var(axis=0, ddof=1).mean())
+    assert spread_of(lsb) == pytest.approx(square, rel=0.03)
+    assert noise_behind(square) == pytest.approx(lsb, rel=0.04)
+
+
+def test_readings_that_never_change_have_no_noise() -> None:
+    assert noise_behind(0.0) == 0.0

@@ -16,6 +16,7 @@ from fixtures.errors import FixtureError
 from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
 from operator_app.calibration.branches import on_main_branch, set_aside
 from operator_app.calibration.causes import NamedCause
+from operator_app.calibration.hand_error import TipSigma, tip_sigma
 from operator_app.calibration.judgement import (
     Notice,
     cause_notices,
@@ -119,6 +120,8 @@ class Solution:
         Every test that was made, and the causes that they point to.
     assumed
         Figures of the error model that no file states.
+    hand
+        How far off the hand may be at these poses; None in records of earlier versions.
     """
 
     model: ClosureModel
@@ -138,6 +141,7 @@ class Solution:
     reasons: tuple[str, ...]
     assumed: tuple[str, ...] = ()
     judgement: Judgement = field(default_factory=Judgement)
+    hand: TipSigma | None = None
 
     @property
     def accepted(self) -> bool:
@@ -334,6 +338,7 @@ def calibrate(
         outliers=tuple(poses.label[k] for k in outliers),
         rvdt=rvdt,
         assumed=(*arm.assumed, *fixture.give.assumed),
+        hand=tip_sigma(model, estimate, q),
         warnings=(),
         reasons=(),
     )

@@ -32,6 +32,7 @@ from operator_app.report.quality_facts import (
     closure_table,
     components_table,
     determined_table,
+    hand_table,
     observability_table,
     tests_table,
 )
@@ -125,6 +126,7 @@ def facts_of(
                 repeatability=_repeatability(solution),
             ),
             dh_table(solution),
+            hand_table(solution),
             determined_table(solution, headlines),
             closure_table(solution, beside, checks),
             jackknife_table(estimate, None if checks is None else checks.jackknife_sd),

@@ -87,6 +87,24 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table
     )
 
 
+def hand_table(solution: Solution) -> Table | None:
+    """Return how far off the hand may be at the poses of the calibration."""
+    hand = solution.hand
+    if hand is None:
+        return None
+    return Table(
+        ident="hand",
+        title="How far off the hand may be (one sigma)",
+        columns=(*words("at the poses of this calibration"), *figures("sigma [mm]")),
+        rows=tuple(
+            (name, Figure(value, CLOSURE_LENGTH, key=("tip_sigma_mm", key)))
+            for name, key, value in (("rms", "rms", hand.rms), ("worst pose", "worst", hand.worst))
+        ),
+        note="By the parameters' covariance, as the arm's base sees the hand; errors of the readings "
+        "come on top.",
+    )
+
+
 def observability_table(solution: Solution) -> Table:
     """Return the five observability indices of the literature."""
     return Table(

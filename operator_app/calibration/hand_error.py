@@ -1,0 +1,54 @@
+"""How far off the hand may be where a calibration is used: its covariance through the chain. Knows no screen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.closing import close_loops
+from solver.estimators.estimate import Estimate
+from solver.loops.closure import ClosureModel
+
+AT_ONCE = 2000
+"""Poses at a time: memory stays flat."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipSigma:
+    """Standard deviation of the hand's distance from where the parameters say it is, m.
+
+    Attributes
+    ----------
+    rms, worst
+        Over the poses of the calibration.
+    """
+
+    rms: float
+    worst: float
+
+
+def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigma:
+    """Propagate the covariance of all parameters to the hand's position at poses `q` (m, n), rad.
+
+    With J = dp/dx the rate of the closure's position rows, ``sigma^2 = trace(J C J')`` at each pose. The
+    hand is seen from the arm's own base: where the fixture stands (`ClosureModel.ground_side`) has no
+    part in that. Errors of the readings come on top.
+    """
+    x, C = estimate.x, estimate.covariance
+    base = [p.name in model.ground_side for p in model.parameters]
+    squares = []
+    for start in range(0, len(q), AT_ONCE):
+        here = np.arange(start, min(start + AT_ONCE, len(q)))
+        part, at = model.at_poses(here), q[here]
+        if model.unsensed_joints:
+            closed = close_loops(part, x, at)
+            at, u = closed.q, closed.u
+        else:
+            u = part.initial_unsensed(x, at)
+        J = np.array(part.loop(x, at, u).jac_x[..., -3:, :])
+        J[..., base] = 0.0
+        squares.append(((J @ C) * J).sum((-2, -1)))
+    square = np.maximum(np.concatenate(squares), 0.0)
+    return TipSigma(rms=float(np.sqrt(square.mean())), worst=float(np.sqrt(square.max())))

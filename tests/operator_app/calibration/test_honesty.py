@@ -1,0 +1,52 @@
+"""Sigmas are what they say, on arms from the shop floor. In small; tests/benchmarks/honesty.py in full."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.benchmarks.shop_floor_files import read
+from tests.benchmarks.shop_floor_outcome import NORMAL_95, outcome
+from tests.oracles.shop_floor import PARAMETERS, SOURCES, Sizes, session
+from tests.oracles.shop_floor_bound import bound
+
+
+def test_intervals_cover_arms_with_every_error_at_its_stated_size():
+    found = [outcome(session(seed)) for seed in range(1100, 1106)]
+    assert all(o.accepted for o in found)
+    z = np.array([o.z for o in found])
+    # 84 intervals of 6 arms: an arm's parameters err together, so the band is wide.
+    assert np.mean(np.abs(z) < NORMAL_95) >= 0.88
+    assert 0.4 < np.sqrt(np.mean(z**2)) < 1.25
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_one_source_under_files_that_state_no_other(source):
+    sizes = Sizes.only(source)
+    arm, fixture = read({}, sizes)
+    z = [outcome(session(seed, sizes), arm=arm, fixture=fixture).z for seed in (1100, 1101, 1102)]
+    assert np.mean(np.abs(z) < NORMAL_95) >= 0.85
+    assert np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_errors_are_near_the_bound_and_far_below_those_of_exact_lengths():
+    sizes = Sizes.only("lengths")
+    arm, fixture = read({}, sizes)
+    ratios = []
+    for seed in range(1100, 1104):
+        taken = session(seed, sizes)
+        found = outcome(taken, arm=arm, fixture=fixture)
+        ratios.append(found.error / bound(taken, sizes))
+    assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.6
+
+
+def test_the_same_readings_pasted_four_times_tell_nothing_new():
+    taken = session(1100)
+    once, four = (outcome(taken.picked(np.tile(np.arange(40), n))) for n in (1, 4))
+    assert four.sigma == pytest.approx(once.sigma, rel=0.10)
+
+
+def test_more_poses_do_not_make_errors_look_smaller_than_they_are():
+    z = np.array([outcome(session(seed, poses=160)).z for seed in (1100, 1101, 1102)])
+    assert z.shape == (3, len(PARAMETERS))
+    assert np.sqrt(np.mean(z**2)) < 1.5

@@ -20,6 +20,7 @@ import argparse
 import contextlib
 import io
 import json
+import resource
 import signal
 import subprocess
 import sys
@@ -69,7 +70,7 @@ def answered(found: Damaged, file: Path, *, process: bool) -> Answer:
     arguments = ["solve", str(file), *found.options]
     start, out, err = time.process_time(), io.StringIO(), io.StringIO()
     if process:
-        began = time.perf_counter()
+        began = _children_s()
         done = subprocess.run(
             [sys.executable, "-c", START, *arguments],
             capture_output=True,
@@ -78,7 +79,7 @@ def answered(found: Damaged, file: Path, *, process: bool) -> Answer:
             check=False,
         )
         code, said, complaint = done.returncode, done.stdout, done.stderr
-        seconds = time.perf_counter() - began
+        seconds = _children_s() - began
     else:
         signal.alarm(GIVE_UP_S)
         try:
@@ -128,6 +129,12 @@ def _fault(found: Damaged, code: int, said: str, complaint: str, seconds: float)
         if code == 0 and any(not s > 0.0 for s in document["sigma"].values()):
             return "a sigma of nothing"
     return ""
+
+
+def _children_s() -> float:
+    """Processor time of processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _no_number(text: str) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from fixtures.measured import Measured
 from operator_app.calibration.solve import Solution, calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -13,6 +15,7 @@ from operator_app.config.poses_file import parse_poses
 from solver.chain.poses import PoseSet
 from solver.judging.rvdt import Verdict
 from tests.oracles.shop_floor import Session, Sizes, session
+from tests.oracles.shop_floor_chain import fixed_part, frames, rotation_about_z
 
 
 def poses_of(taken: Session) -> PoseSet:
@@ -52,3 +55,39 @@ def test_means_without_their_spread_say_that_they_cannot_tell() -> None:
         assert verdict.noise.high > 1.0
         assert "cannot be told from these poses, below" in verdict.text
         assert verdict.verdict is not Verdict.OUT_OF_SPECIFICATION
+
+
+def hand_seen(taken: Session) -> np.ndarray:
+    """Place of a point on the hand in the arm's base frame (m, 3), to 20 micrometres."""
+    last = load_arm("sarcos_dextrous").table
+    link = fixed_part(last.s_m[6], last.a_m[6], last.alpha_rad[6])
+    T = frames(taken.specimen.chain, taken.angles)
+    hand = np.linalg.inv(T[:, 1]) @ T[:, 7] @ rotation_about_z(taken.angles[:, 7]) @ link
+    point = (hand @ np.array([0.03, 0.02, 0.05, 1.0]))[:, :3]
+    return point + 20e-6 * np.random.default_rng(1).normal(size=point.shape)
+
+
+def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve() -> None:
+    taken = session(7003, Sizes.only())
+    arm = load_arm("sarcos_dextrous")
+    at_base = {"base_m": (0.0,) * 3, "base_turn_rad": (0.0,) * 3}
+    seen = replace(Measured.example(arm), full_pose=False, **at_base)
+    poses = replace(poses_of(taken), endpoint=hand_seen(taken))
+    found = calibrate(arm, seen, poses, drop=True).rvdt
+    assert [v.joint for v in found] == [6, 7]
+    for verdict in found:
+        assert verdict.noise is not None
+        assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
+        assert verdict.verdict is Verdict.CANNOT_DECIDE
+        assert "without the readings of joints 6 and 7 these poses leave" in verdict.text
+        assert "mrad" not in verdict.text
+
+
+def test_several_placements_tell_the_noise() -> None:
+    poses = poses_of(session(7003, Sizes.only()))
+    found = solved(replace(poses, placement=np.arange(len(poses)) % 2 + 1)).rvdt
+    for verdict in found:
+        assert verdict.noise is not None
+        assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
+        assert "solve one placement alone" in verdict.text
+    assert len(found) == 2

@@ -6,7 +6,7 @@ Knows calibrations and pose sets; no file, no bus and no screen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,12 +18,20 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
+from solver.closing import reduced_equations
 from solver.estimators.component_report import Component
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.estimators.implicit import NoiseModel
 from solver.judging.holdout import Verification, verify
+from solver.judging.statistics import chi2_test
 from solver.loops.closure import ClosureModel
+
+STEPS = 3
+"""Of Newton's iteration to where a ball's socket stands, in which the loop is linear."""
+
+NOT_KNOWN = 0.1
+"""Standard deviation (m) of what is not known beside what poses tell."""
 
 IMPROBABLE = 0.01
 """Chance of naming any pose of a set in which all are sound."""
@@ -106,8 +114,21 @@ def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
     return sd
 
 
-def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -> Verdict:
+def judge_poses(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    fixed: Fixed,
+    *,
+    calibrated: tuple[int, ...] | None = None,
+) -> Verdict:
     """Judge new poses of the same arm in the same fixture, at the same placement.
+
+    Parameters
+    ----------
+    calibrated
+        Numbers of the placements that were calibrated, where the new poses may be of others: where the
+        fixture stands there is found from them, everything else is as it was fixed. None: the same.
 
     Raises
     ------
@@ -117,8 +138,18 @@ def judge_poses(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=fixed.unsensed_joints)
     # A calibration that corrected lengths and twists within their tolerance has those as well.
     model = freed(model, fixed.values)
+    unknown: tuple[str, ...] = ()
+    if calibrated is not None:
+        fixed, unknown = _elsewhere(model, fixture.model(arm).ground_side, fixed, poses, calibrated)
     x, covariance = _in_order(model, fixed)
+    if unknown:
+        x, covariance = _stood(model, x, covariance, poses.q_rad, unknown)
     found = verify(model, x, covariance, poses.q_rad, stated_noise(arm, fixture, poses, fixed))
+    if unknown:
+        # As many equations as unknowns went into where it stands.
+        chi2 = found.chi2
+        left = chi2.dof - len(unknown)
+        found = replace(found, chi2=chi2_test(chi2.per_dof * chi2.dof, left))
     at_nominal = closure_at_readings(model, nominal_vector(model.parameters), poses.q_rad)
     odd = np.flatnonzero((found.pose_probability < IMPROBABLE / len(poses)) | ~found.closed)
     return Verdict(
@@ -150,6 +181,56 @@ def stated_noise(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) 
     if fixed.fixture_variance is not None:
         give = np.minimum(give, fixed.fixture_variance)
     return NoiseModel(joint_variance=variance, fixture_variance=give)
+
+
+def _elsewhere(
+    model: ClosureModel,
+    ground_side: tuple[str, ...],
+    fixed: Fixed,
+    poses: PoseSet,
+    calibrated: tuple[int, ...],
+) -> tuple[Fixed, tuple[str, ...]]:
+    """What was fixed under the names of the new poses' model, and what of that nobody knows yet."""
+    sources: dict[str, str] = {}
+    unknown: list[str] = []
+    for p in model.parameters:
+        base, _, number = p.name.rstrip("]").partition("[")
+        placement = int(number) if number else poses.placements[0]
+        if base not in ground_side:
+            sources[p.name] = p.name
+        elif placement not in calibrated:
+            unknown.append(p.name)
+        else:
+            sources[p.name] = f"{base}[{placement}]" if len(calibrated) > 1 else base
+    known = list(fixed.values)
+    here = {new: old for new, old in sources.items() if old in fixed.values}
+    rows = [known.index(old) for old in here.values()]
+    return (
+        replace(
+            fixed,
+            values={new: fixed.values[old] for new, old in here.items()},
+            covariance=fixed.covariance[np.ix_(rows, rows)],
+        ),
+        tuple(unknown),
+    )
+
+
+def _stood(
+    model: ClosureModel,
+    x: FloatArray,
+    covariance: FloatArray,
+    q: FloatArray,
+    unknown: tuple[str, ...],
+) -> tuple[FloatArray, FloatArray]:
+    """Find where the fixture stands from the poses themselves; free from there as if never known."""
+    here = [k for k, p in enumerate(model.parameters) if p.name in unknown]
+    x, covariance = x.copy(), covariance.copy()
+    for _ in range(STEPS):
+        reduced = reduced_equations(model.loop(x, q, model.initial_unsensed(x, q)))
+        A = reduced.A[..., here].reshape(-1, len(here))
+        x[here] -= np.linalg.lstsq(A, reduced.w.reshape(-1), rcond=None)[0]
+    covariance[here, here] = NOT_KNOWN**2
+    return x, covariance
 
 
 def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:

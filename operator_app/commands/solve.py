@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
     estimator_options,
@@ -15,6 +16,10 @@ from operator_app.commands.options import (
     tolerance_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from fixtures.base import Fixture
+    from solver.chain.poses import PoseSet
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--test",
         metavar="FILE",
-        help="judge the result by poses of the same placement that took no part; exit 4 if it fails",
+        help="judge the result by poses that took no part, of the same placement or, with a ball that "
+        "stays on the hand, of others too; exit 4 if it fails",
     )
     estimator_options(parser)
     tolerance_option(parser)
@@ -115,12 +121,9 @@ def execute(args: argparse.Namespace) -> int:
     facts = facts_of(solution, checks=checks)
     tested = None
     if args.test:
-        new = load_poses(args.test, joint_count=arm.joint_count).poses
-        if len(new.placements) > 1 or len(poses.placements) > 1:
-            raise UsageError("--test: both files must be of one placement, the same one")
-        if new.sha256() == poses.sha256():
-            raise UsageError("--test: these are the poses the calibration is made from")
-        tested = judge_poses(arm, fixture, new, fixed_by(solution))
+        new = _test_poses(args, fixture, poses)
+        calibrated = poses.placements if _stays_on_hand(fixture) else None
+        tested = judge_poses(arm, fixture, new, fixed_by(solution), calibrated=calibrated)
     if args.json:
         document = facts.json
         if tested is not None:
@@ -132,3 +135,26 @@ def execute(args: argparse.Namespace) -> int:
             print(f"\n{verification_text(tested, new, args.poses)}")
     holds = tested is None or tested.holds
     return ExitCode.ACCEPTED if solution.accepted and holds else ExitCode.NOT_ACCEPTED
+
+
+def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> PoseSet:
+    """Read the poses of ``--test``, or say why they are no test."""
+    from operator_app.calibration.loop import pick_placements
+    from operator_app.config.poses_file import load_poses
+
+    new = load_poses(args.test, joint_count=poses.q_rad.shape[1]).poses
+    elsewhere = _stays_on_hand(fixture)
+    if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
+        raise UsageError("--test: both files must be of one placement, the same one")
+    if elsewhere and args.test == args.poses and args.placements:
+        # One file of all placements: those that took part are no test.
+        others = tuple(k for k in new.placements if k not in poses.placements)
+        new = pick_placements(new, others) if others else new
+    if new.sha256() == poses.sha256():
+        raise UsageError("--test: these are the poses the calibration is made from")
+    return new
+
+
+def _stays_on_hand(fixture: Fixture) -> bool:
+    """Whether arm and hand can be judged at another socket of the same ball."""
+    return fixture.kind == "ball" and fixture.stays_on_hand

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from operator_app.calibration.loop import pick_placements
 from operator_app.calibration.solve import Solution, calibrate
 from operator_app.calibration.verdict import Class
+from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
@@ -60,3 +63,22 @@ def test_a_cause_names_the_placement_of_a_pose() -> None:
     said = [c.text for c in solution.causes if c.code.startswith("STEP")]
     assert said
     assert all("of placement 2 and pose" in text or "of placement 6" in text for text in said)
+
+
+def test_a_calibration_is_judged_by_sockets_it_has_never_seen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Arm and ball as calibrated, each socket found from its own poses; another arm's do not hold."""
+    whole = FOLDER / "panda_1.csv"
+    head, *rows = whole.read_text().splitlines()
+    wrong = [row.split(",") for row in rows]
+    for row in wrong:
+        row[5] = f"{float(row[5]) + (0.5 if int(row[1]) % 2 else -0.5):.9f}"
+    (tmp_path / "wrong.csv").write_text("\n".join([head, *map(",".join, wrong)]) + "\n")
+    options = ["--arm", "franka_panda", "--fixture", "ball", "--drop-unidentifiable", "--json"]
+    made = ["solve", str(whole), "--placements", "3,4", *options, "--test"]
+    assert main([*made, str(whole)]) == 0
+    test = json.loads(capsys.readouterr().out)["test"]
+    assert (test["verdict"], test["poses"]) == ("holds", 120)
+    assert main([*made, str(tmp_path / "wrong.csv")]) == 4
+    assert json.loads(capsys.readouterr().out)["test"]["verdict"] == "does not hold"

@@ -254,15 +254,23 @@ def wrong_sign(seed: int) -> Case:
     )
 
 
-def longer_elbow(seed: int, *, mm: float) -> Case:
-    """An upper arm or a forearm that is longer or shorter than the file says."""
+def longer_elbow(seed: int, *, mm: float, harmless: bool = False) -> Case:
+    """An upper arm or a forearm that is longer or shorter than the file says.
+
+    A loop has no scale of its own: that one is longer is that the other is shorter, hinge and all, so
+    either is a true statement. Their ratio is stated to 0.5 mm each: 2 mm are 2.8 standard deviations.
+    """
     rng = stream(seed, Stream.FAULTS)
     entry = str(rng.choice(("s_3", "s_5")))
     specimen = Specimen.drawn(seed, Sizes())
     by = 1e-3 * mm * rng.choice((-1.0, 1.0))
     chain = specimen.chain.changed(**{entry: specimen.chain.value(entry) + by})
     specimen = replace(specimen, chain=chain)
-    return Case(taken=taken(specimen, *closed_walk(specimen, 40)), causes=(f"LENGTH_{entry}",))
+    return Case(
+        taken=taken(specimen, *closed_walk(specimen, 40)),
+        causes=("LENGTH_s_3", "LENGTH_s_5"),
+        harmless=harmless,
+    )
 
 
 def ball_for_hinge(seed: int) -> Case:
@@ -377,7 +385,7 @@ CASES: dict[str, Callable[[int], Case]] = {
     "a joint's sign": wrong_sign,
     "elbow 30 mm": _case(longer_elbow, mm=30.0),
     "elbow 5 mm": _case(longer_elbow, mm=5.0),
-    "elbow 2 mm": _case(longer_elbow, mm=2.0),
+    "elbow 2 mm": _case(longer_elbow, mm=2.0, harmless=True),
     "ball for hinge": ball_for_hinge,
     "as_reported": as_reported,
 }

@@ -23,7 +23,7 @@ from operator_app.tui.widgets.residuals import (
     rvdt_joints,
 )
 
-TABLES = ("dh", "budget", "closure")
+TABLES = ("dh", "budget", "closure", "hand")
 """Tables that the plots' panel shows after them."""
 
 

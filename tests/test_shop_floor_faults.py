@@ -15,6 +15,7 @@ from tests.oracles.shop_floor_parallel import parallel_mount
 SEED = 5
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", [n for n in CASES if not n.startswith("hinge ") or "slips" in n])
 def test_every_case_can_be_made(name):
     case = CASES[name](SEED)

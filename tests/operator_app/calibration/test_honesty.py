@@ -10,6 +10,8 @@ from tests.benchmarks.shop_floor_outcome import NORMAL_95, outcome
 from tests.oracles.shop_floor import PARAMETERS, SOURCES, Sizes, session
 from tests.oracles.shop_floor_bound import bound
 
+pytestmark = pytest.mark.campaign
+
 
 def test_intervals_cover_arms_with_every_error_at_its_stated_size():
     found = [outcome(session(seed)) for seed in range(1100, 1106)]

@@ -23,7 +23,7 @@ from operator_app.tui.widgets.residuals import (
     rvdt_joints,
 )
 
-TABLES = ("dh", "budget", "closure", "hand")
+TABLES = ("dh", "budget", "closure")
 """Tables that the plots' panel shows after them."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,11 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ["--sessions", str(tmp_path / "sessions")]
-    # Too few poses for the condition number that is asked for.
-    assert main(["run", "hinge", "--poses", "4", *options]) == 4
+    procedure = tmp_path / "strict.yaml"
+    packaged = (files("operator_app") / "data/procedures/hinge.yaml").read_text()
+    # No arm meets this limit.
+    procedure.write_text(packaged.replace("scaled_condition_number: 100", "sigma_pos_mm: 0.000001"))
+    assert main(["run", str(procedure), "--poses", "4", *options]) == 4
     (folder,) = (tmp_path / "sessions").iterdir()
     assert main(["export", folder.name, "--upload", *options]) == 4
     assert "not accepted: " in capsys.readouterr().err

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from operator_app.cli import main
@@ -23,7 +22,7 @@ def make_folder(tmp_path: Path, reference_data: Path) -> MakeFolder:
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
 
     def make(count: int = 20, still: int | None = None, **choices: object) -> Path:
-        choices = {"scenario": "exact", **choices}
+        choices = {"scenario": "datasheet", **choices}
         opening = begin("hinge", Choices(**choices), root=tmp_path / "sessions")  # type: ignore[arg-type]
         journal = Journal.create(opening.folder)
         journal.append(
@@ -36,7 +35,7 @@ def make_folder(tmp_path: Path, reference_data: Path) -> MakeFolder:
                 angles[still - 1] = poses.q_rad[0, still - 1]
             pose = {
                 "number": k + 1, "waypoint": k, "mean_rad": angles.tolist(),
-                "sd_rad": np.full(7, 1e-5).tolist(), "samples": 8, "note": "",
+                "sd_rad": [0.0] * 7, "samples": 1, "note": "",
             }  # fmt: skip
             journal.append("pose", pose)
         journal.close()

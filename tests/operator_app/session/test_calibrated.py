@@ -15,8 +15,10 @@ from operator_app.errors import SessionError
 from operator_app.session import calibrated as module
 from operator_app.session.calibrated import calibrated, implicit_beside, recorded, second_opinions
 from operator_app.session.journal import read_journal
+from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.state import SessionState, apply, replay
+from operator_app.session.workflow import take_poses
 
 MakeSession = Callable[..., Session]
 
@@ -25,7 +27,7 @@ def solved_session(make_session: MakeSession, procedure: Procedure) -> Session:
     session = make_session(procedure)
     session.connect()
     session.set_modes((1, 5))
-    session.run_plan()
+    take_poses(session, Listener())
     return session
 
 

@@ -1,0 +1,282 @@
+"""Which effects a loop with stated errors has, which of them share a variance, and what bounds that.
+
+Every source of error that the files state is a group of columns, a variance component, or both. Knows
+a closure model's parameters and how smooth a fixture's give is; no derivative, no column's values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.chain.parameters import nominal_vector
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.pose_basis import PoseBasis, pose_basis
+from solver.loops.closure import ClosureModel
+
+FLOOR = 1e-3
+"""No analogue reading is believed beyond this share of its stated standard deviation."""
+
+LEAST_GIVE = 1e-8
+"""Smallest give (rad, m) that is told from none; where a fixture is stated to be rigid."""
+
+LEAST_CURVE = 0.1
+"""No analogue sensor is straighter than this share of its specification."""
+
+FIRST_GIVE = 5e-4
+"""Where a give that nothing stated is looked for (rad, m)."""
+
+UNIT_DISCREPANCY = 1e-3
+"""Discrepancy is counted in mm and mrad."""
+
+ANEW = 0.5
+"""Share of a stated give or play that is at least taken to be new in every pose. All of it enters as
+what is the same again besides (smooth in the pose, or on one side of every joint), so that no source
+enters below its statement; how much is new the data tell well, and what is the same they hardly do."""
+
+SAG_COLUMNS, GIVE_COLUMNS = 8, 12
+"""Smooth functions of the pose for what twists under load (a joint) and what gives (a placement)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Component:
+    """One variance to be estimated: where it starts, its floor, and where its prior puts a wall.
+
+    `soft` and `wall` bound an amplitude by its specification: a prior of that mean variance, and a
+    value it never exceeds. ``inf`` where there is none. `leap` may be reached in one step however
+    small it was. `spread_variance` is what `spread_dof` differences inside poses say of it.
+    """
+
+    name: str
+    start: float
+    floor: float
+    soft: float = np.inf
+    wall: float = np.inf
+    leap: float = 0.0
+    spread_variance: float = 0.0
+    spread_dof: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Group:
+    """Columns that share a variance ``fixed + scale * component``.
+
+    `source` is what an uncertainty budget calls it; `names` say what each column is.
+    """
+
+    source: str
+    width: int
+    fixed: float
+    component: int | None
+    scale: float
+    names: tuple[str, ...] = ()
+
+    def variance(self, v: FloatArray) -> float:
+        """Variance of these columns' coefficients under the components (K,)."""
+        return self.fixed + (0.0 if self.component is None else self.scale * v[self.component])
+
+
+class Layout:
+    """Groups and components of a closure model with stated errors; readings `q` (m, n), rad."""
+
+    def __init__(
+        self,
+        model: ClosureModel,
+        q: FloatArray,
+        errors: ErrorModel,
+        *,
+        group: IntArray | None = None,
+    ) -> None:
+        self.model, self.q, self.errors = model, q, errors
+        parameters = model.parameters
+        names = [p.name for p in parameters]
+        for name, sd in errors.tolerance.items():
+            if name not in names:
+                raise ValueError(f"{name} has a tolerance and is not a free parameter")
+            if not sd > 0.0:
+                raise ValueError(f"the tolerance of {name} must be positive")
+        for joint in (a.joint for a in errors.analogue):
+            if not 1 <= joint <= model.joint_count or joint in model.unsensed_joints:
+                raise ValueError(f"joint {joint} has no reading in use whose noise could be found")
+        self.nominal = nominal_vector(parameters)
+        self.soft: BoolArray = np.array([n in errors.tolerance for n in names], dtype=bool)
+        soft_names = [n for n in names if n in errors.tolerance]
+        self.soft_sd = np.array([errors.tolerance[n] for n in soft_names])
+        # Lengths before twists, so that each is one group of columns.
+        angles = np.array([p.is_angle for p in parameters], dtype=bool)
+        self.soft_index = np.concatenate(
+            (np.flatnonzero(self.soft & ~angles), np.flatnonzero(self.soft & angles))
+        )
+        order = {n: k for k, n in enumerate(soft_names)}
+        self.soft_sd = np.array([self.soft_sd[order[names[k]]] for k in self.soft_index])
+        self.hard_index = np.flatnonzero(~self.soft)
+        used = [j for j in range(model.joint_count) if j + 1 not in model.unsensed_joints]
+        self.rows = model.components
+        self._joint_errors(used)
+        self.components: list[Component] = []
+        self.groups: list[Group] = []
+        self._lay_out(names, group)
+        self.hard = len(self.hard_index)
+        widths = [g.width for g in self.groups]
+        ends = np.cumsum([self.hard, *widths])
+        self.slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        self.width = int(ends[-1])
+
+    def _joint_errors(self, used: list[int]) -> None:
+        n = self.model.joint_count
+
+        def stated(values: FloatArray | None) -> FloatArray:
+            out = np.zeros(n)
+            if values is not None:
+                out[used] = np.asarray(values)[used]
+            return out
+
+        self.accuracy = stated(self.errors.accuracy_rad)
+        self.backlash = stated(self.errors.backlash_rad)
+        self.sag = stated(self.errors.sag_rad)
+
+    def _component(self, component: Component) -> int:
+        self.components.append(component)
+        return len(self.components) - 1
+
+    def _lay_out(self, names: list[str], group: IntArray | None) -> None:
+        errors = self.errors
+        for a in errors.analogue:
+            self._component(
+                Component(
+                    name=f"rvdt_{a.joint}",
+                    start=a.variance,
+                    floor=FLOOR**2 * a.variance,
+                    spread_variance=a.spread_variance,
+                    spread_dof=a.spread_dof,
+                )
+            )
+        self.fixture_components: dict[str, int] = {}
+        held = [("fixture_rad", errors.give_rad)] if self.rows == 6 else []
+        gives = [(k, s) for k, s in (*held, ("fixture_m", errors.give_m)) if s is not None]
+        for key, stated in gives:
+            self.fixture_components[key] = self._component(
+                Component(
+                    name=key,
+                    start=max(ANEW * stated, LEAST_GIVE) ** 2,
+                    floor=max(ANEW * stated, LEAST_GIVE) ** 2,
+                    leap=FIRST_GIVE**2,
+                )
+            )
+        self.play_component: int | None = None
+        if self.backlash.any():
+            self.play_component = self._component(
+                Component(name="joint_play", start=ANEW**2, floor=ANEW**2)
+            )
+        lengths = sum(not self.model.parameters[k].is_angle for k in self.soft_index)
+        soft = [names[k] for k in self.soft_index]
+        for source, listed in (("lengths", soft[:lengths]), ("twists", soft[lengths:])):
+            if listed:
+                self._stated_group(source, tuple(listed))
+        turning = np.flatnonzero(self.accuracy)
+        if len(turning):
+            self._stated_group(
+                "encoder_accuracy",
+                tuple(
+                    f"{shape}{turns}_{j + 1}"
+                    for j in turning
+                    for turns in ("", "2")
+                    for shape in ("sin", "cos")
+                ),
+            )
+        for a in errors.analogue:
+            if a.curve is not None:
+                width = a.curve.basis(np.zeros(1)).shape[-1]
+                c = self._component(
+                    Component(
+                        name=f"curve_{a.joint}",
+                        start=0.25 * a.curve_variance,
+                        floor=LEAST_CURVE**2 * a.curve_variance,
+                        soft=a.curve_variance,
+                        wall=25.0 * a.curve_variance,
+                    )
+                )
+                names_ = tuple(f"curve{k}_{a.joint}" for k in range(1, width + 1))
+                self.groups.append(
+                    Group(source=f"rvdt_curve_{a.joint}", width=width, fixed=0.0,
+                          component=c, scale=1.0, names=names_)
+                )  # fmt: skip
+        self.play_joints = np.flatnonzero(self.backlash)
+        if len(self.play_joints):
+            # Play taken up to the same side in every pose is no noise: it passes for an offset.
+            self.groups.append(
+                Group(source="joint_play", width=len(self.play_joints), fixed=1.0,
+                      component=None, scale=0.0,
+                      names=tuple(f"play_{j + 1}" for j in self.play_joints))
+            )  # fmt: skip
+        self.sag_joints = np.flatnonzero(self.sag)
+        self.sag_basis = self.give_basis = _NOTHING
+        if len(self.sag_joints):
+            self.sag_basis = pose_basis(self.q, columns=SAG_COLUMNS)
+            k = self.sag_basis.phi.shape[1]
+            self._stated_group(
+                "sag", tuple(f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(k))
+            )
+        # What gives: rows of the closure components, and the stated size along them.
+        self.gives: list[tuple[slice, float]] = []
+        misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
+        sizes = dict(gives)
+        for rows, key in zip(misfit[::-1], ("fixture_m", "fixture_rad"), strict=False):
+            stated = sizes.get(key, 0.0)
+            if stated > 0.0 or errors.discrepancy:
+                self.gives.append((rows, stated))
+        if self.gives:
+            self._smooth_give(group)
+
+    def _smooth_give(self, group: IntArray | None) -> None:
+        groups = 1 if group is None else len(np.unique(group))
+        self.give_basis = pose_basis(self.q, columns=GIVE_COLUMNS * groups, group=group)
+        c = None
+        if self.errors.discrepancy:
+            c = self._component(
+                Component(name="discrepancy", start=1e-8, floor=1e-8, leap=0.04, soft=1.0)
+            )
+        k = self.give_basis.phi.shape[1]
+        for rows, stated in self.gives:
+            names = [f"give{i}_{row}" for row in range(rows.start, rows.stop) for i in range(k)]
+            self.groups.append(
+                Group(
+                    source="fixture_give",
+                    width=3 * k,
+                    fixed=max(stated, 1e-9) ** 2,
+                    component=c,
+                    scale=UNIT_DISCREPANCY**2,
+                    names=tuple(names),
+                )
+            )
+
+    def _stated_group(self, source: str, names: tuple[str, ...]) -> None:
+        c = self._component(Component(name=source, start=1.0, floor=1.0))
+        self.groups.append(
+            Group(source=source, width=len(names), fixed=0.0, component=c, scale=1.0, names=names)
+        )
+
+    def start_variances(self) -> FloatArray:
+        """Where the search for the components starts (K,)."""
+        return np.array([c.start for c in self.components])
+
+    def stated_variances(self) -> FloatArray:
+        """Components (K,) as the files state them, all of it anew in every pose; a discrepancy is none."""
+        stated = {f"rvdt_{a.joint}": a.variance for a in self.errors.analogue}
+        stated |= {f"curve_{a.joint}": a.curve_variance for a in self.errors.analogue}
+        gives = {"fixture_rad": self.errors.give_rad, "fixture_m": self.errors.give_m}
+        stated |= {name: max(give or 0.0, LEAST_GIVE) ** 2 for name, give in gives.items()}
+        stated["joint_play"] = 1.0
+        return np.array([stated.get(c.name, c.floor) for c in self.components])
+
+    def group_variances(self, v: FloatArray) -> FloatArray:
+        """Variance of every effect column's coefficient (width - hard,)."""
+        return np.concatenate(
+            [np.full(g.width, g.variance(v)) for g in self.groups] or [np.zeros(0)]
+        )
+
+
+_NOTHING = PoseBasis(phi=np.zeros((0, 0)), missed=np.zeros(0))

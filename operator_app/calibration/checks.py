@@ -8,7 +8,7 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.noise import error_model, noise_model, soften, without_known_errors
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet

@@ -80,3 +80,9 @@ def pick(poses: PoseSet, indices: np.ndarray[tuple[int], np.dtype[np.intp]]) -> 
         utc=None if poses.utc is None else tuple(poses.utc[k] for k in chosen),
         notes=None if poses.notes is None else tuple(poses.notes[k] for k in chosen),
     )
+
+
+def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
+    """Parameters (P,) of `model`, those that `other` has as in its `x`, the rest nominal."""
+    known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
+    return np.array([known.get(p.name, p.nominal) for p in model.parameters])

@@ -16,7 +16,7 @@ from fixtures.ball import Ball
 from fixtures.base import Fixture
 from fixtures.hinge import Hinge
 from operator_app.calibration.causes import NamedCause, Words, frozen_in_words, wrong_reading
-from operator_app.calibration.loop import loop_of_poses, pick
+from operator_app.calibration.loop import in_order, loop_of_poses, pick
 from operator_app.calibration.noise import error_model, noise_model, soften
 from operator_app.calibration.other_basins import far_from_nominal
 from solver.arrays import FloatArray
@@ -32,7 +32,6 @@ from solver.estimators.paper import ClosureProblem
 from solver.judging.candidates import still_runs
 from solver.judging.evidence import LEAST_SCALE, probabilities
 from solver.judging.ranges import makes_sense, mistakes
-from solver.loops.closure import ClosureModel
 
 _T = TypeVar("_T")
 
@@ -261,19 +260,13 @@ def _solved(arm: ArmModel, rival: Rival) -> tuple[float, int]:
             model,
             rival.poses.q_rad,
             errors,
-            _in_order(model, hard, x),
+            in_order(model, hard, x),
             group=rival.poses.placement,
             estimate=False,
         ).fit
         return fit.chi2 / max(fit.dof, 1), fit.dof
 
     return _tried(solve, (np.inf, 0))
-
-
-def _in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Parameters (P,) of `model`: those that `other` has as in its `x`, the rest nominal."""
-    known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
-    return np.array([known.get(p.name, p.nominal) for p in model.parameters])
 
 
 def _tried(work: Callable[[], _T], otherwise: _T) -> _T:

@@ -6,19 +6,16 @@ app all call it. Knows no file, no bus and no screen.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from fixtures.base import Fixture, SetupCheck, Severity
-from fixtures.errors import FixtureError
+from fixtures.base import Fixture
 from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
 from operator_app.calibration.branches import on_main_branch, set_aside
-from operator_app.calibration.causes import NamedCause
-from operator_app.calibration.hand_error import TipSigma, tip_sigma
+from operator_app.calibration.hand_error import tip_sigma
 from operator_app.calibration.judgement import (
-    Notice,
     cause_notices,
     condition_notices,
     flexure_notices,
@@ -32,18 +29,23 @@ from operator_app.calibration.judgement import (
     rvdt_notices,
     setup_notices,
 )
-from operator_app.calibration.loop import loop_of_poses, pick
+from operator_app.calibration.loop import in_order, loop_of_poses, pick
 from operator_app.calibration.noise import (
     error_model,
     first_of_each,
     soften,
 )
 from operator_app.calibration.other_basins import best_about_nominal
+from operator_app.calibration.refusals import (
+    placement_checks,
+    refuse_placement,
+    require_identifiable,
+)
 from operator_app.calibration.repeats import Reread, repeats_of
 from operator_app.calibration.rivals import named_rivals
 from operator_app.calibration.rvdt import judge_rvdts
+from operator_app.calibration.solution import Solution
 from operator_app.calibration.stuck import explained
-from operator_app.calibration.verdict import FEW_DOF, Class, Judgement
 from operator_app.calibration.weighing import Known, weigh
 from operator_app.config.procedure import AcceptanceLimits
 from solver.arrays import FloatArray, IntArray
@@ -52,7 +54,7 @@ from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.estimate import Estimate, require_enough_poses
-from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
+from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import (
@@ -60,114 +62,13 @@ from solver.estimators.variance_components import (
     VarianceComponents,
 )
 from solver.judging.dropping import drop_unidentifiable
-from solver.judging.identifiability import Identifiability, identifiability
 from solver.judging.ranges import range_findings
-from solver.judging.rvdt import RvdtVerdict
-from solver.loops.closure import ClosureModel
-from solver.search.global_start import GlobalStart, global_start
+from solver.search.global_start import global_start
 
 ESTIMATORS = ("implicit", "paper")
 
 OUTLIER_LEVEL = 0.01
 """Chance of naming any pose of a pose set in which all are sound."""
-
-
-class FixtureRefusedError(FixtureError):
-    """A set-up check refuses this placement; `checks` say why and what to remount."""
-
-    code = "PARALLEL_AXES"
-
-    def __init__(self, checks: tuple[SetupCheck, ...]) -> None:
-        self.checks = checks
-        super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Solution:
-    """A judged calibration.
-
-    Attributes
-    ----------
-    model
-        The loop that was solved.
-    estimate
-        By the chosen estimator.
-    paper
-        By the paper's estimator on the same poses; None when joints are unsensed.
-    seen
-        Rank, condition number, weakest direction.
-    before
-        Closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
-    dropped_flipped
-        Indices (into the poses given) left out because they lie on the flipped branch.
-    held
-        Unknowns that were dropped on request: held at their nominal values.
-    tolerated
-        Lengths and twists corrected within their tolerance; they are parameters of `estimate` as well.
-    components
-        What was found with the parameters: noise and curves of the RVDTs, give of the fixture, and
-        what each source of error brings to every parameter.
-    search
-        The global start, where one was asked for.
-    outliers
-        Labels of poses whose readings do not fit the others, the worst first. They still count: the
-        operator excludes them or not.
-    rvdt
-        What the loops say of each RVDT, its joint taken as unsensed for that.
-    reasons
-        Why it is not accepted; empty when it is.
-    judgement
-        Every test that was made, and the causes that they point to.
-    assumed
-        Figures of the error model that no file states.
-    hand
-        How far off the hand may be at these poses; None in records of earlier versions.
-    """
-
-    model: ClosureModel
-    estimate: Estimate
-    paper: Estimate | None
-    seen: Identifiability
-    before: ClosureSigmas
-    poses: int
-    dropped_flipped: tuple[int, ...]
-    held: tuple[str, ...]
-    tolerated: tuple[str, ...]
-    components: VarianceComponents | None
-    search: GlobalStart | None
-    outliers: tuple[str, ...]
-    rvdt: tuple[RvdtVerdict, ...]
-    warnings: tuple[Notice, ...]
-    reasons: tuple[str, ...]
-    assumed: tuple[str, ...] = ()
-    judgement: Judgement = field(default_factory=Judgement)
-    hand: TipSigma | None = None
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the parameters may be used: with or without warnings."""
-        return not self.reasons
-
-    @property
-    def verdict(self) -> Class:
-        """Which of the three classes it is of."""
-        if not self.accepted:
-            return Class.NOT_ACCEPTED
-        return self.judgement.verdict
-
-    @property
-    def causes(self) -> tuple[NamedCause, ...]:
-        """What is wrong, the most probable first."""
-        return self.judgement.causes
-
-    @property
-    def identified(self) -> Estimate:
-        """The estimate of what calibration identifies: without the lengths and twists it corrected."""
-        return self.estimate.without(self.tolerated)
-
-    def with_notices(self, notices: Iterable[Notice]) -> Solution:
-        """Return the same solution with more warnings."""
-        return replace(self, warnings=(*self.warnings, *notices))
 
 
 def calibrate(
@@ -214,7 +115,7 @@ def calibrate(
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
     require_enough_poses(model, len(poses))
     out_of_range = range_findings(arm, poses, unsensed_joints=unsensed_joints)
-    _refuse(fixture, arm, model, unsensed_joints)
+    refuse_placement(fixture, arm, model, unsensed_joints)
 
     found = global_start(model, poses.q_rad, progress=progress) if search else None
     kept, flipped = (
@@ -238,7 +139,7 @@ def calibrate(
     if paper is not None:
         # Before anything is weighted: an estimate along a blind direction is worth nothing.
         try:
-            _require_identifiable(model, paper.x, q, sigma)
+            require_identifiable(model, paper.x, q, sigma)
         except UnidentifiableError as error:
             used = pick(poses, np.flatnonzero(kept))
             raise explained(error, arm, fixture, used) from error
@@ -286,8 +187,8 @@ def calibrate(
     judged_paper = paper if estimator == "paper" else None
     if judged_paper is not None:
         estimate, components, model, tolerance = judged_paper, None, hard, {}
-    seen = _require_identifiable(hard, in_order(hard, model, estimate.x), q, sigma)
-    checks = _checks(fixture, arm, model, estimate.x, unsensed_joints)
+    seen = require_identifiable(hard, in_order(hard, model, estimate.x), q, sigma)
+    checks = placement_checks(fixture, arm, model, estimate.x, unsensed_joints)
     rvdt = (
         judge_rvdts(
             arm,
@@ -362,12 +263,6 @@ def calibrate(
     )
 
 
-def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Parameters (P,) of `model`, those that `other` has as in its `x`, the rest nominal."""
-    known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
-    return np.array([known.get(p.name, p.nominal) for p in model.parameters])
-
-
 def for_every_pose(found: Calibrated, which: IntArray) -> tuple[Estimate, VarianceComponents]:
     """Return results of distinct poses for poses of which each is one of those, by index `which` (m,)."""
     estimate, components = found.estimate, found.components
@@ -403,49 +298,3 @@ def _outliers(found: Calibrated, of_each: IntArray) -> tuple[int, ...]:
     chances = chdtrc(np.maximum(dof, 1), chi2)
     named = [k for k in np.argsort(chances) if chances[k] < OUTLIER_LEVEL / len(chances)]
     return tuple(int(of_each[found.order[k]]) for k in named)
-
-
-def _require_identifiable(
-    model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray
-) -> Identifiability:
-    seen = identifiability(model, x, q, sigma_rad=sigma_rad)
-    if seen.directions:
-        if len(q) * model.equations_per_pose - len(model.parameters) < FEW_DOF:
-            raise UnidentifiableError(
-                seen.directions,
-                code="TOO_FEW_POSES",
-                note=f"{len(q)} poses are few: take at least 20",
-            )
-        raise UnidentifiableError(seen.directions)
-    return seen
-
-
-def _refuse(
-    fixture: Fixture, arm: ArmModel, model: ClosureModel, unsensed_joints: tuple[int, ...]
-) -> None:
-    """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
-    checks = fixture.placement_checks(
-        arm, nominal_vector(fixture.model(arm, unsensed_joints=unsensed_joints).parameters),
-        unsensed_joints=unsensed_joints,
-    )  # fmt: skip
-    refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
-    if refused and model.parameters:
-        raise FixtureRefusedError(refused)
-
-
-def _checks(
-    fixture: Fixture,
-    arm: ArmModel,
-    model: ClosureModel,
-    x: FloatArray,
-    unsensed_joints: tuple[int, ...],
-) -> tuple[SetupCheck, ...]:
-    """Judge the geometry of every placement at the identified parameters `x` of `model`."""
-    found: dict[tuple[str, str], SetupCheck] = {}
-    for part, columns, _ in model.parts():
-        known = {p.name: float(v) for p, v in zip(part.parameters, x[columns], strict=True)}
-        whole = fixture.model(arm, unsensed_joints=unsensed_joints).parameters
-        here = np.array([known.get(p.name, p.nominal) for p in whole])
-        for check in fixture.placement_checks(arm, here, unsensed_joints=unsensed_joints):
-            found.setdefault((check.code, check.text), check)
-    return tuple(found.values())

@@ -13,7 +13,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.noise import freed, noise_model
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector

@@ -17,7 +17,7 @@ from operator_app.commands.options import (
 from operator_app.exit_codes import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from operator_app.calibration.solve import Solution
+    from operator_app.calibration.solution import Solution
     from operator_app.calibration.verify import Verdict
     from operator_app.session.opening import Opening
     from solver.chain.poses import PoseSet

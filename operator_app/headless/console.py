@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from fixtures.base import SetupCheck, Severity
 from hardware.arm import ArmIdentity
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.planning.drives import DriveChoice, names
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session

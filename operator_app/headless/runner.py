@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.errors import SessionError
 from operator_app.planning.advice import QUICK_TRIES, advise, hint
 from operator_app.session.drives import drives_of

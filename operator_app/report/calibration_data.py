@@ -13,7 +13,7 @@ import numpy as np
 
 from operator_app.calibration.checks import Checks
 from operator_app.calibration.judgement import Notice
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents

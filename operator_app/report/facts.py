@@ -15,7 +15,7 @@ import numpy as np
 
 from operator_app.calibration.checks import Checks
 from operator_app.calibration.judgement import Notice
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.calibration_data import calibration_data, checks_data, estimate_data
 from operator_app.report.parameter_facts import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.report.numbers import (
     NOT_KNOWN,
     places_needed,

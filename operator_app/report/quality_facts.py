@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from operator_app.calibration.checks import FOLDS, Checks
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.report.numbers import (
     NOT_KNOWN,
     plural,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from operator_app.calibration.checks import Checks
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.facts import Facts, facts_of
 from operator_app.report.spans import Line, line

@@ -10,7 +10,7 @@ import numpy as np
 
 from operator_app.calibration.checks import Checks
 from operator_app.calibration.judgement import Notice
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.report.facts import Facts, facts_of
 from operator_app.session.calibrated import calibrated, implicit_beside, second_opinions

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from fixtures.errors import FixtureError
 from operator_app.calibration.checks import Checks, check
 from operator_app.calibration.record import RecordError, from_dict
-from operator_app.calibration.solve import Solution, calibrate
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.solve import calibrate
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.session.state import SessionState

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from hardware.arm import Arm, UploadReceipt
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters import (
     CalibratedEntry,

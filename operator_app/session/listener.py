@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.planning.drives import DriveChoice
 from operator_app.session.state import SessionState
 from solver.design.actions import GoTo

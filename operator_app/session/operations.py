@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.errors import Cancelled, GuardError
 from operator_app.planning.forecast import Forecast, most_telling, predict

@@ -18,7 +18,9 @@ from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Reading, Watch
 from operator_app.calibration.checks import Checks, check
 from operator_app.calibration.record import to_dict
-from operator_app.calibration.solve import FixtureRefusedError, Solution, calibrate
+from operator_app.calibration.refusals import FixtureRefusedError
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.solve import calibrate
 from operator_app.config.atomic import write_atomically
 from operator_app.config.degrees import degrees_for_file
 from operator_app.config.parameters import ParametersDocument

@@ -13,7 +13,7 @@ from pathlib import Path
 from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, UploadReceipt
 from operator_app.calibration.checks import Checks
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.planning.forecast import Forecast
 from operator_app.planning.live import LiveQuality

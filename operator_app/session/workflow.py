@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.calibration.verify import Verdict, fixed_by, judge_poses
 from operator_app.errors import GuardError
 from operator_app.session.listener import Listener

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.report.numbers import plural
 from operator_app.report.screen import facts_on, headline_spans, table_spans
 from operator_app.report.spans import Line, clip, line, wrapped

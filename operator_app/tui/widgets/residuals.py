@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.tui.widgets.plot import Axes, Series, plot

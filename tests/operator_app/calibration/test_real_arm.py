@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.loop import pick_placements
-from operator_app.calibration.solve import Solution, calibrate
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.solve import calibrate
 from operator_app.calibration.verdict import Class
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm

@@ -17,7 +17,8 @@ from fixtures.measured import Measured
 from operator_app.calibration.checks import Checks, check
 from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.record import RecordError, from_dict, to_dict
-from operator_app.calibration.solve import Solution, calibrate
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.solve import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fixtures.measured import Measured
-from operator_app.calibration.solve import Solution, calibrate
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.solve import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses

@@ -10,7 +10,8 @@ import pytest
 
 from fixtures.base import Give
 from fixtures.hinge import Hinge
-from operator_app.calibration.solve import FixtureRefusedError, calibrate
+from operator_app.calibration.refusals import FixtureRefusedError
+from operator_app.calibration.solve import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses

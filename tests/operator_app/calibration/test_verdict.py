@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.calibration.solve import Solution, calibrate
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.solve import calibrate
 from operator_app.calibration.verdict import Class
 from operator_app.calibration.verify import fixed_by, judge_poses
 from operator_app.config.arm_file import load_arm

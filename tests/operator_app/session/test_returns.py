@@ -12,7 +12,7 @@ import pytest
 from hardware.arm import Reading
 from hardware.virtual.scenarios import scenario
 from operator_app.calibration.repeats import Repeat, compare_readings
-from operator_app.calibration.solve import Solution
+from operator_app.calibration.solution import Solution
 from operator_app.calibration.verdict import Class
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure

@@ -10,7 +10,7 @@ import pytest
 
 from fixtures.rigid import Rigid
 from hardware.virtual.truth import paper_loop
-from operator_app.calibration.solve import FixtureRefusedError
+from operator_app.calibration.refusals import FixtureRefusedError
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses

@@ -1,0 +1,81 @@
+"""What cannot be calibrated whatever the readings weigh: blind directions, axes that leave no unique values.
+
+Knows arms, fixtures and loops; no estimator and no verdict.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fixtures.base import Fixture, SetupCheck, Severity
+from fixtures.errors import FixtureError
+from operator_app.calibration.verdict import FEW_DOF
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.errors import UnidentifiableError
+from solver.judging.identifiability import Identifiability, identifiability
+from solver.loops.closure import ClosureModel
+
+
+class FixtureRefusedError(FixtureError):
+    """A set-up check refuses this placement; `checks` say why and what to remount."""
+
+    code = "PARALLEL_AXES"
+
+    def __init__(self, checks: tuple[SetupCheck, ...]) -> None:
+        self.checks = checks
+        super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
+
+
+def require_identifiable(
+    model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray
+) -> Identifiability:
+    """Return what `model` at `x` (P,) sees of readings `q` (m, n), rad, noisy by `sigma_rad` (n,).
+
+    Raises
+    ------
+    UnidentifiableError
+        Some direction is blind.
+    """
+    seen = identifiability(model, x, q, sigma_rad=sigma_rad)
+    if seen.directions:
+        if len(q) * model.equations_per_pose - len(model.parameters) < FEW_DOF:
+            raise UnidentifiableError(
+                seen.directions,
+                code="TOO_FEW_POSES",
+                note=f"{len(q)} poses are few: take at least 20",
+            )
+        raise UnidentifiableError(seen.directions)
+    return seen
+
+
+def refuse_placement(
+    fixture: Fixture, arm: ArmModel, model: ClosureModel, unsensed_joints: tuple[int, ...]
+) -> None:
+    """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
+    checks = fixture.placement_checks(
+        arm, nominal_vector(fixture.model(arm, unsensed_joints=unsensed_joints).parameters),
+        unsensed_joints=unsensed_joints,
+    )  # fmt: skip
+    refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
+    if refused and model.parameters:
+        raise FixtureRefusedError(refused)
+
+
+def placement_checks(
+    fixture: Fixture,
+    arm: ArmModel,
+    model: ClosureModel,
+    x: FloatArray,
+    unsensed_joints: tuple[int, ...],
+) -> tuple[SetupCheck, ...]:
+    """Judge the geometry of every placement at the identified parameters `x` of `model`."""
+    found: dict[tuple[str, str], SetupCheck] = {}
+    for part, columns, _ in model.parts():
+        known = {p.name: float(v) for p, v in zip(part.parameters, x[columns], strict=True)}
+        whole = fixture.model(arm, unsensed_joints=unsensed_joints).parameters
+        here = np.array([known.get(p.name, p.nominal) for p in whole])
+        for check in fixture.placement_checks(arm, here, unsensed_joints=unsensed_joints):
+            found.setdefault((check.code, check.text), check)
+    return tuple(found.values())

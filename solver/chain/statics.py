@@ -1,0 +1,123 @@
+"""Gravity in a serial arm: torque about every joint, linear in what each link weighs and where. Knows no loop.
+
+A link's weight enters only by its mass m and its first moment h = m c (mass times centre, seen in the
+frame at the link's end), and both enter linearly (Khalil & Dombre, *Modeling, Identification and
+Control of Robots*, 2002, section 9.4: the gravity part of the dynamic model). The generalised force of
+gravity on joint j, from all links k >= j that hang on it, is
+
+    tau_j = sum_k  z_{j-1} . ((p_k - p_{j-1}) m_k + R_k h_k) x g,
+
+with z_{j-1} and p_{j-1} the joint's axis and a point of it, R_k and p_k frame k, g the field's vector.
+What holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
+``computeGeneralizedGravity``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray, frozen
+from solver.chain.kinematics import Frames
+
+STANDARD_GRAVITY_M_PER_S2 = 9.80665
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinkMasses:
+    """What the links 1..n of an arm weigh, how well that is known, and which way is down.
+
+    Attributes
+    ----------
+    mass_kg
+        (n,).
+    centre_m
+        (n, 3): centre of mass of link j in frame j, at the link's end.
+    mass_sd_kg
+        (n,): standard deviation of the masses.
+    centre_sd_m
+        (n,): standard deviation of each component of the centres.
+    down
+        (3,): unit vector along gravity in frame 0, the arm's base.
+    down_sd_rad
+        How far the base may be tilted about each level axis.
+    """
+
+    mass_kg: FloatArray
+    centre_m: FloatArray
+    mass_sd_kg: FloatArray
+    centre_sd_m: FloatArray
+    down: FloatArray
+    down_sd_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("mass_kg", "centre_m", "mass_sd_kg", "centre_sd_m", "down"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        n = len(self.mass_kg)
+        if self.centre_m.shape != (n, 3) or self.down.shape != (3,):
+            raise ValueError("masses need one centre (3,) each, and down has three components")
+        if self.mass_sd_kg.shape != (n,) or self.centre_sd_m.shape != (n,):
+            raise ValueError("masses need one standard deviation each, and so do centres")
+        if not np.isclose(np.linalg.norm(self.down), 1.0):
+            raise ValueError("down is a unit vector")
+
+    @property
+    def moments(self) -> FloatArray:
+        """Coefficients of `torque_rates` (n, 4): mass (kg) and first moment (kg m) of each link."""
+        return np.column_stack((self.mass_kg, self.mass_kg[:, None] * self.centre_m))
+
+    @property
+    def moments_sd(self) -> FloatArray:
+        """Square roots (n, 4, 4) of their covariance: ``moments_sd @ z``, z ~ N(0, I).
+
+        A wrong mass moves the first moment with it (h = m c), a wrong centre moves the moment alone.
+        """
+        root = np.zeros((len(self.mass_kg), 4, 4))
+        root[:, 0, 0] = self.mass_sd_kg
+        root[:, 1:, 0] = self.mass_sd_kg[:, None] * self.centre_m
+        root[:, range(1, 4), range(1, 4)] = (self.mass_kg * self.centre_sd_m)[:, None]
+        return root
+
+    @property
+    def tilted(self) -> FloatArray:
+        """Change of `down` (2, 3) by one standard deviation of tilt about each level axis."""
+        across = np.linalg.svd(self.down[None])[2][1:]
+        return self.down_sd_rad * across
+
+
+def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
+    """Gravity's torque about every joint per unit of every link's mass and first moment.
+
+    Parameters
+    ----------
+    arm
+        Frames 0..n of links 1..n, seen in frame 0.
+    down
+        Unit vector along gravity in frame 0, (3,).
+
+    Returns
+    -------
+    Array (..., n, n, 4): joint, link, then mass (N m / kg) and the three components of the first
+    moment (N m / kg m). Zero for links before the joint.
+    """
+    axes, origins = arm.axes, arm.origins_m
+    n = axes.shape[-3] - 1
+    weight = STANDARD_GRAVITY_M_PER_S2 * np.asarray(down)
+    z, p = axes[..., :-1, :, 2], origins[..., :-1, :]
+    # z . (r x g) = (g x z) . r: one vector a joint, then a scalar product with each lever.
+    by_lever = np.cross(weight, z)
+    rates = np.zeros((*axes.shape[:-3], n, n, 4))
+    for joint in range(n):
+        turn = by_lever[..., joint, None, :]
+        lever = origins[..., joint + 1 :, :] - p[..., joint, None, :]
+        rates[..., joint, joint:, 0] = (turn * lever).sum(-1)
+        rates[..., joint, joint:, 1:] = (turn[..., None, :] @ axes[..., joint + 1 :, :, :])[
+            ..., 0, :
+        ]
+    return rates
+
+
+def gravity_torque(arm: Frames, masses: LinkMasses) -> FloatArray:
+    """Generalised force of gravity on every joint (..., n), N m; what holds the arm is its opposite."""
+    return np.asarray(np.einsum("...jka,ka->...j", torque_rates(arm, masses.down), masses.moments))

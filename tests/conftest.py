@@ -27,6 +27,14 @@ SEARCH_PATH = os.pathsep.join(
     [str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"]
 )
 
+# One linear algebra thread each, as `sarcal` itself does it: on matrices this small more of them wait for
+# each other. Must come before numpy is imported, which reads it once.
+for _library in ("OPENBLAS", "OMP", "MKL"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+# The programs that tests start, again and again, compile themselves once.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # How long an example takes is the machine's affair. Under CI, hypothesis has a profile of its own.
 if "CI" not in os.environ:
     hypothesis.settings.register_profile("local", deadline=None)

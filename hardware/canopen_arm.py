@@ -103,7 +103,7 @@ class CanopenArm:
 
         Raises
         ------
-        BusError, NodeMissing, WrongArm, ControlDenied, SdoRefused
+        BusError, NodeMissing, WrongArm, MappingDiffers, ControlDenied, SdoRefused
             The connection is closed again.
         """
         if self._connection is not None:

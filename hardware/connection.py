@@ -23,6 +23,7 @@ from hardware.cyclic import Commands, Sample
 from hardware.description import ArmDescription
 from hardware.errors import ControlDenied, DriveFault, NodeMissing, Stopped
 from hardware.limits import joint_limits
+from hardware.mapping import check_mapping, check_positions
 from hardware.objects import (
     COB_NMT,
     JOINT_MODE,
@@ -119,7 +120,7 @@ class Connection:
 
         Raises
         ------
-        ControlDenied, NodeMissing, WrongArm, BusError, SdoRefused
+        ControlDenied, NodeMissing, WrongArm, MappingDiffers, BusError, SdoRefused
         """
         loop, wire, access = self.loop, self._wire, self.access
         loop.start()
@@ -130,13 +131,15 @@ class Connection:
         _require(loop.nodes.wait_for_boot_up(BOOT_TIMEOUT_S))
         identity = identifying.read_identity(access, self.joints)
         identifying.check_arm(access, identity, self._description, period_s=self._timing.period_s)
+        check_mapping(access, self.joints)
         self._rated_nm = identifying.read_rated_torques_nm(access, self.joints)
         loop.begin_heartbeat()
         wire.send(COB_NMT, bytes([NmtCommand.START, 0]))
         _require(loop.nodes.wait_for_state(NmtState.OPERATIONAL, BOOT_TIMEOUT_S))
         self.token = access.read_unsigned(SUPERVISOR_NODE, TOKEN)
         loop.begin_sync()
-        loop.run(steps.look(loop, syncs=2), despite=(DriveFault, Stopped))
+        first = loop.run(steps.look(loop, syncs=2), despite=(DriveFault, Stopped))
+        check_positions(access, first.counts, self.scales)
         self.read_modes()
         return identity
 

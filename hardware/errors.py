@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class HardwareError(Exception):
     """Base of everything that can go wrong between the operator and the arm."""
@@ -25,6 +27,18 @@ class NodeMissing(HardwareError):
 
 class WrongArm(HardwareError):
     """The arm on the bus is not the one the arm file describes."""
+
+
+class MappingDiffers(HardwareError):
+    """Drives whose frames would be misread: `differences` name node, object, expected and found."""
+
+    def __init__(self, differences: Sequence[str]) -> None:
+        self.differences = tuple(differences)
+        super().__init__(
+            "The drives' frames do not carry what this program reads in them: "
+            f"{'; '.join(self.differences)}. Nothing was enabled. Commission these drives with the PDOs "
+            "that this arm is driven with, then connect again."
+        )
 
 
 class SdoRefused(HardwareError):

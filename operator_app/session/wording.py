@@ -13,6 +13,7 @@ from hardware.errors import (
     ControlDenied,
     DriveFault,
     HardwareError,
+    MappingDiffers,
     ModeNotReached,
     NodeMissing,
     Stopped,
@@ -46,6 +47,8 @@ def _remedy(error: BaseException) -> str:
             return "Check that these nodes are powered and on the bus, then connect again"
         case WrongArm():
             return "Connect the arm that the arm file describes, or name its own arm file"
+        case MappingDiffers():
+            return "Nothing was enabled and nothing moves"
         case ControlDenied():
             return "Ask the other operator to give up control, then connect again"
         case ModeNotReached():

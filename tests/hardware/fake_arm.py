@@ -21,6 +21,10 @@ import can
 JOINTS = 7
 COUNTS_PER_REV = 400_000
 SUPERVISOR = 16
+MAPS = {
+    0x1600: (3, 0x60400010, 0x607A0020, 0x60600008),
+    0x1A00: (3, 0x60410010, 0x60640020, 0x60770010),
+}
 FAULT_CLEARED_STATES = {0x40: "switch on disabled"}
 
 
@@ -77,6 +81,7 @@ class FakeArmBus(can.BusABC):
         self.drives = {j: FakeDrive(node=j, counts=1000 * j) for j in range(1, JOINTS + 1)}
         self.syncs = 0
         self.sent: list[tuple[int, bytes]] = []
+        self.objects: dict[tuple[int, int, int], bytes | int] = {}
         self.silent: set[int] = set()
         self.twice: set[int] = set()
         self.dead: set[int] = set()
@@ -248,8 +253,20 @@ class FakeArmBus(can.BusABC):
     def _of_drive(self, node: int, index: int, sub: int) -> bytes | int:
         limit = round(COUNTS_PER_REV / 4)
         rvdt = node == JOINTS
+        if (node, index, sub) in self.objects:
+            return self.objects[node, index, sub]
+        if index in (0x1600, 0x1A00):
+            return struct.pack("<L", MAPS[index][sub]) if sub < len(MAPS[index]) else 0x06090011
         return {
             (0x1000, 0): struct.pack("<L", 0x00020192),
+            (0x1005, 0): struct.pack("<L", 0x80),
+            (0x1014, 0): struct.pack("<L", 0x80 + node),
+            (0x1017, 0): struct.pack("<H", 100),
+            (0x1400, 1): struct.pack("<L", 0x200 + node),
+            (0x1400, 2): b"\xfe",
+            (0x1800, 1): struct.pack("<L", 0x40000180 + node),
+            (0x1800, 2): b"\x01",
+            (0x6064, 0): struct.pack("<l", self.drives[node].counts),
             (0x603F, 0): b"\x11\x86",
             (0x6061, 0): struct.pack("<b", self.drives[node].mode),
             (0x6076, 0): struct.pack("<L", 50_000),

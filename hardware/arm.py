@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+SIMULATED_NAME = "sarcal virtual "
+"""How the device name (1008h) of a node begins that moves nothing real."""
+
 
 class JointMode(Enum):
     """How a joint is controlled."""
@@ -60,6 +63,13 @@ class ArmIdentity:
     model: str
     serial_number: str
     nodes: tuple[NodeIdentity, ...]
+
+    @property
+    def simulated(self) -> bool:
+        """Whether every node says of itself that nothing real moves; an arm without nodes says nothing."""
+        return bool(self.nodes) and all(
+            node.device_name.startswith(SIMULATED_NAME) for node in self.nodes
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -73,7 +73,7 @@ class Operations:
         finally:
             self._publisher.publish(lambda s: replace(s, identity=self._session.identity))
         self._publisher.publish(lambda s: replace(s, stop=None, at_waypoint=None))
-        if all("virtual" in node.device_name for node in identity.nodes):
+        if identity.simulated:
             # On whatever bus: these nodes say themselves that nothing real moves.
             self._publisher.publish(lambda s: replace(s, simulated=True))
         self._publisher.say(

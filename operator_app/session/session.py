@@ -39,6 +39,12 @@ from operator_app.session.export import (
     upload,
 )
 from operator_app.session.journal import Clock, Journal, utc_now
+from operator_app.session.sameness import (
+    check_counters,
+    check_identity,
+    check_return,
+    check_standing,
+)
 from operator_app.session.solving import Solver, solve_here
 from operator_app.session.state import CapturedPose, CheckReading, SessionState, apply, replay
 from solver.arrays import FloatArray
@@ -72,6 +78,7 @@ class Session:
         self.state: SessionState = replay((e.name, e.data, e.utc) for e in journal.contents.events)
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
+        self._same = False
 
     # -- facts -----------------------------------------------------------------------------------
 
@@ -85,16 +92,14 @@ class Session:
     def connect(self) -> ArmIdentity:
         """Find the arm. A resumed session insists on the arm it was begun with."""
         identity = self.arm.connect()
-        known = self.state.serial_number
-        if known and known != identity.serial_number:
+        self._same = False
+        try:
+            check_identity(self.state, identity)
+        except GuardError:
             # Not left connected: nothing of this session may move another arm.
             self.identity = None
             self.arm.close()
-            raise GuardError(
-                f"this session belongs to arm {known}, and the arm on the bus is "
-                f"{identity.serial_number}",
-                "connect the right arm or start a new session",
-            )
+            raise
         self.identity = identity
         self.record(
             "connected",
@@ -161,10 +166,25 @@ class Session:
         self.record("modes", {"modes": [JointMode.POSITION.value] * self.model.joint_count})
 
     def take_control(self) -> None:
-        """Enable the drives, holding; the first time, remember where the arm stood."""
+        """Enable the drives, holding; the first time, remember where the arm stood.
+
+        Before that, the first time after connecting: is everything still what it was?
+        """
+        self._require_the_same()
         self.arm.take_control()
         start = self.arm.capture(self.procedure.capture.samples_per_pose).mean_rad
         self.record("control", {"start_rad": start.tolist()})
+
+    def _require_the_same(self) -> None:
+        """Refuse to enable drives of an arm, or in a fixture, that is not the one of the poses so far."""
+        if self._same:
+            return
+        here = self.arm.capture(self.procedure.capture.samples_per_pose)
+        check_counters(self.model, here.mean_counts)
+        if self.state.used_poses:
+            found = check_standing(self.state, self.procedure, here)
+            self.record("standing", {"told": found.told, "probability": found.probability})
+        self._same = True
 
     @property
     def position_joints(self) -> tuple[int, ...]:
@@ -250,6 +270,10 @@ class Session:
         """Like `capture`, of a pose that checks the calibration instead of making it."""
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
+
+    def require_same_return(self) -> None:
+        """Refuse to go on when the pose that was read again does not read as it did."""
+        check_return(self.state, self.procedure)
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
         """Read a pose and record it."""

@@ -87,6 +87,8 @@ class SessionState:
         The arm, fixture and procedure documents the session was opened with, as text by kind.
     serial_number
         Of the arm; empty until connected.
+    node_serials
+        Of its nodes (1018h), by node; those that the poses were taken with.
     start_rad
         Joint angles when the session first took control (n,), or None.
     modes
@@ -102,7 +104,8 @@ class SessionState:
     readings
         Poses that were read to check the calibration.
     resumed
-        Whether the session was resumed since the last of them: something may have slipped meanwhile.
+        Whether the session was resumed, or the arm found again, since the last of them: something may
+        have slipped meanwhile.
     verifications
         How many times it was verified with new poses.
     campaign
@@ -118,6 +121,7 @@ class SessionState:
     sources: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     serial_number: str = ""
+    node_serials: Mapping[int, int] = field(default_factory=dict)
     start_rad: FloatArray | None = None
     modes: tuple[str, ...] = ()
     poses: tuple[CapturedPose, ...] = ()
@@ -215,7 +219,14 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             # What was chosen last is what a session goes on with.
             return replace(state, resumed=True, settings={**state.settings, **data["settings"]})
         case "connected":
-            return replace(state, serial_number=data["serial_number"])
+            serials = {n["node"]: n["serial_number"] for n in data.get("nodes", ())}
+            return replace(
+                state,
+                serial_number=data["serial_number"],
+                # Those that the poses were taken with.
+                node_serials=state.node_serials if state.poses else serials,
+                resumed=state.resumed or bool(state.poses),
+            )
         case "control":
             start = state.start_rad
             return replace(state, start_rad=frozen(data["start_rad"]) if start is None else start)

@@ -5,6 +5,8 @@ The one table of words for faults: both faces show these sentences.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from fixtures.errors import FixtureError
 from hardware.arm import DriveState
 from hardware.errors import (
@@ -37,40 +39,28 @@ def words(error: BaseException) -> SessionError:
 
 
 def _remedy(error: BaseException) -> str:
-    match error:
-        case BusError():
-            return (
-                "The drives hold by themselves when the heartbeat is gone. Check cable and "
-                "interface, then connect again"
-            )
-        case NodeMissing():
-            return "Check that these nodes are powered and on the bus, then connect again"
-        case WrongArm():
-            return "Connect the arm that the arm file describes, or name its own arm file"
-        case MappingDiffers():
-            return "Nothing was enabled and nothing moves"
-        case ControlDenied():
-            return "Ask the other operator to give up control, then connect again"
-        case ModeNotReached():
-            return "Look at that drive's fault, reset it (R) and apply the modes again"
-        case DriveFault():
-            return "The arm holds. Find out what it met, reset (R) and apply the modes again"
-        case Stopped():
-            return "Reset STOP (R) when it is safe; nothing moves by itself"
-        case CommandRefused():
-            return "Nothing was sent to the drives"
-        case UploadRefused():
-            return "The parameters that were active before stay active"
-        case UnidentifiableError():
-            return "Take poses that differ more, or free a joint that stands still"
-        case TooFewPosesError():
-            return "Capture more poses (step 4)"
-        case FixtureError():
-            return "Remount the fixture as said, then check it again (step 2)"
-        case WriteError():
-            return "Free space or choose another folder; the journal is whole"
-        case _:
-            return "Nothing was changed"
+    found = next((kind for kind in type(error).__mro__ if kind in _REMEDIES), None)
+    return "Nothing was changed" if found is None else _REMEDIES[found]
+
+
+_REMEDIES: Mapping[type, str] = {
+    BusError: "The drives hold by themselves when the heartbeat is gone. Check cable and interface, "
+    "then connect again",
+    NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
+    WrongArm: "Connect the arm that the arm file describes, or name its own arm file",
+    MappingDiffers: "Nothing was enabled and nothing moves",
+    ControlDenied: "Ask the other operator to give up control, then connect again",
+    ModeNotReached: "Look at that drive's fault, reset it (R) and apply the modes again",
+    DriveFault: "The arm holds. Find out what it met, reset (R) and apply the modes again",
+    Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
+    CommandRefused: "Nothing was sent to the drives",
+    UploadRefused: "The parameters that were active before stay active",
+    UnidentifiableError: "Take poses that differ more, or free a joint that stands still",
+    TooFewPosesError: "Capture more poses (step 4)",
+    FixtureError: "Remount the fixture as said, then check it again (step 2)",
+    WriteError: "Free space or choose another folder; the journal is whole",
+}
+"""By the class of the error, or the nearest one above it."""
 
 
 def drive_words(state: DriveState) -> str:

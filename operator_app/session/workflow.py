@@ -84,7 +84,10 @@ def _return_to_first(
         session.record("return_missed", {"of": first.number, "reason": missed})
         listener.told(f"Pose {first.number} could not be read once more: {missed}.")
     else:
+        resumed = session.state.resumed
         session.look_again("return", of=first.number)
+        if resumed:
+            session.require_same_return()
     return way
 
 

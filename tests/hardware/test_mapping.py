@@ -40,7 +40,7 @@ def u32(value: int) -> bytes:
         (
             (3, 0x1A00, 2),
             u32(0x606C0020),
-            "node 3, 1A00h: expected TPDO1 = 6041h(16) + 6064h(32) + 6077h(16), "
+            "node 3, 1A00h: expected TPDO1 = 6041h(16) + 6064h(32) + 6077h(16), "  # noqa: ISC004
             "found 6041h(16) + 606Ch(32) + 6077h(16)",
         ),
         ((3, 0x1A00, 0), u32(2), "node 3, 1A00h: expected TPDO1 = "),

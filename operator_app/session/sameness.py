@@ -1,0 +1,234 @@
+"""Is this still the arm, and still the fixture, that the journal's poses were taken on? Moves nothing.
+
+A session that goes on after a break asks before its drives are enabled: who the nodes are, whether a
+counter begins anew at zero, whether the loop closes where the arm stands; and once it may move, it reads
+an old pose again. Knows no bus and no screen; refuses in words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fixtures.errors import FixtureError
+from hardware.arm import ArmIdentity, Reading
+from operator_app.calibration.loop import loop_of_poses
+from operator_app.calibration.repeats import Repeat, compare_readings
+from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
+from operator_app.config.procedure import Procedure
+from operator_app.errors import GuardError
+from operator_app.session.calibrated import Calibrated, recorded
+from operator_app.session.state import CheckReading, SessionState, pose_set_of
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import Encoder
+from solver.errors import SolverError
+from solver.estimators.implicit import estimate_implicit
+
+AT_ZERO_COUNTS = 2.5
+"""A counter that has just begun anew, and the noise of its last bit."""
+
+IMPROBABLE = 1e-4
+"""Chance of refusing an arm and a fixture that are the same."""
+
+WORSE = 4.0
+"""Times the worst chi2 of the session's own poses: where the model is wrong, theirs is large as well."""
+
+_START_ANEW = "find out what was changed; poses before and after it do not belong together: start a new session"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """What the journal's poses say of where the arm stands.
+
+    `told` is what was found, in a sentence; `probability` the chance of a pose that fits worse, None
+    where there are too few poses to say.
+    """
+
+    told: str
+    probability: float | None
+
+
+def check_identity(state: SessionState, identity: ArmIdentity) -> None:
+    """Refuse an arm that does not say who it is, or is another than the session's.
+
+    Raises
+    ------
+    GuardError
+    """
+    if not identity.nodes:
+        raise GuardError(
+            f"arm {identity.serial_number} has no nodes: nothing there can be moved or read",
+            "look at the bus and at the arm file, then connect again",
+        )
+    known = state.serial_number
+    if known and known != identity.serial_number:
+        raise GuardError(
+            f"this session belongs to arm {known}, and the arm on the bus is "
+            f"{identity.serial_number}",
+            "connect the right arm or start a new session",
+        )
+    if not state.poses:
+        return
+    changed = [
+        f"node {node.node} ({node.role}) has serial number {node.serial_number}, "
+        f"it had {state.node_serials[node.node]}"
+        for node in identity.nodes
+        if state.node_serials.get(node.node, node.serial_number) != node.serial_number
+    ]
+    if changed:
+        raise GuardError(
+            f"{_together(changed)}: the zero of a joint goes with its drive and sensor",
+            "put the drive back that the poses were taken with, or start a new session",
+        )
+
+
+def check_counters(arm: ArmModel, counts: Iterable[float]) -> None:
+    """Refuse joints whose counter stands at zero where the joint cannot be.
+
+    Raises
+    ------
+    GuardError
+    """
+    fresh = [
+        f"joint {number} reads 0.000 deg, outside its range "
+        f"{np.rad2deg(joint.lower_rad):.1f} .. {np.rad2deg(joint.upper_rad):.1f} deg"
+        for number, (joint, count) in enumerate(zip(arm.joints, counts, strict=True), 1)
+        if isinstance(joint.sensor, Encoder)
+        and abs(count) <= AT_ZERO_COUNTS
+        and not joint.lower_rad <= 0.0 <= joint.upper_rad
+    ]
+    if fresh:
+        raise GuardError(
+            f"{_together(fresh)}: its counter began anew, as after a loss of power",
+            "home the joint, then connect again",
+        )
+
+
+def check_standing(state: SessionState, procedure: Procedure, reading: Reading) -> Standing:
+    """Close the loop where the arm stands, by the poses of the journal.
+
+    Raises
+    ------
+    GuardError
+        It does not close there: something is another than it was.
+    """
+    fixed = _fixed(state, procedure)
+    if fixed is None:
+        return Standing(
+            told="The poses so far are too few to tell whether the loop closes where the arm stands.",
+            probability=None,
+        )
+    here = CheckReading(
+        kind="standing",
+        number=0,
+        mean_rad=reading.mean_rad,
+        sd_rad=reading.sd_rad,
+        samples=reading.samples,
+        utc="",
+    )
+    arm, fixture = procedure.arm, procedure.fixture.fixture
+    poses = pose_set_of([*state.used_poses, here])
+    found = judge_poses(arm, fixture, poses, fixed).verification
+    probability = float(found.pose_probability[-1])
+    worst = float(found.pose_chi2[:-1].max())
+    closes = bool(found.closed[-1])
+    if closes and (probability >= IMPROBABLE or found.pose_chi2[-1] <= WORSE * worst):
+        return Standing(
+            told="The loop closes where the arm stands, by the poses so far.",
+            probability=probability,
+        )
+    zeros = [
+        str(j)
+        for j, (joint, count) in enumerate(zip(arm.joints, reading.mean_counts, strict=True), 1)
+        if isinstance(joint.sensor, Encoder) and abs(count) <= AT_ZERO_COUNTS
+    ]
+    if zeros:
+        raise GuardError(
+            f"the counter of joint {' and '.join(zeros)} stands at zero, and with it the loop does not "
+            "close where the arm stands: it began anew, as after a loss of power",
+            f"home the joint; {_START_ANEW}",
+        )
+    off = "" if not closes else f" (chance {probability:.0e})"
+    raise GuardError(
+        f"the loop does not close where the arm stands, by this session's {len(state.used_poses)} "
+        f"poses{off}: a joint's zero or the fixture is not what it was",
+        _START_ANEW,
+    )
+
+
+def check_return(state: SessionState, procedure: Procedure) -> Repeat:
+    """Compare the last reading of an old pose with the first one.
+
+    Raises
+    ------
+    GuardError
+        Something slipped in between: named with its size.
+    """
+    from scipy.special import chdtri
+
+    last = state.returns[-1]
+    arm, fixture = procedure.arm, procedure.fixture.fixture
+    model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
+    fixed = _fixed(state, procedure)
+    values = {} if fixed is None else fixed.values
+    x: FloatArray = np.array([values.get(p.name, p.nominal) for p in model.parameters])
+    found = compare_readings(
+        arm,
+        model,
+        x,
+        last.first.mean_rad,
+        last.again.mean_rad,
+        samples=last.first.samples,
+        samples_again=last.again.samples,
+        give=fixture.give,
+    )
+    if found.chi2 <= float(chdtri(found.dof, IMPROBABLE)):
+        return found
+    pose = last.first.number
+    if found.joint_odds > 1.0:
+        raise GuardError(
+            f"pose {pose} does not read as it did: joint {found.joint} has shifted by "
+            f"{np.rad2deg(found.size_rad):+.3f} deg (sigma {np.rad2deg(found.sigma_rad):.3f} deg)",
+            f"look at the coupling and the counter of joint {found.joint}; {_START_ANEW}",
+        )
+    raise GuardError(
+        f"pose {pose} does not read as it did: the fixture has moved by about "
+        f"{1e3 * found.shifted_m:.1f} mm and {np.rad2deg(found.turned_rad):.2f} deg",
+        _START_ANEW,
+    )
+
+
+def _fixed(state: SessionState, procedure: Procedure) -> Fixed | None:
+    """Return the parameters that the poses so far give; None where they do not give any yet.
+
+    A calibration of these poses where there is one, else a quick fit by what the files state: what it
+    is for is a change of degrees and millimetres.
+    """
+    known = recorded(state)
+    if isinstance(known, Calibrated):
+        return fixed_by(known.solution)
+    arm, fixture = procedure.arm, procedure.fixture.fixture
+    poses, unsensed = state.pose_set(), procedure.unsensed_joints
+    try:
+        model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
+        nothing = Fixed(
+            values={},
+            covariance=np.zeros((0, 0)),
+            rvdt_sd_rad={},
+            fixture_variance=None,
+            unsensed_joints=unsensed,
+        )
+        found = estimate_implicit(model, poses.q_rad, stated_noise(arm, fixture, poses, nothing))
+    except (SolverError, FixtureError, np.linalg.LinAlgError):
+        return None
+    if not found.converged or not np.isfinite(found.covariance).all():
+        return None
+    values = {p.name: float(v) for p, v in zip(found.parameters, found.x, strict=True)}
+    return replace(nothing, values=values, covariance=found.covariance)
+
+
+def _together(facts: list[str]) -> str:
+    return "; ".join(facts)

@@ -61,6 +61,8 @@ class Solution:
         Figures of the error model that no file states.
     hand
         How far off the hand may be at these poses; None in records of earlier versions.
+    implicit
+        What weighing every reading by its noise gives, where the paper's estimate is the chosen one.
     """
 
     model: ClosureModel
@@ -81,6 +83,7 @@ class Solution:
     assumed: tuple[str, ...] = ()
     judgement: Judgement = field(default_factory=Judgement)
     hand: TipSigma | None = None
+    implicit: Estimate | None = None
 
     @property
     def accepted(self) -> bool:
@@ -103,6 +106,11 @@ class Solution:
     def identified(self) -> Estimate:
         """The estimate of what calibration identifies: without the lengths and twists it corrected."""
         return self.estimate.without(self.tolerated)
+
+    @property
+    def beside(self) -> Estimate | None:
+        """The other estimator's result on the same poses; None where there is none."""
+        return self.implicit if self.estimate.estimator == "paper" else self.paper
 
     def with_notices(self, notices: Iterable[Notice]) -> Solution:
         """Return the same solution with more warnings."""

@@ -185,7 +185,9 @@ def calibrate(
     estimate, components = for_every_pose(whole, which)
     outliers = _outliers(whole, distinct)
     judged_paper = paper if estimator == "paper" else None
+    implicit = None
     if judged_paper is not None:
+        implicit = estimate.without(tuple(tolerance))
         estimate, components, model, tolerance = judged_paper, None, hard, {}
     seen = require_identifiable(hard, in_order(hard, model, estimate.x), q, sigma)
     checks = placement_checks(fixture, arm, model, estimate.x, unsensed_joints)
@@ -240,6 +242,7 @@ def calibrate(
         rvdt=rvdt,
         assumed=(*arm.assumed, *fixture.give.assumed),
         hand=tip_sigma(model, estimate, q),
+        implicit=implicit,
         warnings=(),
         reasons=(),
     )

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import json_option, sessions_option
+from operator_app.errors import SessionError
 from operator_app.exit_codes import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -59,6 +61,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _load(reference: str, root: Path) -> ParametersDocument:
+    """Read a parameters file, or the calibration in the journal of a session."""
     from operator_app.config.parameters_file import load_parameters
     from operator_app.session.export import PARAMETERS_NAME
     from operator_app.session.folder import find_session
@@ -66,10 +69,36 @@ def _load(reference: str, root: Path) -> ParametersDocument:
     where = Path(reference).expanduser()
     if where.is_file():
         return load_parameters(reference)
-    folder = where if (where / PARAMETERS_NAME).is_file() else find_session(root, reference)
+    try:
+        folder = find_session(root, reference)
+    except SessionError:
+        # A folder with the file alone, as somebody sent it.
+        folder = where
+        if not (where / PARAMETERS_NAME).is_file():
+            raise
+    found = _journalled(folder)
+    if found is not None:
+        return found
     file = folder / PARAMETERS_NAME
     if not file.is_file():
         raise UsageError(
             f"{folder}: this session has no {PARAMETERS_NAME}; write it with: sarcal export {folder}"
         )
     return load_parameters(file)
+
+
+def _journalled(folder: Path) -> ParametersDocument | None:
+    """Return what an export of a session's calibration would write; None where its journal has none."""
+    from operator_app.composition import carried_procedure
+    from operator_app.session.calibrated import Calibrated, recorded
+    from operator_app.session.export import document_of
+    from operator_app.session.folder import read_session
+    from operator_app.session.opening import Choices, resume
+
+    state = read_session(folder).state
+    found = None if state is None else recorded(state)
+    if state is None or not isinstance(found, Calibrated):
+        return None
+    procedure = carried_procedure(resume(str(folder), Choices(), root=folder.parent))
+    solved = datetime.fromisoformat(state.solved_utc)
+    return document_of(found.solution, state, procedure, utc=solved)

@@ -43,7 +43,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.atomic import write_atomically
     from operator_app.config.parameters_file import format_parameters
     from operator_app.session.calibrated import calibrated
-    from operator_app.session.export import PARAMETERS_NAME, parameters_document
+    from operator_app.session.export import PARAMETERS_NAME, document_of
     from operator_app.session.folder import read_session
     from operator_app.session.journal import utc_now
     from operator_app.session.opening import resume
@@ -54,7 +54,6 @@ def execute(args: argparse.Namespace) -> int:
         print(f"sarcal: {opening.folder} has no pose yet: nothing to export.", file=sys.stderr)
         return ExitCode.BAD_INPUT
     procedure = carried_procedure(opening)
-    poses = state.pose_set()
     chosen = choices_from(args)
     found = calibrated(
         state, procedure, estimator=chosen.estimator, unsensed_joints=chosen.unsensed_joints
@@ -77,15 +76,7 @@ def execute(args: argparse.Namespace) -> int:
             exported = session.export(solution, upload_too=True, forced=forced)
         data, receipt = exported.parameters.read_bytes(), exported.receipt
     else:
-        document = parameters_document(
-            solution,
-            arm=procedure.arm,
-            serial_number=state.serial_number,
-            fixture=procedure.fixture,
-            poses=poses,
-            utc=utc_now(),
-            forced=forced,
-        )
+        document = document_of(solution, state, procedure, utc=utc_now(), forced=forced)
         data = format_parameters(document)
     if str(args.output) == "-":
         sys.stdout.write(data.decode())

@@ -1,13 +1,20 @@
-"""`sarcal report`: one HTML page about a session, read from its journal."""
+"""`sarcal report`: everything about a session, read from its journal: a page, text or JSON."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from operator_app.commands.options import estimator_options, parse_joints, sessions_option
 from operator_app.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from operator_app.report.subject import Subject
+    from operator_app.session.state import SessionState
+    from solver.errors import UnidentifiableDirection
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,43 +27,90 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="write the page there (default: report.html in the session folder; - is stdout)",
     )
+    shown = parser.add_mutually_exclusive_group()
+    shown.add_argument(
+        "--text", action="store_true", help="print what sarcal run printed, and write no page"
+    )
+    shown.add_argument(
+        "--json", action="store_true", help="print the object of sarcal run --json instead"
+    )
     estimator_options(parser)
     sessions_option(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Read the session's calibration and write the page."""
+    """Read the session's calibration and show it."""
     from operator_app.commands.options import require_joints
     from operator_app.composition import carried_procedure
-    from operator_app.config.atomic import write_atomically
-    from operator_app.report.html import report_html
     from operator_app.report.subject import subject_of_session
+    from operator_app.session.calibrated import calibrated, checked
     from operator_app.session.journal import read_journal
     from operator_app.session.opening import Choices, resume
+    from operator_app.session.state import replay
+    from solver.errors import UnidentifiableError
 
     unsensed = parse_joints(args.unsensed) if args.unsensed else None
     opening = resume(args.session, Choices(), root=args.sessions)
     procedure = carried_procedure(opening)
     require_joints(unsensed or (), procedure.arm.joint_count)
     contents = read_journal(opening.folder)
+    state = replay((e.name, e.data, e.utc) for e in contents.events)
+    found, blind = None, tuple["UnidentifiableDirection", ...]()
+    try:
+        # The journal's, if it has what is asked for; else it is solved now, and the report says so.
+        found = calibrated(state, procedure, estimator=args.estimator, unsensed_joints=unsensed)
+        found = checked(found, state, procedure)
+    except UnidentifiableError as error:
+        blind = error.directions
+    name = opening.folder.resolve().name
     subject = subject_of_session(
-        opening.folder.resolve().name,
-        contents.events,
-        procedure,
-        torn=contents.torn,
-        estimator=args.estimator,
-        unsensed_joints=unsensed,
+        name, contents.events, procedure, found, torn=contents.torn, unidentifiable=blind
     )
-    page = report_html(subject)
-    if str(args.output) == "-":
-        sys.stdout.buffer.write(page)
+    if args.json or args.text:
+        _print(args, subject, opening.folder, state)
     else:
-        target = args.output or opening.folder / REPORT_NAME
-        write_atomically(target, page)
-        print(f"Report      {target}")
+        _write(args, subject, opening.folder)
     if subject.solution is None:
         return ExitCode.NOT_IDENTIFIABLE
     return ExitCode.ACCEPTED if subject.solution.accepted else ExitCode.NOT_ACCEPTED
 
 
-REPORT_NAME = "report.html"
+def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: SessionState) -> None:
+    from operator_app.report.session_result import session_json, session_text, unidentifiable_json
+    from operator_app.report.text import facts_text, unidentifiable_text
+
+    solution, facts = subject.solution, subject.facts
+    if solution is None or facts is None:
+        if args.text:
+            print(unidentifiable_text(subject.unidentifiable))
+            return
+        procedure = subject.procedure
+        model = procedure.fixture.fixture.model(
+            procedure.arm, unsensed_joints=subject.unsensed_joints
+        )
+        blind = unidentifiable_json(
+            subject.unidentifiable,
+            parameters=len(model.parameters),
+            poses=len(subject.used),
+            folder=folder,
+        )
+        print(json.dumps(blind, indent=2, allow_nan=False))
+    elif args.json:
+        found = session_json(facts, solution.paper, folder, state)
+        print(json.dumps(found, indent=2, allow_nan=False))
+    else:
+        print(f"{facts_text(facts)}\n\n{session_text(folder, state, accepted=solution.accepted)}")
+
+
+def _write(args: argparse.Namespace, subject: Subject, folder: Path) -> None:
+    from operator_app.config.atomic import write_atomically
+    from operator_app.report.html import report_html
+    from operator_app.report.of_session import REPORT_NAME
+
+    page = report_html(subject)
+    if str(args.output) == "-":
+        sys.stdout.buffer.write(page)
+    else:
+        target = args.output or folder / REPORT_NAME
+        write_atomically(target, page)
+        print(f"Report      {target}")

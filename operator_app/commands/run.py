@@ -82,62 +82,43 @@ def execute(args: argparse.Namespace) -> int:
 
 def _report(args: argparse.Namespace, session: Session, result: RunResult) -> None:
     from operator_app.report.capture_result import capture_json, capture_text
-    from operator_app.report.facts import estimate_json, facts_of
+    from operator_app.report.facts import facts_of
+    from operator_app.report.session_result import session_json, session_text
     from operator_app.report.text import facts_text
 
-    folder, solution, exported = session.journal.path.parent, result.solution, result.exported
-    facts = facts_of(solution, limits=session.procedure.acceptance)
-    parameters, poses = solution.model.parameters, session.state.used_poses
+    folder, state, solution = session.journal.path.parent, session.state, result.solution
+    facts = facts_of(
+        solution,
+        checks=result.checks,
+        limits=session.procedure.acceptance,
+        captured=len(state.poses),
+    )
+    parameters = solution.model.parameters
     if args.json:
-        found = facts.json
-        found["paper"] = None if solution.paper is None else estimate_json(solution.paper)
-        found["session"] = {
-            "folder": str(folder),
-            "journal": str(session.journal.path),
-            "serial_number": session.state.serial_number,
-            "parameters": None if exported is None else str(exported.parameters),
-            "poses": None if exported is None else str(exported.poses),
-            "uploaded": exported is not None and exported.receipt is not None,
-            "sha256": None if exported is None or exported.receipt is None
-            else exported.receipt.sha256,
-        }  # fmt: skip
-        found["capture"] = capture_json(result.capture, result.advice, parameters, poses)
+        found = session_json(facts, solution.paper, folder, state)
+        found["capture"] = capture_json(result.capture, result.advice, parameters, state.used_poses)
         print(json.dumps(found, indent=2, allow_nan=False))
         return
     print(facts_text(facts))
     if result.capture is not None:
         print(f"\n{capture_text(result.capture, result.advice, parameters)}")
-    print()
-    print(f"Session     {folder}")
-    if exported is None:
-        print("Parameters  not written: the calibration was not accepted")
-        return
-    print(f"Poses       {exported.poses}")
-    print(f"Parameters  {exported.parameters}")
-    if exported.receipt is None:
-        print("Controller  nothing uploaded")
-    else:
-        print(
-            f"Controller  slot {exported.receipt.slot} active, {exported.receipt.length} bytes read "
-            f"back\n            SHA-256 {exported.receipt.sha256}"
-        )
+    print(f"\n{session_text(folder, state, accepted=solution.accepted)}")
 
 
 def _report_unidentifiable(
     args: argparse.Namespace, session: Session, error: UnidentifiableError
 ) -> None:
-    from operator_app.report.calibration_data import unidentifiable_data
+    from operator_app.report.session_result import unidentifiable_json
     from operator_app.report.text import unidentifiable_text
 
     if not args.json:
         print(unidentifiable_text(error.directions), file=sys.stdout)
         return
     model = session.fixture.model(session.model, unsensed_joints=session.procedure.unsensed_joints)
-    found = unidentifiable_data(
+    found = unidentifiable_json(
         error.directions,
         parameters=len(model.parameters),
         poses=len(session.state.used_poses),
+        folder=session.journal.path.parent,
     )
-    found["paper"] = None
-    found["session"] = {"folder": str(session.journal.path.parent)}
     print(json.dumps(found, indent=2, allow_nan=False))

@@ -222,11 +222,11 @@ class Plain:
             return
         self._step, self._heard = Step.CONNECT, 0
 
-    def write_report(self, s: SessionSnapshot, runner: Runner) -> Path:
+    def write_report(self, runner: Runner) -> Path:
         """Write the report page."""
         from operator_app.report.of_session import write_report
 
-        return write_report(runner.session, s.estimator, s.unsensed_joints)
+        return write_report(runner.session)
 
     # -- inside ------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from operator_app.calibration.checks import Checks
 from operator_app.calibration.solution import Solution
 from operator_app.errors import SessionError
 from operator_app.planning.advice import QUICK_TRIES, advise, hint
@@ -27,6 +28,7 @@ class RunResult:
     """
 
     solution: Solution
+    checks: Checks
     exported: Exported | None
     capture: CampaignEnd | None = None
     advice: str = ""
@@ -50,9 +52,16 @@ def run(session: Session, listener: Listener, *, forced: str = "") -> RunResult:
     known = session.calibrated()
     solution = session.calibrate() if known is None else known.solution
     listener.solved(solution)
+    checks = None if known is None else known.checks
+    if checks is None:
+        checks = session.check(solution)
     exported = session.export(solution, forced=forced) if solution.accepted or forced else None
     return RunResult(
-        solution=solution, exported=exported, capture=end, advice=_advice(session, solution, end)
+        solution=solution,
+        checks=checks,
+        exported=exported,
+        capture=end,
+        advice=_advice(session, solution, end),
     )
 
 

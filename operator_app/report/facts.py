@@ -92,9 +92,8 @@ def facts_of(
     solution: Solution,
     *,
     checks: Checks | None = None,
-    beside: Estimate | None = None,
     limits: AcceptanceLimits | None = None,
-    left_out: int = 0,
+    captured: int | None = None,
 ) -> Facts:
     """Return the facts of a calibration.
 
@@ -102,16 +101,13 @@ def facts_of(
     ----------
     checks
         Second opinions, where there are some.
-    beside
-        The other estimator's result; by default the paper's, where it is not the chosen one.
     limits
         Those of the procedure.
-    left_out
-        How many captured poses took no part.
+    captured
+        How many poses there were, those that took no part included; None: all took part.
     """
-    estimate = solution.identified
-    if beside is None and estimate.estimator != "paper":
-        beside = solution.paper
+    estimate, beside = solution.identified, solution.beside
+    left_out = 0 if captured is None else captured - solution.poses
     headlines = _headlines(solution, AcceptanceLimits() if limits is None else limits, left_out)
     return Facts(
         accepted=solution.accepted,

@@ -1,29 +1,29 @@
-"""The report page of the session that is open. Knows the journal and the report, no widget."""
+"""The report of the session that is open: its page, from its journal. Knows no widget and solves nothing."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from operator_app.config.atomic import write_atomically
+from operator_app.errors import GuardError
 from operator_app.report.html import report_html
 from operator_app.report.subject import subject_of_session
+from operator_app.session.calibrated import Calibrated, recorded
 from operator_app.session.journal import read_journal
 from operator_app.session.session import Session
 
 REPORT_NAME = "report.html"
 
 
-def write_report(session: Session, estimator: str, unsensed_joints: tuple[int, ...]) -> Path:
+def write_report(session: Session) -> Path:
     """Write the page into the session's folder, from its journal."""
+    found = recorded(session.state)
+    if not isinstance(found, Calibrated):
+        raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
     folder = session.journal.path.parent
     contents = read_journal(folder)
     subject = subject_of_session(
-        folder.resolve().name,
-        contents.events,
-        session.procedure,
-        torn=contents.torn,
-        estimator=estimator,
-        unsensed_joints=unsensed_joints,
+        folder.resolve().name, contents.events, session.procedure, found, torn=contents.torn
     )
     target = folder / REPORT_NAME
     write_atomically(target, report_html(subject))

@@ -20,7 +20,7 @@ def facts_on(s: SessionSnapshot) -> Facts | None:
     """Return the facts of the calibration on a snapshot; None where there is none."""
     if s.solution is None:
         return None
-    return _facts(_Same(s.solution, s.checks_of_it, s.procedure.acceptance))
+    return _facts(_Same(s.solution, s.checks_of_it, s.procedure.acceptance, len(s.state.poses)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +30,7 @@ class _Same:
     solution: Solution
     checks: Checks | None
     limits: AcceptanceLimits
+    captured: int
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Same) and self._parts() == other._parts()
@@ -37,13 +38,13 @@ class _Same:
     def __hash__(self) -> int:
         return hash(self._parts())
 
-    def _parts(self) -> tuple[int, int, AcceptanceLimits]:
-        return id(self.solution), id(self.checks), self.limits
+    def _parts(self) -> tuple[int, int, AcceptanceLimits, int]:
+        return id(self.solution), id(self.checks), self.limits, self.captured
 
 
 @lru_cache(maxsize=2)
 def _facts(of: _Same) -> Facts:
-    return facts_of(of.solution, checks=of.checks, limits=of.limits)
+    return facts_of(of.solution, checks=of.checks, limits=of.limits, captured=of.captured)
 
 
 ROLES = {"found": "bold"}

@@ -13,11 +13,11 @@ from operator_app.calibration.judgement import Notice
 from operator_app.calibration.solution import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.report.facts import Facts, facts_of
-from operator_app.session.calibrated import calibrated, implicit_beside, second_opinions
+from operator_app.session.calibrated import Calibrated
 from operator_app.session.journal import Event
 from operator_app.session.state import CapturedPose, replay
 from solver.arrays import FloatArray
-from solver.errors import UnidentifiableDirection, UnidentifiableError
+from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate
 
 
@@ -45,10 +45,8 @@ class Subject:
         Digest of the poses that were used.
     solution
         None when the poses cannot determine every parameter; `unidentifiable` says which, then.
-    beside
-        The implicit solution where `solution` is the paper's; None where there is none.
     checks
-        Second opinions on the implicit solution.
+        Second opinions on the solution; None where nobody asked for them.
     solved_again
         Why the solution is not the one of the journal; empty when it is.
     """
@@ -68,8 +66,7 @@ class Subject:
     software_version: str
     solution: Solution | None
     unidentifiable: tuple[UnidentifiableDirection, ...]
-    beside: Solution | None
-    checks: Checks
+    checks: Checks | None
     solved_again: str
 
     @property
@@ -78,19 +75,21 @@ class Subject:
         if self.solution is None:
             return None
         return facts_of(
-            self.solution,
-            # They judge the implicit estimator, and stand beside no other's figures.
-            checks=None if self.beside is not None else self.checks,
-            beside=None if self.beside is None else self.beside.identified,
+            self.solution.with_notices(self._about_the_session),
+            checks=self.checks,
             limits=self.procedure.acceptance,
-            left_out=len(self.poses) - len(self.used),
+            captured=len(self.poses),
         )
 
     @property
     def notices(self) -> tuple[Notice, ...]:
         """What the operator should know and do, of the calibration and of the session."""
-        found = [] if self.solution is None else list(self.solution.warnings)
-        found += [
+        found = () if self.solution is None else self.solution.warnings
+        return (*found, *self._about_the_session)
+
+    @property
+    def _about_the_session(self) -> tuple[Notice, ...]:
+        found = [
             Notice(code="UNSEEN", text=f"{d}: take poses that differ more, or hold one of them")
             for d in self.unidentifiable
         ]
@@ -100,15 +99,21 @@ class Subject:
         if self.solved_again and self.solution is not None:
             text = f"solved again for this report: {self.solved_again}"
             found.append(Notice(code="SOLVED_AGAIN", text=text))
+        if self.solution is not None and self.checks is None:
+            text = (
+                "how well parts of the poses are predicted by the rest (hold-out) was not asked when "
+                f"this session was solved: sarcal run --resume {self.name} asks it"
+            )
+            found.append(Notice(code="UNCHECKED", text=text))
         return tuple(found)
 
     @property
     def implicit(self) -> Estimate | None:
         """By the implicit estimator, chosen or beside the chosen one."""
-        for found in (self.solution, self.beside):
-            if found is not None and found.estimate.estimator == "implicit":
-                return found.identified
-        return None
+        if self.solution is None:
+            return None
+        both = (self.solution.identified, self.solution.beside)
+        return next((e for e in both if e is not None and e.estimator == "implicit"), None)
 
     @property
     def used(self) -> tuple[CapturedPose, ...]:
@@ -142,10 +147,10 @@ def subject_of_session(
     name: str,
     events: Sequence[Event],
     procedure: Procedure,
+    found: Calibrated | None,
     *,
     torn: str = "",
-    estimator: str | None = None,
-    unsensed_joints: tuple[int, ...] | None = None,
+    unidentifiable: tuple[UnidentifiableDirection, ...] = (),
 ) -> Subject:
     """Read a session's journal.
 
@@ -153,25 +158,12 @@ def subject_of_session(
     ----------
     procedure
         The one the session follows, with the arm that was really there.
-    estimator, unsensed_joints
-        None: as the session was solved. Other choices are solved now, and the report says so.
-
-    Raises
-    ------
-    SessionError, TooFewPosesError, FixtureRefusedError
-        There is nothing that could be reported.
+    found
+        Its calibration; None where the poses cannot determine every parameter.
+    unidentifiable
+        Which they cannot, then.
     """
     state = replay((e.name, e.data, e.utc) for e in events)
-    solution, beside, checks = None, None, Checks()
-    blind: tuple[UnidentifiableDirection, ...] = ()
-    solved_again = ""
-    try:
-        found = calibrated(state, procedure, estimator=estimator, unsensed_joints=unsensed_joints)
-        solution, solved_again = found.solution, found.solved_again
-        beside = implicit_beside(found, state, procedure)
-        checks = second_opinions(found, state, procedure)
-    except UnidentifiableError as error:
-        blind = error.directions
     return Subject(
         name=name,
         procedure=procedure,
@@ -186,11 +178,10 @@ def subject_of_session(
         poses=state.poses,
         pose_set_sha256=state.pose_set().sha256(),
         software_version=version("sarcal"),
-        solution=solution,
-        unidentifiable=blind,
-        beside=beside,
-        checks=checks,
-        solved_again=solved_again,
+        solution=None if found is None else found.solution,
+        unidentifiable=unidentifiable,
+        checks=None if found is None else found.checks,
+        solved_again="" if found is None else found.solved_again,
     )
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from fixtures.errors import FixtureError
 from operator_app.calibration.checks import Checks, check
 from operator_app.calibration.record import RecordError, from_dict
 from operator_app.calibration.solution import Solution
@@ -18,7 +17,6 @@ from operator_app.calibration.solve import calibrate
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.session.state import SessionState
-from solver.errors import SolverError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,32 +106,12 @@ def solve(
     )
 
 
-def second_opinions(found: Calibrated, state: SessionState, procedure: Procedure) -> Checks:
-    """Return those of the journal, or make them; there are none on the paper's estimator."""
-    if found.checks is not None:
-        return found.checks
-    if found.solution.estimate.corrections is None:
-        return Checks()
-    return check(found.solution, procedure.arm, procedure.fixture.fixture, state.pose_set())
-
-
-def implicit_beside(
-    found: Calibrated, state: SessionState, procedure: Procedure
-) -> Solution | None:
-    """Return the implicit solution of the same poses beside one by the paper's estimator."""
-    if found.solution.estimate.estimator == "implicit":
-        return None
-    try:
-        beside = solve(
-            state,
-            procedure,
-            estimator="implicit",
-            unsensed_joints=found.solution.model.unsensed_joints,
-        )
-    except (SolverError, FixtureError):
-        # It is shown for comparison only; the report says that there is none.
-        return None
-    return beside if beside.dropped_flipped == found.solution.dropped_flipped else None
+def checked(found: Calibrated, state: SessionState, procedure: Procedure) -> Calibrated:
+    """Return a calibration that was solved again with second opinions on it; the journal's as it is."""
+    if not found.solved_again:
+        return found
+    fixture = procedure.fixture.fixture
+    return replace(found, checks=check(found.solution, procedure.arm, fixture, state.pose_set()))
 
 
 def recorded(state: SessionState) -> Calibrated | str:

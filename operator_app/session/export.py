@@ -13,7 +13,6 @@ from pathlib import Path
 
 from hardware.arm import Arm, UploadReceipt
 from operator_app.calibration.solution import Solution
-from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters import (
     CalibratedEntry,
     DocumentWarning,
@@ -24,9 +23,9 @@ from operator_app.config.parameters import (
     WhichFixture,
 )
 from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
+from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
-from solver.chain.arm_model import ArmModel
-from solver.chain.poses import PoseSet
+from operator_app.session.state import SessionState
 from solver.estimators.goodness import TwoReadings
 
 PARAMETERS_NAME = "parameters.yaml"
@@ -43,20 +42,19 @@ class Exported:
     receipt: UploadReceipt | None
 
 
-def parameters_document(
+def document_of(
     solution: Solution,
+    state: SessionState,
+    procedure: Procedure,
     *,
-    arm: ArmModel,
-    serial_number: str,
-    fixture: FixtureSpec,
-    poses: PoseSet,
     utc: datetime,
     forced: str = "",
 ) -> ParametersDocument:
-    """Return the document that describes a calibration completely.
+    """Return the document that describes a session's calibration completely.
 
     `forced` says why one that was not accepted is used all the same: the first of its warnings.
     """
+    arm, fixture = procedure.arm, procedure.fixture
     estimate, model = solution.estimate, solution.model
     table = model.dh_table(estimate.x)
     if table is None:
@@ -69,7 +67,7 @@ def parameters_document(
         for p, s in zip(estimate.parameters, estimate.standard_deviation, strict=True)
     )
     return ParametersDocument(
-        arm=WhichArm(model=arm.name, serial=serial_number),
+        arm=WhichArm(model=arm.name, serial=state.serial_number),
         joints=joints_from_table(arm, table, calibrated),
         dh=rows_from_table(table),
         calibrated=calibrated,
@@ -87,7 +85,7 @@ def parameters_document(
             *(DocumentWarning(code=n.code, text=n.text) for n in solution.warnings),
         ),
         estimator=estimate.estimator,
-        pose_set_sha256=poses.sha256(),
+        pose_set_sha256=state.pose_set().sha256(),
         software_version=version("sarcal"),
         utc=utc,
     )

@@ -92,7 +92,7 @@ class Face(Protocol):
         """Take another session; the one before is closed, the arm held."""
         ...
 
-    def write_report(self, s: SessionSnapshot, runner: Runner) -> Path:
+    def write_report(self, runner: Runner) -> Path:
         """Write the report page; on the worker's thread."""
         ...
 

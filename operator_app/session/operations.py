@@ -259,10 +259,9 @@ class Operations:
             Level.INFO if solution.accepted else Level.WARNING,
             f"calibrated from {solution.poses} poses: {verdict}",
         )
-        if solution.estimate.corrections is not None:
-            # Five smaller calibrations and one per pose: seconds, so the verdict is shown before.
-            found = self._session.check(solution, solver)
-            self._publisher.publish(lambda s: replace(s, checks_of_it=found))
+        # Five smaller calibrations and one per pose: seconds, so the verdict is shown before.
+        found = self._session.check(solution, solver)
+        self._publisher.publish(lambda s: replace(s, checks_of_it=found))
         if solution.accepted:
             self._compare()
 

@@ -126,6 +126,11 @@ class PlannedCapture:
         self._say("The arm is not where it was: planning anew from here.")
         return self._chosen
 
+    @property
+    def complete(self) -> bool:
+        """After `ready`: whether the journal has all poses of the plan already."""
+        return self._ended is not None
+
     def run(self) -> CampaignEnd:
         """Carry the campaign out, with the joints of `ready` in position mode.
 

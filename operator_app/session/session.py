@@ -35,7 +35,7 @@ from operator_app.session.export import (
     PARAMETERS_NAME,
     POSES_NAME,
     Exported,
-    parameters_document,
+    document_of,
     upload,
 )
 from operator_app.session.journal import Clock, Journal, utc_now
@@ -360,7 +360,6 @@ class Session:
         solver: Solver = solve_here,
     ) -> Solution:
         """Calibrate from the poses that count, by default as the procedure says and in this process."""
-        poses = self.state.used_poses
         own = self.procedure
         solution = solver(
             calibrate,
@@ -374,14 +373,19 @@ class Session:
             rereads=self.state.rereads,
             progress=progress,
         )
+        self._record_solution(solution)
+        return solution
+
+    def _record_solution(self, solution: Solution) -> None:
+        """Keep a solution of the poses that count."""
         estimate = solution.estimate
         self.record(
             "solved",
             {
                 "estimator": estimate.estimator,
                 "unsensed_joints": list(solution.model.unsensed_joints),
-                "length_tolerance_m": own.length_tolerance_m,
-                "poses": [p.number for p in poses],
+                "length_tolerance_m": self.procedure.length_tolerance_m,
+                "poses": [p.number for p in self.state.used_poses],
                 "rereads": len(self.state.rereads),
                 "parameters": {
                     p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)
@@ -391,7 +395,6 @@ class Session:
                 "record": to_dict(solution),
             },
         )
-        return solution
 
     def check(self, solution: Solution, solver: Solver = solve_here) -> Checks:
         """Ask for second opinions on the last calibration, and keep them."""
@@ -403,15 +406,7 @@ class Session:
 
     def document(self, solution: Solution, *, forced: str = "") -> ParametersDocument:
         """Return what an export of this calibration would write."""
-        return parameters_document(
-            solution,
-            arm=self.model,
-            serial_number=self.state.serial_number,
-            fixture=self.procedure.fixture,
-            poses=self.state.pose_set(),
-            utc=self._clock(),
-            forced=forced,
-        )
+        return document_of(solution, self.state, self.procedure, utc=self._clock(), forced=forced)
 
     def export(
         self, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
@@ -427,6 +422,9 @@ class Session:
                 "see what it asks for; or say why it is to be used all the same (--force REASON)",
             )
         forced = "" if solution.accepted else forced
+        if to_dict(solution) != self.state.solution:
+            # Made otherwise than the journal's: whoever reads it later finds what was exported.
+            self._record_solution(solution)
         poses = self.state.pose_set()
         document = self.document(solution, forced=forced)
         folder = self.journal.path.parent

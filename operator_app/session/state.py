@@ -111,7 +111,9 @@ class SessionState:
     campaign
         The planned capture.
     solved, exported
-        Summary data of the last solve and export, empty until there is one.
+        Summary data of the solve, and of the export of what was solved; empty until there is one.
+    solved_utc
+        When it was solved; empty before.
     solution, checks
         Records (`operator_app.calibration.record`) of the last solve and of the second opinions on
         it; empty until there is one, and in journals of earlier versions.
@@ -136,6 +138,7 @@ class SessionState:
     solved: Mapping[str, Any] = field(default_factory=dict)
     solution: Mapping[str, Any] = field(default_factory=dict)
     checks: Mapping[str, Any] = field(default_factory=dict)
+    solved_utc: str = ""
     exported: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -201,7 +204,13 @@ def pose_set_of(poses: Sequence[CapturedPose | CheckReading]) -> PoseSet:
     )
 
 
-_UNSOLVED: Mapping[str, Any] = {"solved": {}, "solution": {}, "checks": {}}
+_UNSOLVED: Mapping[str, Any] = {
+    "solved": {},
+    "solution": {},
+    "checks": {},
+    "solved_utc": "",
+    "exported": {},
+}
 """Of other poses nothing was concluded yet."""
 
 
@@ -292,7 +301,8 @@ def _apply_results(
     match name:
         case "solved":
             summary = {k: v for k, v in data.items() if k != "record"}
-            return replace(state, solved=summary, solution=data.get("record", {}), checks={})
+            new = {"solved": summary, "solution": data.get("record", {}), "solved_utc": utc}
+            return replace(state, **{**_UNSOLVED, **new})
         case "checked":
             return replace(state, checks=data["record"])
         case "exported":

@@ -45,7 +45,7 @@ def take_poses(
     if drives is not None or wanted != session.position_joints:
         session.set_modes(wanted)
         listener.modes_set(wanted)
-    if session.state.resumed and session.state.used_poses:
+    if session.state.resumed and session.state.used_poses and _is_going_on(session, planned):
         _there_and_back(session, listener, planned)
     end = None
     if planned is None:
@@ -56,6 +56,13 @@ def take_poses(
     if state.used_poses and not any(r.again.after == state.captured for r in state.returns):
         _return_to_first(session, listener, planned)
     return end
+
+
+def _is_going_on(session: Session, planned: PlannedCapture | None) -> bool:
+    """Whether poses are still to come: what slips after the last one has no part in a calibration."""
+    if planned is not None:
+        return not planned.complete
+    return len(session.state.used_poses) < session.procedure.capture.poses
 
 
 def _return_to_first(

@@ -271,10 +271,10 @@ def verify(chosen: Chosen) -> None:
 
 def report(chosen: Chosen) -> None:
     """Write the report page, on the worker's thread."""
-    s, runner = chosen.s, chosen.runner
+    runner = chosen.runner
 
     def work(_: Operations) -> None:
-        target = chosen.face.write_report(s, runner)
+        target = chosen.face.write_report(runner)
         runner.publish(lambda now: replace(now, report=target))
         runner.say(Level.INFO, f"report written: {target}")
 

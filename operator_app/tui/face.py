@@ -118,11 +118,11 @@ class ScreenFace:
         """The marked joint."""
         return self.app.main.query_one(ModesView).cursor + 1
 
-    def write_report(self, s: SessionSnapshot, runner: Runner) -> Path:
+    def write_report(self, runner: Runner) -> Path:
         """Write the report page."""
         from operator_app.report.of_session import write_report
 
-        return write_report(runner.session, s.estimator, s.unsensed_joints)
+        return write_report(runner.session)
 
     # -- sessions ----------------------------------------------------------------------------------
 

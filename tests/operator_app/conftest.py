@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -13,6 +13,7 @@ from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.session import Session
+from oracles.journalled_sessions import journalled_sessions
 from oracles.opened import opened
 from oracles.plant_arm import SERIAL, PlantArm
 
@@ -57,3 +58,9 @@ def make_session(tmp_path: Path) -> MakeSession:
         return opened(folder, arm, procedure, resumed=resume, clock=Ticking())
 
     return make
+
+
+@pytest.fixture(scope="session")
+def journalled(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+    """Folders of sessions with a calibration in their journals, by how they were made. Not to be changed."""
+    return journalled_sessions(tmp_path_factory.mktemp("sessions"))

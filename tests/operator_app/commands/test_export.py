@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from importlib.resources import files
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from operator_app.cli import main
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.folder import read_session
+from operator_app.session.journal import read_journal
 
 
 def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
@@ -38,3 +40,20 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     assert state is not None
     assert state.exported["forced"] == "the demo is tonight"
     assert state.exported["uploaded"]["slot"] == "A"
+
+    # Solved otherwise for the upload: that is what the journal says was exported.
+    other = ["--upload", "--estimator", "paper", "--force", "to compare", "-o", str(copy)]
+    assert main(["export", folder.name, *other, *options]) == 4
+    assert "solved again" in capsys.readouterr().err
+    events = read_journal(folder).events
+    solved, exported = [e for e in events if e.name in ("solved", "exported")][-2:]
+    assert solved.data["estimator"] == "paper"
+    state = read_session(folder).state
+    assert state is not None
+    assert state.solution == solved.data["record"]
+    found = load_parameters(copy)
+    assert found.estimator == "paper"
+    assert exported.data["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()
+    for name in ("theta_off_2", "theta_off_6"):
+        at = found.theta_off_rad[int(name[-1]) - 1]
+        assert solved.data["parameters"][name] == pytest.approx(at, rel=1e-14)

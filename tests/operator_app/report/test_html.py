@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,12 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.headless.runner import run
 from operator_app.report.html import report_html
 from operator_app.report.subject import Subject, subject_of_session
-from operator_app.session.journal import JOURNAL_NAME, read_journal
+from operator_app.session.calibrated import calibrated, checked
+from operator_app.session.journal import JOURNAL_NAME, Event, read_journal
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
+from operator_app.session.state import replay
+from solver.errors import UnidentifiableError
 
 MakeSession = Callable[..., Session]
 HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
@@ -33,6 +36,19 @@ def procedure(poses: int) -> Procedure:
         found,
         arm=scenario("datasheet").arm(found.arm),
         capture=replace(found.capture, poses=poses, samples_per_pose=8),
+    )
+
+
+def subject_of(events: Sequence[Event], **options: Any) -> Subject:
+    """As `sarcal report` reads a journal."""
+    state = replay((e.name, e.data, e.utc) for e in events)
+    try:
+        found = calibrated(state, procedure(16), **options)
+    except UnidentifiableError as error:
+        directions = error.directions
+        return subject_of_session("session", events, procedure(16), None, unidentifiable=directions)
+    return subject_of_session(
+        "session", events, procedure(16), checked(found, state, procedure(16))
     )
 
 
@@ -54,7 +70,7 @@ def folder(make_session: MakeSession, recorded: dict[str, Any], tmp_path: Path) 
     run(session, Listener())
     session.exclude(4, "bumped the table <b>")
     session.note(7, HOSTILE.replace("\ud800", ""))
-    session.calibrate()
+    session.check(session.calibrate())
     session.close("done")
     recorded["hinge"] = (where / JOURNAL_NAME).read_bytes()
     return where
@@ -63,8 +79,7 @@ def folder(make_session: MakeSession, recorded: dict[str, Any], tmp_path: Path) 
 @pytest.fixture
 def subject(folder: Path, recorded: dict[str, Any]) -> Subject:
     if "subject" not in recorded:
-        events = read_journal(folder).events
-        recorded["subject"] = subject_of_session("session", events, procedure(16))
+        recorded["subject"] = subject_of(read_journal(folder).events)
     found = recorded["subject"]
     assert isinstance(found, Subject)
     return found
@@ -111,7 +126,7 @@ def test_a_note_that_no_text_can_hold_is_marked(subject: Subject) -> None:
 
 
 def test_the_same_journal_gives_the_same_page(folder: Path, subject: Subject) -> None:
-    again = subject_of_session("session", read_journal(folder).events, procedure(16))
+    again = subject_of(read_journal(folder).events)
     assert report_html(again) == report_html(subject)
 
 
@@ -199,6 +214,7 @@ def test_closure_before_and_after_in_both_readings(page: object, subject: Subjec
         assert rows[name] == pytest.approx(expected, rel=1e-3)
     # No larger than the others by necessity: the implicit estimator does not minimise this figure.
     held_out = next(values for name, values in rows.items() if "held out" in name)
+    assert subject.checks is not None
     assert subject.checks.held_out is not None
     outside = subject.checks.held_out.sigmas
     assert held_out[0] == pytest.approx(1e3 * outside.position_m.rms, rel=1e-3)
@@ -245,6 +261,15 @@ def test_a_solution_that_is_not_the_journals_is_said(subject: Subject, take_apar
     assert "not made again" not in other.text
 
 
+def test_second_opinions_that_nobody_asked_for_are_said_to_be_missing(
+    subject: Subject, take_apart: type
+) -> None:
+    assert "hold-out" not in take_apart(report_html(subject).decode()).text
+    other = take_apart(report_html(replace(subject, checks=None)).decode())
+    assert "sarcal run --resume session asks it." in other.text
+    assert "held out" not in " ".join(row[0] for row in other.rows("Closure at"))
+
+
 def test_simulated_is_said_and_real_is_not(subject: Subject, take_apart: type) -> None:
     assert "SIMULATED" not in take_apart(report_html(subject).decode()).text
     told = report_html(replace(subject, simulated=True, settings={"scenario": "wild"})).decode()
@@ -254,9 +279,7 @@ def test_simulated_is_said_and_real_is_not(subject: Subject, take_apart: type) -
 
 
 def test_the_paper_may_be_the_chosen_one(folder: Path, take_apart: type) -> None:
-    subject = subject_of_session(
-        "session", read_journal(folder).events, procedure(16), estimator="paper"
-    )
+    subject = subject_of(read_journal(folder).events, estimator="paper")
     assert subject.solution is not None
     page = take_apart(report_html(subject).decode())
     assert "paper (chosen)" in page.text
@@ -271,9 +294,7 @@ def test_the_paper_may_be_the_chosen_one(folder: Path, take_apart: type) -> None
 
 
 def test_joints_left_out_are_said_to_be(folder: Path, take_apart: type) -> None:
-    subject = subject_of_session(
-        "session", read_journal(folder).events, procedure(16), unsensed_joints=(6, 7)
-    )
+    subject = subject_of(read_journal(folder).events, unsensed_joints=(6, 7))
     page = take_apart(report_html(subject).decode())
     assert page.errors == []
     assert "The readings of joints 6 and 7 were not used" in page.text
@@ -291,7 +312,7 @@ def test_what_cannot_be_identified_is_reported_without_numbers(
             still = [*event.data["mean_rad"]]
             still[3] = -2.0
             events[k] = replace(event, data={**event.data, "mean_rad": still})
-    subject = subject_of_session("session", events, procedure(16))
+    subject = subject_of(events)
     assert subject.solution is None
     page = take_apart(report_html(subject).decode())
     assert page.errors == []

@@ -13,7 +13,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
 from operator_app.session import calibrated as module
-from operator_app.session.calibrated import calibrated, implicit_beside, recorded, second_opinions
+from operator_app.session.calibrated import calibrated, checked, recorded
 from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
@@ -61,8 +61,7 @@ def test_what_was_solved_is_read_back_from_the_file(
     assert found.solution.warnings == solution.warnings
     assert isinstance(found.checks, Checks)
     assert np.array_equal(found.checks.jackknife_sd, checks.jackknife_sd)
-    assert second_opinions(found, state, procedure) is found.checks
-    assert implicit_beside(found, state, procedure) is None
+    assert checked(found, state, procedure) is found
     assert "record" not in state.solved
 
 
@@ -86,9 +85,14 @@ def test_other_options_and_old_journals_are_solved_and_said(
         in calibrated(replace(state, solution={"version": 0}), procedure).solved_again
     )
     paper = calibrated(state, procedure, estimator="paper", unsensed_joints=())
-    beside = implicit_beside(paper, state, procedure)
+    # What judged it stands beside it, and is what the other estimator gives.
+    beside = paper.solution.beside
     assert beside is not None
-    assert beside.estimate.estimator == "implicit"
+    assert beside.estimator == "implicit"
+    np.testing.assert_array_equal(beside.x, other.solution.identified.x)
+    assert paper.solution.estimate.x.tobytes() == other.solution.beside.x.tobytes()
+    assert checked(paper, state, procedure).checks == Checks()
+    assert checked(other, state, procedure).checks.held_out is not None
     with pytest.raises(SessionError, match="eliminates the hinge angle only"):
         calibrated(state, procedure, estimator="paper")
     session.exclude(3, "bumped")

@@ -1,0 +1,119 @@
+"""Who shows a journalled calibration solves and judges nothing: the solver is a trap here."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from operator_app.calibration.checks import check
+from operator_app.calibration.hand_error import tip_sigma
+from operator_app.calibration.rvdt import judge_rvdts
+from operator_app.calibration.solve import calibrate
+from operator_app.calibration.weighing import weigh
+from operator_app.cli import main
+from operator_app.session.journal import JOURNAL_NAME, read_journal
+from solver.closing import close_loops, newton_step, unsensed_step
+from solver.estimators.implicit import estimate_implicit, fit_implicit
+from solver.estimators.least_squares import solve_damped
+from solver.estimators.mixed_fit import fit_mixed
+from solver.estimators.paper import estimate_paper
+from solver.estimators.variance_components import estimate_with_errors
+from solver.judging.holdout import hold_out
+from solver.judging.identifiability import identifiability
+from solver.judging.statistics import jackknife
+from solver.judging.trial import judge
+from solver.search.global_start import global_start
+
+SOLVING = (
+    calibrate, check, close_loops, estimate_implicit, estimate_paper, estimate_with_errors,
+    fit_implicit, fit_mixed, global_start, hold_out, identifiability, jackknife, judge, judge_rvdts,
+    newton_step, solve_damped, tip_sigma, unsensed_step, weigh,
+)  # fmt: skip
+MADE = ("run", "paper", "app", "resumed")
+
+
+def trap(*args: object, **options: object) -> None:
+    raise RuntimeError("somebody solves")
+
+
+@pytest.fixture
+def nobody_solves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever calls one of these, by whatever name it was imported, fails."""
+    for function in SOLVING:
+        monkeypatch.setattr(function, "__code__", trap.__code__)
+
+
+def ends_with(code: int, *arguments: object) -> None:
+    assert main([str(a) for a in arguments]) == code
+
+
+@pytest.mark.parametrize("made", MADE)
+def test_report_and_export_read(
+    made: str,
+    journalled: Mapping[str, Path],
+    nobody_solves: None,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = journalled[made]
+    code = 4 if made == "paper" else 0
+    ends_with(code, "report", folder, "-o", tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert "its solution was read, not made again" in page
+    assert "Solved again" not in page
+    if made != "paper":
+        assert "far block, held out" in page
+    capsys.readouterr()
+    ends_with(code, "report", folder, "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert found["estimator"] == ("paper" if made == "paper" else "implicit")
+    assert found["paper"] is not None
+    assert found["session"]["folder"] == str(folder)
+    ends_with(code, "report", folder, "--text")
+    assert "ACCEPTED" in capsys.readouterr().out
+    ends_with(code, "export", folder, "--force", "a test", "-o", tmp_path / "parameters.yaml")
+    assert (tmp_path / "parameters.yaml").is_file()
+
+
+@pytest.mark.parametrize("made", MADE)
+def test_compare_reads_the_journal_and_finds_what_an_export_says(
+    made: str,
+    journalled: Mapping[str, Path],
+    nobody_solves: None,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    shutil.copy(journalled[made] / JOURNAL_NAME, alone)
+    code = 4 if made == "paper" else 0
+    ends_with(code, "export", journalled[made], "--force", "a test", "-o", tmp_path / "file.yaml")
+    capsys.readouterr()
+    ends_with(0, "compare", alone, tmp_path / "file.yaml", "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["parameters"]) >= {"theta_off_1", "s_0", "alpha_7"}
+    assert all(p["change"] == 0.0 for p in found["parameters"].values())
+    # The journal counts, not a file that somebody put beside it.
+    (alone / "parameters.yaml").write_text("schema: sarcal/parameters/1\n")
+    ends_with(0, "compare", alone, journalled["run" if made == "app" else made])
+
+
+def test_a_finished_session_that_is_resumed_is_neither_read_nor_solved_again(
+    journalled: Mapping[str, Path],
+) -> None:
+    names = [e.name for e in read_journal(journalled["resumed"]).events]
+    assert names.count("resumed") == 1
+    assert names.count("solved") == names.count("checked") == names.count("reading") == 1
+    assert names.count("exported") == 2
+
+
+@pytest.mark.parametrize("options", [("--estimator", "paper"), ("--unsensed", "7")])
+def test_the_trap_catches_who_solves(
+    journalled: Mapping[str, Path], nobody_solves: None, options: tuple[str, str]
+) -> None:
+    with pytest.raises(RuntimeError, match="somebody solves"):
+        main(["report", str(journalled["run"]), "-o", "-", *options])

@@ -18,18 +18,22 @@ from solver.estimators.effects import CHUNK, Design, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.least_squares import Progress
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.scoring import Derivatives, derivatives, step
+from solver.estimators.scoring import Ascent, Derivatives, derivatives, step
 from solver.loops.closure import ClosureModel
 
 MAX_ROUNDS = 40
-SETTLED = 1e-3
-"""Change of every parameter and variance, in standard errors, that ends the iteration."""
+SETTLED, STEADY = 1e-3, 1e-2
+"""Change of every parameter and of every variance, in standard errors, that ends the iteration."""
+
+FAR = 3.0
+"""Change of a parameter, in standard errors, from which slopes of two rounds cannot be compared."""
+
+FREE_ROUNDS = 30
+NOTHING_TO_GAIN = 0.02
+"""Rounds after which variances stay that have no more than this to gain in log-likelihood."""
 
 SURPRISE = 4.0
 """chi2 per degree of freedom from which the search starts at large variances."""
-
-WORSE = 3.0
-"""Fall of the log-likelihood in a round that relinearising does not explain."""
 
 LINEAR = 3e-4
 """Change of an angle or length (rad, m) that does not change the derivatives."""
@@ -132,8 +136,7 @@ def _iterate(
     start = close_loops(design.model, x0, design.q, sigma_rad=sd, max_iterations=3)
     state = _State(np.array(x0, dtype=float), np.zeros_like(design.q), start.u, design.q.copy())
     state.angle = design.q
-    converged, rounds = False, 0
-    best, last = -np.inf, v
+    converged, rounds, ascent = False, 0, Ascent()
     for rounds in range(1, MAX_ROUNDS + 1):
         system, rates = _linearise(design, state)
         try:
@@ -144,22 +147,21 @@ def _iterate(
             # Nothing stated explains these readings: start where much may give.
             v = np.maximum(v, [c.leap for c in design.components])
             fit = LinearFit(design, system, v)
-        if fit.log_likelihood < best - WORSE:
-            # The last scoring step went too far: half of it, on a scale of factors.
-            v = np.sqrt(v * last)
-            fit = LinearFit(design, system, v)
-        best, last = fit.log_likelihood, v
         found = derivatives(fit)
-        v_new, moved = step(fit, found, held)
-        moved = max(moved, _advance(design, state, system, rates, fit))
+        wanted = step(fit, found, held)
+        moved = _advance(design, state, system, rates, fit)
         if not np.isfinite(moved):
             break
         if progress is not None:
             progress(rounds, fit.chi2)
-        if moved < SETTLED:
+        if moved < SETTLED and wanted.largest < STEADY:
             converged = True
             break
-        v = v_new
+        if rounds == FREE_ROUNDS:
+            # What the variances may still gain is no reason to go on: the parameters settle under these.
+            held[:] = wanted.slope < NOTHING_TO_GAIN
+        if not held.all():
+            v = ascent.onward(fit, found, wanted, far=moved > FAR)
     shift, give = design.effects_at(fit.b, state.angle)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,

@@ -17,6 +17,18 @@ from solver.estimators.linear_fit import LinearFit
 FASTEST = 6.0
 """A variance changes by no more than this factor in one step."""
 
+PAST = 0.5
+"""A step whose end falls off by this share of the slope at its start went past the top."""
+
+LEAST_SHARE = 0.1
+"""Where so little of a step is left it was no good: the next is made from there."""
+
+WORSE = 3.0
+"""Fall of the log-likelihood in a round that relinearising does not explain."""
+
+NEAR = 0.3
+"""Change in standard errors up to which the likelihood is taken for its parabola."""
+
 CONCAVE = 0.05
 """Smallest eigenvalue of the curvature, in units of the expected information, for Newton's step."""
 
@@ -101,34 +113,92 @@ def derivatives(fit: LinearFit, *, priors: bool = True) -> Derivatives:
     return Derivatives(score=score, information=information, curvature=curvature)
 
 
-def step(fit: LinearFit, found: Derivatives, held: BoolArray) -> tuple[FloatArray, float]:
-    """Next variances (K,) and the largest change in standard errors."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step:
+    """From variances to what they should be.
+
+    Attributes
+    ----------
+    change
+        (K,); no variance leaves its bounds by it.
+    largest
+        Largest change in standard errors.
+    slope
+        Rise of the log-likelihood along all of it at its start; about twice what there is to gain.
+    """
+
+    change: FloatArray
+    largest: float
+    slope: float
+
+
+def step(fit: LinearFit, found: Derivatives, held: BoolArray) -> Step:
+    """Newton's step of the variances, those at a bound that they would leave held there."""
     v = fit.v
     floor = np.array([c.floor for c in fit.design.components])
     wall = np.array([c.wall for c in fit.design.components])
-    if len(v) == 0:
-        return v, 0.0
-    size = np.sqrt(np.maximum(np.diagonal(found.information), 1e-300))
-    score, metric = found.score / size, found.curvature / np.outer(size, size)
-    moving = ~held & ((v > floor) | (score > 0.0)) & ((v < wall) | (score < 0.0))
-    if moving.any() and np.linalg.eigvalsh(metric[np.ix_(moving, moving)])[0] < CONCAVE:
-        # Away from the maximum the curvature may point anywhere; its expectation does not.
-        metric = found.information / np.outer(size, size)
-    change = np.zeros(len(v))
     leap = np.array([c.leap for c in fit.design.components])
     low = np.where(leap > 0.0, floor, np.maximum(floor, v / FASTEST))
     high = np.minimum(wall, np.maximum(FASTEST * v, leap))
-    # What would leave its bounds goes to them, and the others step as the curvature then demands.
-    while moving.any():
-        rest = ~moving
-        target = score[moving] - metric[np.ix_(moving, rest)] @ change[rest]
-        block = metric[np.ix_(moving, moving)] + 1e-9 * np.eye(int(moving.sum()))
-        change[moving] = np.linalg.solve(block, target)
-        below = moving & (v + change / size < low)
-        above = moving & (v + change / size > high)
-        if not (below | above).any():
-            break
-        change[below] = ((low - v) * size)[below]
-        change[above] = ((high - v) * size)[above]
-        moving = moving & ~below & ~above
-    return np.clip(v + change / size, low, high), float(np.abs(change).max(initial=0.0))
+    size = np.sqrt(np.maximum(np.diagonal(found.information), 1e-300))
+    score, moving = found.score / size, ~held & ((v > floor) | (found.score > 0.0))
+    moving &= (v < wall) | (score < 0.0)
+
+    def bounded(metric: FloatArray) -> FloatArray:
+        """Solve for the change; what would leave its bounds goes to them, and the others step as is then best."""
+        change, free = np.zeros(len(v)), moving.copy()
+        while free.any():
+            target = score[free] - metric[np.ix_(free, ~free)] @ change[~free]
+            block = metric[np.ix_(free, free)] + 1e-9 * np.eye(int(free.sum()))
+            change[free] = np.linalg.solve(block, target)
+            below = free & (v + change / size < low)
+            above = free & (v + change / size > high)
+            if not (below | above).any():
+                break
+            change[below] = ((low - v) * size)[below]
+            change[above] = ((high - v) * size)[above]
+            free &= ~below & ~above
+        return change
+
+    change = bounded(found.information / np.outer(size, size))
+    if np.abs(change).max(initial=0.0) < NEAR and moving.any():
+        # Away from the maximum the curvature may point anywhere, and its expectation leads there fast.
+        metric = found.curvature / np.outer(size, size)
+        if np.linalg.eigvalsh(metric[np.ix_(moving, moving)])[0] > CONCAVE:
+            change = bounded(metric)
+    return Step(
+        change=np.clip(v + change / size, low, high) - v,
+        largest=float(np.abs(change).max(initial=0.0)),
+        slope=float(score @ change),
+    )
+
+
+class Ascent:
+    """The way up the likelihood: Newton's steps, each taken back in part where it went past the top.
+
+    Where a variance comes off its floor the likelihood bends more than its curvature there says, and
+    steps alone may go to and fro for ever. The slope at a step's end, known anyway, tells where along
+    the step the top was, so nothing is computed twice: the next round is made there.
+    """
+
+    def __init__(self) -> None:
+        self._from: tuple[FloatArray, float, Step] | None = None
+        self._share = 1.0
+
+    def onward(self, fit: LinearFit, found: Derivatives, wanted: Step, *, far: bool) -> FloatArray:
+        """Variances (K,) for the next round, `wanted` being Newton's step from those of `fit`.
+
+        `far` says that the next linearisation will be so different that slopes cannot be compared.
+        """
+        if self._from is not None:
+            start, likelihood, last = self._from
+            slope = float(found.score @ last.change)
+            fell = fit.log_likelihood < likelihood - WORSE
+            if self._share > LEAST_SHARE and (slope < -PAST * last.slope or fell):
+                top = last.slope / (last.slope - slope) if slope < 0.0 else 0.5
+                self._share *= float(np.clip(top, 0.1, 0.7))
+                return np.asarray(start + self._share * last.change)
+            # Where one step went too far the next would as well.
+            self._share = min(1.0, 2.0 * self._share)
+        self._from = None if far else (fit.v, fit.log_likelihood, wanted)
+        return np.asarray(fit.v + self._share * wanted.change)

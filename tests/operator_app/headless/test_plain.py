@@ -66,9 +66,6 @@ TO_CAPTURE = (
 
 
 def test_from_connect_to_uploaded_parameters(source):
-    # With the fixture's six poses the iteration need not settle, and then nothing is uploaded.
-    capture = replace(source.procedure.capture, poses=16)
-    source.procedure = replace(source.procedure, capture=capture)
     script = run(
         source,
         *TO_CAPTURE,

@@ -7,15 +7,12 @@ import pytest
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.steps import Step
 from operator_app.tui.dialogs import Ask, Confirm
-from oracles.live_source import quick_procedure
 
 MOST_KEYS = 25
 
 
 @pytest.mark.parametrize("size", [(120, 36), (80, 24)])
 async def test_following_the_footer_alone_ends_with_uploaded_parameters(drive, source, size):
-    # With few poses the iteration need not settle, and then nothing is uploaded.
-    source.procedure = quick_procedure(16)
     async with drive(size) as d:
         for _ in range(MOST_KEYS):
             if d.s.receipt is not None:

@@ -1,0 +1,119 @@
+"""Does the iteration settle? Many sound sessions, small and large, of two generators; prints a table.
+
+    python tests/benchmarks/convergence.py [--seeds 60] [--workers 2]
+
+Bar: of all sound data sets none is refused because the iteration did not settle. Sessions are the first
+so many poses of a longer one: arms of the shop floor with every error at its stated size and with none,
+and loops that close anywhere in the room (`tests.oracles.simulated_loops`), with noise and curves only.
+"""
+
+# ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
+
+from __future__ import annotations
+
+import os
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import argparse
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import numpy as np
+
+from operator_app.calibration.solve import calibrate
+from operator_app.config.poses_file import parse_poses
+from operator_app.exit_codes import EXPECTED_ERRORS
+from solver.chain.poses import PoseSet
+from tests.benchmarks.shop_floor_outcome import packaged
+from tests.oracles.shop_floor import Sizes, session
+from tests.oracles.simulated_loops import Simulation, wrist_bows
+
+COUNTS = (6, 7, 8, 10, 14, 24, 60)
+KINDS = ("every error", "no error", "random loops")
+FIRST_SEED = 5100
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settling:
+    """One data set: rounds until the iteration settled, or why there was nothing to iterate."""
+
+    poses: int
+    rounds: int = 0
+    settled: bool = True
+    refused: str = ""
+
+
+def prefixes(kind: str, seed: int, counts: Sequence[int]) -> list[PoseSet]:
+    """The first so many poses of one session."""
+    most = max(counts)
+    if kind == "random loops":
+        q = Simulation(poses=most, bows=wrist_bows()).readings(seed)
+        return [
+            PoseSet(
+                placement=np.ones(n, dtype=np.int64),
+                label=tuple(f"p{k}" for k in range(n)),
+                q_rad=q[:n],
+            )
+            for n in counts
+        ]
+    sizes = Sizes.everything() if kind == "every error" else Sizes.only()
+    taken = session(seed, sizes, poses=most)
+    return [
+        parse_poses(taken.picked(np.arange(n)).csv().encode(), "poses.csv").poses for n in counts
+    ]
+
+
+def settlings(seed: int, *, kind: str, counts: Sequence[int]) -> list[Settling]:
+    """Calibrate every one of them with default options."""
+    arm, fixture = packaged()
+    found = []
+    for poses in prefixes(kind, seed, counts):
+        try:
+            components = calibrate(arm, fixture, poses).components
+        except EXPECTED_ERRORS as error:
+            found.append(Settling(poses=len(poses), refused=type(error).__name__))
+            continue
+        if components is None:
+            raise RuntimeError("no error model was fitted")
+        found.append(
+            Settling(poses=len(poses), rounds=components.iterations, settled=components.converged)
+        )
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run and print; 0 when every data set settles."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=60)
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args(arguments)
+    seeds = range(FIRST_SEED, FIRST_SEED + options.seeds)
+    unsettled = sets = 0
+    print(f"{'':14}{'poses':>6}{'sets':>6}{'refused':>9}{'rounds':>8}{'most':>6}  not settled")
+    with ProcessPoolExecutor(options.workers) as pool:
+        for kind in KINDS:
+            of_seeds = list(pool.map(partial(settlings, kind=kind, counts=COUNTS), seeds))
+            for n, column in zip(COUNTS, zip(*of_seeds, strict=True), strict=True):
+                solved = [s for s in column if not s.refused]
+                bad = [seed for seed, s in zip(seeds, column, strict=True) if not s.settled]
+                rounds = np.array([s.rounds for s in solved])
+                unsettled, sets = unsettled + len(bad), sets + len(solved)
+                print(
+                    f"{kind:14}{n:6}{len(solved):6}{len(column) - len(solved):9}"
+                    f"{rounds.mean():8.1f}{rounds.max():6}  {len(bad)} {bad or ''}",
+                    flush=True,
+                )
+    print(f"not settled: {unsettled} of {sets} (bar 0)")
+    return 0 if unsettled == 0 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

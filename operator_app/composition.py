@@ -154,6 +154,8 @@ def unattended(
                 session.close(reason)
             if reason != "done":
                 cut_short(session, reason)
+        if session.journal.loss is not None:
+            raise session.journal.loss
 
 
 def carried_procedure(opening: Opening) -> Procedure:

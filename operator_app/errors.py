@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 
 class SessionError(Exception):
     """Something the operator has to know and can act on.
@@ -31,3 +33,44 @@ class Cancelled(SessionError):
 
 class JournalError(SessionError):
     """A session's journal cannot be read, written or locked."""
+
+
+class JournalDamagedError(JournalError):
+    """A complete line of a journal is not what was written, or says what no session can mean.
+
+    Attributes
+    ----------
+    path, line
+        Where.
+    problem
+        What is wrong with it, in words.
+    events
+        How many lines before it are whole.
+    """
+
+    def __init__(self, *, path: Path, line: int, problem: str, events: int) -> None:
+        self.path, self.line, self.problem, self.events = path, line, problem, events
+        super().__init__(
+            f"{path} is damaged at line {line}: {problem}",
+            f"restore the file from a copy, or keep what can be proven with: sarcal session repair "
+            f"{path.parent}",
+        )
+
+
+class JournalForeignError(JournalError):
+    """A file in a journal's place that is none, or of a version that is not known here."""
+
+
+class JournalLostError(JournalError):
+    """The journal was taken away, replaced or changed while a session was writing it.
+
+    Attributes
+    ----------
+    rescued
+        Folder of a new session that holds everything, the last entry included; None where it could
+        not be written.
+    """
+
+    def __init__(self, happened: str, remedy: str, *, rescued: Path | None) -> None:
+        self.rescued = rescued
+        super().__init__(happened, remedy)

@@ -67,7 +67,9 @@ def execute(args: argparse.Namespace) -> int:
         return made[0]
 
     reason = _plain(args, make_source()) if args.plain else _full_screen(args, make_source)
-    last = made[0].last if made else None
+    last, lost = (made[0].last, made[0].lost) if made else (None, None)
+    if lost is not None:
+        _tell(f"sarcal: {lost}")
     if last is not None:
         how = "" if reason == "left" else f"ended by {reason}; "
         _tell(f"sarcal: {how}the arm is held. Session {last}\nGo on with: sarcal --resume {last}")

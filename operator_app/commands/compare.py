@@ -63,10 +63,11 @@ def execute(args: argparse.Namespace) -> int:
 def _load(reference: str, root: Path) -> ParametersDocument:
     """Read a parameters file, or the calibration in the journal of a session."""
     from operator_app.config.parameters_file import load_parameters
+    from operator_app.config.resources import expanded
     from operator_app.session.export import PARAMETERS_NAME
     from operator_app.session.folder import find_session
 
-    where = Path(reference).expanduser()
+    where = expanded(reference)
     if where.is_file():
         return load_parameters(reference)
     try:

@@ -8,7 +8,7 @@ from pathlib import Path
 from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.parameters import ParametersDocument
-from operator_app.config.resources import YAML_LIMIT_BYTES, read_limited
+from operator_app.config.resources import YAML_LIMIT_BYTES, expanded, read_limited
 from operator_app.config.schema import adapter, read_model
 from operator_app.config.yaml_writer import dump_strict
 
@@ -30,7 +30,7 @@ def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocumen
 
 def load_parameters(path: str | Path) -> ParametersDocument:
     """Read a parameters file; raises as `parse_parameters`."""
-    where = Path(path).expanduser()
+    where = expanded(path)
     return parse_parameters(read_limited(where, str(path), limit=YAML_LIMIT_BYTES), str(path))
 
 

@@ -29,7 +29,7 @@ from operator_app.config.csv_table import (
 from operator_app.config.degrees import degrees_for_file
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.quantities import UNIT, angle_doubt, length_doubt
-from operator_app.config.resources import read_limited
+from operator_app.config.resources import expanded, read_limited
 from operator_app.config.text import decode_text, only
 from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
@@ -67,7 +67,7 @@ class LoadedPoses:
 
 def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPoses:
     """Read a poses file; raises as `parse_poses`."""
-    data = read_limited(Path(path).expanduser(), str(path), limit=LIMIT_BYTES)
+    data = read_limited(expanded(path), str(path), limit=LIMIT_BYTES)
     return parse_poses(data, str(path), joint_count=joint_count)
 
 

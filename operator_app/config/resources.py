@@ -6,7 +6,9 @@ A built-in name (``hinge``) always means the packaged file; ``./hinge`` means a 
 from __future__ import annotations
 
 import difflib
+import errno
 import os
+import stat
 from dataclasses import dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -19,6 +21,10 @@ Kind = Literal["arm", "fixture", "procedure"]
 
 YAML_LIMIT_BYTES = 256 * 1024
 """Far above any file of ours (the largest is some 10 kB); a larger one is the wrong file."""
+
+
+OPEN_ALREADY = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
+"""Pipes that somebody writes to: the shell's ``<(command)``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +72,7 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
     if isinstance(reference, str) and text in names:
         packaged = _folder(kind) / f"{text}.yaml"
         return Resource(file=f"packaged:{text}.yaml", folder=None, data=packaged.read_bytes())
-    path = Path(text).expanduser() if folder is None else folder / Path(text).expanduser()
+    path = expanded(text) if folder is None else folder / expanded(text)
     if _looks_like_name(text) and not _exists(path):
         near = [name for name in names if text and name.startswith(text)]
         near = near or difflib.get_close_matches(text, names, n=1)
@@ -82,9 +88,21 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
     return Resource(file=shown, folder=path.parent, data=data)
 
 
+def expanded(reference: str | Path) -> Path:
+    """Return a path with ``~`` made a home folder; that of nobody is taken as it stands."""
+    path = Path(reference)
+    try:
+        return path.expanduser()
+    except RuntimeError:
+        return path
+
+
 def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
     """Read a file of at most `limit` bytes; every refusal of the system becomes a ConfigError."""
     try:
+        if stat.S_ISFIFO(path.stat().st_mode) and not str(path).startswith(OPEN_ALREADY):
+            # To open it would keep us waiting for whoever writes to it, perhaps for ever.
+            raise OSError(errno.EINVAL, "it is a pipe, not a file")
         with path.open("rb") as file:
             data = file.read(limit + 1)
     except FileNotFoundError as error:

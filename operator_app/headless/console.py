@@ -38,9 +38,12 @@ class ConsoleListener(Listener):
     def cut_short(self, session: Session, reason: str) -> None:
         """Say what is left of a run that did not come to its end; the arm is held by now."""
         self.close()
-        folder, kept = session.journal.path.parent, len(session.state.poses)
+        folder, kept = session.journal.kept_in, len(session.state.poses)
         said = "The run was interrupted" if reason == "interrupted" else "The run has ended early"
         held = "; the arm is held" if session.state.serial_number else ""
+        if session.journal.loss is not None:
+            self.say(f"{said}{held}. What could be kept is in {folder}.")
+            return
         self.say(
             f"{said}{held}. {kept} poses are kept in {folder}. "
             f"Go on with: sarcal run --resume {folder}"

@@ -12,7 +12,7 @@ from typing import Any
 from operator_app.report.calibration_data import unidentifiable_data
 from operator_app.report.facts import Facts, estimate_json
 from operator_app.session.export import POSES_NAME
-from operator_app.session.journal import JOURNAL_NAME
+from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.state import SessionState
 from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate

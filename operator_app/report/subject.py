@@ -14,7 +14,7 @@ from operator_app.calibration.solution import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.report.facts import Facts, facts_of
 from operator_app.session.calibrated import Calibrated
-from operator_app.session.journal import Event
+from operator_app.session.journal_lines import Event
 from operator_app.session.state import CapturedPose, replay
 from solver.arrays import FloatArray
 from solver.errors import UnidentifiableDirection

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
-from operator_app.session.journal import JOURNAL_NAME, read_journal
+from operator_app.session.journal import read_journal
+from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.state import SessionState, replay
 
 
@@ -41,12 +44,13 @@ def find_session(root: Path, reference: str) -> Path:
             for entry in list_sessions(root)
             if entry.state is None or not entry.state.settings.get("verifies")
         ]
-        with_poses = [entry for entry in found if entry.state is not None and entry.state.captured]
+        readable = [entry for entry in found if entry.state is not None]
+        with_poses = [entry for entry in readable if entry.state and entry.state.captured]
         if found:
-            return (with_poses or found)[-1].folder
+            return (with_poses or readable or found)[-1].folder
         raise SessionError(f"there is no session in {root}", "run `sarcal run hinge` first")
-    for candidate in (Path(reference).expanduser(), root / reference):
-        if (candidate / JOURNAL_NAME).is_file():
+    for candidate in (expanded(reference), root / reference):
+        if os.path.lexists(candidate / JOURNAL_NAME):
             return candidate
     raise SessionError(
         f"{reference} is no session: there is no {JOURNAL_NAME} in it",
@@ -66,8 +70,13 @@ def read_session(folder: Path) -> SessionEntry:
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
     """Return all sessions below `root`, oldest first."""
-    if not root.is_dir():
+    try:
+        folders = sorted(p for p in root.iterdir() if os.path.lexists(p / JOURNAL_NAME))
+    except (FileNotFoundError, NotADirectoryError):
         return ()
-    folders = sorted(p for p in root.iterdir() if (p / JOURNAL_NAME).is_file())
+    except OSError as error:
+        raise SessionError(
+            f"cannot look into {root}: {error.strerror}", "name another folder with --sessions"
+        ) from error
     entries = [read_session(folder) for folder in folders]
     return tuple(sorted(entries, key=lambda e: (e.state.opened_utc if e.state else "", e.folder)))

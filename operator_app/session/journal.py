@@ -1,26 +1,39 @@
 """The journal: an append-only file of what happened, one fsynced and checksummed line an event.
 
-Everything else in a session folder can be made again from it. Knows no event's meaning.
+Everything else in a session folder can be made again from it. Watched while it is written: a line that
+would go into a file nobody will find goes into a new session beside it. Knows no event's meaning.
 """
 
 from __future__ import annotations
 
 import errno
 import fcntl
-import hashlib
-import json
 import os
+import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from operator_app.errors import JournalError
-
-JOURNAL_NAME = "journal.jsonl"
-SCHEMA = "sarcal/journal/1"
+from operator_app.errors import JournalError, JournalForeignError, JournalLostError
+from operator_app.session.journal_files import (
+    new_file,
+    new_session,
+    stamped,
+    sync_folder,
+    write_new,
+)
+from operator_app.session.journal_lines import (
+    JOURNAL_NAME,
+    Event,
+    JournalContents,
+    Parsed,
+    line_of,
+    parse,
+    read_regular,
+    require_regular,
+)
 
 Clock = Callable[[], datetime]
 
@@ -30,34 +43,20 @@ def utc_now() -> datetime:
     return datetime.now(UTC)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Event:
-    """One line of the journal."""
-
-    seq: int
-    utc: str
-    name: str
-    data: Mapping[str, Any]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JournalContents:
-    """What a journal holds. `torn` says, in words, what was dropped from its end (empty: nothing)."""
-
-    events: tuple[Event, ...]
-    torn: str
-
-
 class Journal:
     """An open, locked journal. Lines are on disk when `append` returns."""
 
-    def __init__(self, path: Path, descriptor: int, contents: JournalContents, chain: str) -> None:
+    def __init__(self, path: Path, descriptor: int, parsed: Parsed, raw: bytes) -> None:
         self.path = path
-        self.contents = contents
+        self.contents = parsed.contents
         self._descriptor = descriptor
-        self._seq = len(contents.events)
-        self._chain = chain
+        self._seq = len(parsed.contents.events)
+        self._chain = parsed.chain
+        # All of it: what is kept elsewhere when the file is taken away.
+        self._lines = [raw]
+        self._size = len(raw)
         self._broken = ""
+        self._loss: JournalLostError | None = None
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sarcal-journal")
 
     @classmethod
@@ -66,8 +65,7 @@ class Journal:
         path = folder / JOURNAL_NAME
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC
-            descriptor = os.open(path, flags, 0o644)
+            descriptor = new_file(path)
         except FileExistsError as error:
             raise JournalError(
                 f"{path} exists already",
@@ -79,36 +77,72 @@ class Journal:
                 "choose a folder you may write to",
             ) from error
         _lock(descriptor, path)
-        _sync_folder(folder)
-        return cls(path, descriptor, JournalContents(events=(), torn=""), "")
+        sync_folder(folder)
+        contents = JournalContents(events=(), torn="", file=str(path))
+        return cls(path, descriptor, Parsed(contents=contents, chain="", whole_bytes=0), b"")
 
     @classmethod
     def resume(cls, folder: Path) -> Journal:
-        """Open the journal of `folder` to go on; a torn last line is cut off and reported."""
+        """Open the journal of `folder` to go on; a torn last line is cut off, kept beside it, and said."""
         path = folder / JOURNAL_NAME
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC)
+            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)
+        except IsADirectoryError as error:
+            raise JournalForeignError(
+                f"{path} is a folder, not a file", "move it away, or name another session"
+            ) from error
         except OSError as error:
             raise JournalError(
                 f"cannot open {path}: {error.strerror}",
                 "name a session folder; `sarcal session list` shows them",
             ) from error
         _lock(descriptor, path)
-        contents, chain, good_bytes = _parse(path.read_bytes(), path)
-        if contents.torn:
-            os.ftruncate(descriptor, good_bytes)
-            os.fsync(descriptor)
-        return cls(path, descriptor, contents, chain)
+        try:
+            require_regular(descriptor, path)
+            raw = read_regular(path)
+            parsed = parse(raw, path)
+            if parsed.contents.torn:
+                write_new(stamped(path, "torn"), raw[parsed.whole_bytes :])
+                os.ftruncate(descriptor, parsed.whole_bytes)
+                os.fsync(descriptor)
+        except OSError as error:
+            os.close(descriptor)
+            raise JournalError(
+                f"cannot write {path}: {error.strerror}", "free space or repair the disk"
+            ) from error
+        except JournalError:
+            os.close(descriptor)
+            raise
+        return cls(path, descriptor, parsed, raw[: parsed.whole_bytes])
 
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> Event:
         """Write one event; returns when it is on disk. A line that cannot be is taken back.
 
         The writing is done by a thread of its own: a signal that interrupts the caller at any
         moment leaves the line whole and the next one numbered right.
+
+        Raises
+        ------
+        JournalLostError
+            The file is not where it was, or not as it was left.
+        JournalError
+            The disk refuses.
         """
         return self._writer.submit(self._append, name, data, clock).result()
 
+    def require_there(self) -> None:
+        """Raise JournalLostError if a line written now would be found by nobody; writes nothing then."""
+        if self.closed:
+            return
+        if self._loss is not None:
+            raise self._loss
+        problem = self._what_happened_to_it()
+        if problem:
+            self._writer.submit(self._lose, problem, b"").result()
+
     def _append(self, name: str, data: Mapping[str, Any], clock: Clock) -> Event:
+        if self._loss is not None:
+            raise self._loss
         if self._broken:
             raise JournalError(
                 f"{self.path} takes no more lines: {self._broken}",
@@ -120,9 +154,10 @@ class Journal:
             name=name,
             data=data,
         )
-        body = _body(event)
-        chain = _checksum(self._chain, body)
-        line = f'{body[:-1]},"sum":"{chain}"}}\n'.encode()
+        line, chain = line_of(event, self._chain)
+        problem = self._what_happened_to_it()
+        if problem:
+            self._lose(problem, line)
         try:
             self._write(line)
         except OSError as error:
@@ -132,18 +167,19 @@ class Journal:
                 "nothing accepted so far is lost",
             ) from error
         self._seq, self._chain = event.seq, chain
+        self._lines.append(line)
+        self._size += len(line)
         return event
 
     def _write(self, line: bytes) -> None:
         """Put a line on disk, or leave the file as it was."""
-        size = os.fstat(self._descriptor).st_size
         try:
             if os.write(self._descriptor, line) != len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(self._descriptor)
         except OSError:
             # Any part of it, even a whole line, would make the next one look damaged.
-            self._take_back(size)
+            self._take_back(self._size)
             raise
 
     def _take_back(self, size: int) -> None:
@@ -152,6 +188,69 @@ class Journal:
             os.fsync(self._descriptor)
         except OSError as error:
             self._broken = f"one that was refused could not be taken back ({error.strerror})"
+
+    # -- taken away ------------------------------------------------------------------------------
+
+    def _what_happened_to_it(self) -> str:
+        """Say why nobody would find a line that is written now; empty when all is well."""
+        try:
+            there, here = self.path.stat(), os.fstat(self._descriptor)
+        except (FileNotFoundError, NotADirectoryError):
+            return "was deleted, moved or renamed"
+        except OSError as error:
+            return f"cannot be reached any more ({error.strerror})"
+        if (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino):
+            return "was replaced by another file"
+        if here.st_size < self._size:
+            return f"was cut from {self._size} to {here.st_size} bytes"
+        # A line that could not be taken back is our own, and said elsewhere.
+        if here.st_size > self._size and not self._broken:
+            return "was written to by another program"
+        return ""
+
+    def _lose(self, problem: str, line: bytes) -> None:
+        """Keep everything, and the line in hand, as a new session beside this one; raise."""
+        if self._loss is not None:
+            raise self._loss
+        rescued, reason = self._rescued(line)
+        if rescued is None:
+            remedy = f"nothing could be rescued ({reason}): find out what happened to the folder"
+        else:
+            own = ", the entry in hand included," if line else ""
+            remedy = (
+                f"everything{own} is in {rescued}: find out what happened to the folder, then go on "
+                f"with --resume {rescued}"
+            )
+        self._loss = JournalLostError(
+            f"{self.path} {problem} while this session was writing it; nothing more is accepted",
+            remedy,
+            rescued=rescued,
+        )
+        raise self._loss
+
+    def _rescued(self, line: bytes) -> tuple[Path | None, str]:
+        """Write a session that holds all lines, where that is possible; and why it was not."""
+        own, reason = self.path.parent, ""
+        for root in (own.parent, Path(tempfile.gettempdir())):
+            try:
+                return new_session(root, f"{own.name}-rescued", [*self._lines, line]), ""
+            except OSError as error:
+                reason = f"{root}: {error.strerror}"
+        return None, reason
+
+    @property
+    def loss(self) -> JournalLostError | None:
+        """How the file was taken away from under the session, if it was."""
+        return self._loss
+
+    @property
+    def kept_in(self) -> Path:
+        """Folder that holds everything that was accepted."""
+        if self._loss is not None and self._loss.rescued is not None:
+            return self._loss.rescued
+        return self.path.parent
+
+    # -- end -------------------------------------------------------------------------------------
 
     @property
     def closed(self) -> bool:
@@ -169,66 +268,7 @@ class Journal:
 def read_journal(folder: Path) -> JournalContents:
     """Read a journal without locking or changing it."""
     path = folder / JOURNAL_NAME
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise JournalError(
-            f"cannot read {path}: {error.strerror}",
-            "name a session folder; `sarcal session list` shows them",
-        ) from error
-    return _parse(raw, path)[0]
-
-
-def _parse(raw: bytes, path: Path) -> tuple[JournalContents, str, int]:
-    """Contents, the last checksum of the chain, and how many bytes are good."""
-    events: list[Event] = []
-    chain, position, torn = "", 0, ""
-    lines = raw.split(b"\n")
-    # What follows the last newline is empty in a whole journal.
-    complete, rest = lines[:-1], lines[-1]
-    for number, line in enumerate(complete, 1):
-        problem = ""
-        try:
-            record = json.loads(line)
-            event = Event(
-                seq=record["seq"],
-                utc=record["utc"],
-                name=record["event"],
-                data=record["data"],
-            )
-            expected = _checksum(chain, _body(event))
-            if record["sum"] != expected or event.seq != number:
-                problem = "its checksum does not fit"
-        except (ValueError, KeyError, TypeError):
-            problem = "it is not a journal line"
-        if problem:
-            if number == len(complete) and not rest:
-                torn = f"line {number} of {path} was torn ({problem}) and has been dropped"
-                break
-            raise JournalError(
-                f"{path} is damaged at line {number}: {problem}",
-                "restore the file from a copy; the lines before it are whole and can be kept",
-            )
-        events.append(event)
-        chain, position = expected, position + len(line) + 1
-    if rest:
-        torn = f"line {len(complete) + 1} of {path} was torn (cut off) and has been dropped"
-    return JournalContents(events=tuple(events), torn=torn), chain, position
-
-
-def _body(event: Event) -> str:
-    record = {
-        "seq": event.seq,
-        "utc": event.utc,
-        "event": event.name,
-        "data": event.data,
-    }
-    return json.dumps(record, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-
-
-def _checksum(previous: str, body: str) -> str:
-    """Checksum of a line and, through `previous`, of all lines before it."""
-    return hashlib.sha256((previous + body).encode()).hexdigest()[:16]
+    return parse(read_regular(path), path).contents
 
 
 def _lock(descriptor: int, path: Path) -> None:
@@ -240,11 +280,3 @@ def _lock(descriptor: int, path: Path) -> None:
             f"{path} is in use by another sarcal",
             "close that one first; one session has one operator",
         ) from error
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

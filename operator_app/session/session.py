@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Reading, Watch
+from hardware.errors import HardwareError
 from operator_app.calibration.checks import Checks, check
 from operator_app.calibration.record import to_dict
 from operator_app.calibration.refusals import FixtureRefusedError
@@ -27,7 +29,7 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
-from operator_app.errors import Cancelled, GuardError
+from operator_app.errors import Cancelled, GuardError, JournalLostError
 from operator_app.planning.exploration import for_joints, range_watch, waypoints
 from operator_app.planning.mode_rule import modes_problem
 from operator_app.session.calibrated import Calibrated, recorded
@@ -83,8 +85,15 @@ class Session:
     # -- facts -----------------------------------------------------------------------------------
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
-        """Write an event and let it count; in this order, so that nothing unwritten counts."""
-        event = self.journal.append(name, data, clock=self._clock)
+        """Write an event and let it count; in this order, so that nothing unwritten counts.
+
+        Where the journal was taken away the arm is held: nothing more of it would be kept.
+        """
+        try:
+            event = self.journal.append(name, data, clock=self._clock)
+        except JournalLostError:
+            self._hold_if_possible()
+            raise
         self.state = apply(self.state, event.name, event.data, event.utc)
 
     # -- 1 Connect -------------------------------------------------------------------------------
@@ -227,6 +236,7 @@ class Session:
         """
         self.check_modes(self.position_joints)
         self._raise_if_cancelled()
+        self._require_journal()
         in_range = range_watch(self.model)
 
         def watch(snapshot: ArmSnapshot) -> str | None:
@@ -458,9 +468,25 @@ class Session:
         try:
             self.arm.close()
         finally:
-            if not self.journal.closed:
-                self.record("closed", {"reason": reason})
+            try:
+                if not self.journal.closed and self.journal.loss is None:
+                    # Who closes it looks at the journal's loss, which may come to light here.
+                    with suppress(JournalLostError):
+                        self.record("closed", {"reason": reason})
+            finally:
                 self.journal.close()
+
+    def _require_journal(self) -> None:
+        """Move nothing for a session whose journal is gone."""
+        try:
+            self.journal.require_there()
+        except JournalLostError:
+            self._hold_if_possible()
+            raise
+
+    def _hold_if_possible(self) -> None:
+        with suppress(HardwareError):
+            self.arm.hold()
 
     def _raise_if_cancelled(self) -> None:
         if self.cancelled():

@@ -9,10 +9,12 @@ from pathlib import Path
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import builtin_names
+from operator_app.errors import JournalLostError
 from operator_app.session.folder import SessionEntry, list_sessions
-from operator_app.session.journal import JOURNAL_NAME
+from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.opening import Choices, Opening, Rig, begin, open_session, resume
 from operator_app.session.runner import Runner
+from operator_app.session.snapshot import Level
 
 
 class Sessions:
@@ -33,6 +35,8 @@ class Sessions:
     ----------
     last
         Folder of the session closed last; None when it held nothing.
+    lost
+        How its journal was taken away, if it was.
     """
 
     def __init__(
@@ -47,6 +51,7 @@ class Sessions:
         self._stack = ExitStack()
         self._runner: Runner | None = None
         self.last: Path | None = None
+        self.lost: JournalLostError | None = None
 
     def new(self, procedure: str | None = None) -> Runner:
         """Begin a session; a procedure that is named stays chosen."""
@@ -79,7 +84,8 @@ class Sessions:
             finally:
                 self._stack.close()
                 kept = not _removed_if_empty(runner)
-                self.last = runner.session.journal.path.parent if kept else None
+                self.last = runner.session.journal.kept_in if kept else None
+                self.lost = runner.session.journal.loss
 
     def _open(self, opening: Opening, farewell: str) -> Runner:
         """Open a session; the one that was open is closed when nothing can go wrong any more."""
@@ -90,13 +96,19 @@ class Sessions:
             runner = Runner(session, simulated=rig.simulated, bus=rig.bus)
             opened = stack.pop_all()
         self.close(farewell)
+        if self.lost is not None:
+            runner.say(Level.ALARM, str(self.lost))
         self._runner, self._stack = runner, opened
         return runner
 
 
 def _removed_if_empty(runner: Runner) -> bool:
     """Take away the folder of a session in which no arm was ever connected: it holds nothing."""
-    folder = runner.session.journal.path.parent
+    journal = runner.session.journal
+    if journal.loss is not None:
+        # Whatever is in its place now is not ours to take away.
+        return False
+    folder = journal.path.parent
     if not folder.is_dir():
         return True
     if runner.session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:

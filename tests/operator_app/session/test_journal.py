@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
+import shutil
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from operator_app.errors import JournalError
+from operator_app.errors import JournalDamagedError, JournalError, JournalLostError
 from operator_app.session.journal import JOURNAL_NAME, Journal, read_journal
 
 EVENTS = (("opened", {"a": 1.25}), ("pose", {"mean_rad": [0.1, -2e-17]}), ("note", {"t": "µ\n"}))
@@ -75,12 +77,12 @@ def test_what_is_written_is_read_bit_for_bit(tmp_path: Path) -> None:
 def test_every_cut_keeps_all_whole_lines_and_says_what_was_dropped(tmp_path: Path) -> None:
     raw = write(tmp_path)
     path = tmp_path / JOURNAL_NAME
-    for cut in range(len(raw) + 1):
+    for cut in range(1, len(raw) + 1):
         path.write_bytes(raw[:cut])
         whole = raw[:cut].count(b"\n")
         contents = read_journal(tmp_path)
         assert len(contents.events) == whole
-        assert bool(contents.torn) == (not raw[:cut].endswith(b"\n") and cut > 0)
+        assert bool(contents.torn) == (not raw[:cut].endswith(b"\n"))
 
 
 def test_resuming_cuts_the_torn_line_off_and_goes_on(tmp_path: Path) -> None:
@@ -89,6 +91,8 @@ def test_resuming_cuts_the_torn_line_off_and_goes_on(tmp_path: Path) -> None:
     path.write_bytes(raw[:-5])
     journal = Journal.resume(tmp_path)
     assert "line 3" in journal.contents.torn
+    (kept,) = tmp_path.glob("journal.jsonl.torn-*")
+    assert kept.read_bytes() == raw[:-5].splitlines()[-1]
     journal.append("note", {"t": "after"})
     journal.close()
     assert [e.name for e in read_journal(tmp_path).events] == ["opened", "pose", "note"]
@@ -106,25 +110,14 @@ def test_no_changed_byte_goes_unnoticed(
         return
     raw[position] = value
     (folder / JOURNAL_NAME).write_bytes(raw)
-    if not contents_or_refusal(folder):
+    if position == len(raw) - 1:
+        # Only a line that does not end can be mistaken for one that was torn in the writing.
+        contents = read_journal(folder)
+        assert contents.torn
+        assert [(e.name, e.data) for e in contents.events] == list(EVENTS)[:-1]
         return
-    contents = read_journal(folder)
-    # Only the last line can be mistaken for one that was torn in the writing; two lines are the
-    # last one when the change took the line break between them.
-    assert contents.torn
-    kept = [(e.name, e.data) for e in contents.events]
-    assert kept == list(EVENTS)[: len(kept)]
-    merged = bytes(raw[:-1]).count(b"\n") < len(EVENTS) - 1
-    assert len(kept) == len(EVENTS) - (2 if merged else 1)
-
-
-def contents_or_refusal(folder: Path) -> bool:
-    """Whether the journal can be read; a refusal names the file."""
-    try:
+    with pytest.raises(JournalError, match=str(folder)):
         read_journal(folder)
-    except JournalError as error:
-        return str(folder) not in str(error)
-    return True
 
 
 def test_a_line_from_another_journal_does_not_fit(tmp_path: Path) -> None:
@@ -140,6 +133,7 @@ def test_a_line_from_another_journal_does_not_fit(tmp_path: Path) -> None:
 
 def test_one_session_has_one_operator(tmp_path: Path) -> None:
     journal = Journal.create(tmp_path)
+    journal.append("opened", {})
     with pytest.raises(JournalError, match="in use"):
         Journal.resume(tmp_path)
     journal.close()
@@ -161,7 +155,11 @@ def test_non_finite_numbers_never_reach_the_file(tmp_path: Path) -> None:
 
 
 def test_lines_are_plain_json_with_a_checksum(tmp_path: Path) -> None:
-    for line in write(tmp_path).splitlines():
+    first, *others = write(tmp_path).splitlines()
+    assert set(json.loads(first)) == {"schema", "seq", "utc", "event", "data", "sum"}
+    assert json.loads(first)["schema"] == "sarcal/journal/1"
+    assert first.startswith(b'{"schema":')
+    for line in others:
         assert set(json.loads(line)) == {"seq", "utc", "event", "data", "sum"}
 
 
@@ -222,3 +220,184 @@ def test_a_journal_that_cannot_take_a_line_back_takes_no_more(
     resumed.append("goes on", {})
     resumed.close()
     assert read_journal(tmp_path).events[-1].name == "goes on"
+
+
+def without_version(raw: bytes) -> bytes:
+    """The same lines as written before the first one stated a version."""
+    chain, lines = "", []
+    for line in raw.splitlines():
+        record = json.loads(line)
+        record.pop("schema", None)
+        record.pop("sum")
+        body = json.dumps(record, ensure_ascii=False, separators=(",", ":"))
+        chain = hashlib.sha256((chain + body).encode()).hexdigest()[:16]
+        lines.append(f'{body[:-1]},"sum":"{chain}"}}\n')
+    return "".join(lines).encode()
+
+
+def test_journals_from_before_the_version_stay_readable_and_go_on(tmp_path: Path) -> None:
+    path = tmp_path / JOURNAL_NAME
+    path.write_bytes(without_version(write(tmp_path)))
+    assert b"schema" not in path.read_bytes()
+    journal = Journal.resume(tmp_path)
+    journal.append("after", {})
+    journal.close()
+    assert [e.name for e in read_journal(tmp_path).events] == ["opened", "pose", "note", "after"]
+
+
+SHAPES: Mapping[str, tuple[Any, str]] = {
+    "newer": (
+        lambda p: p.write_bytes(newer(p.read_bytes())),
+        "is of the format sarcal/journal/2; this program reads sarcal/journal/1",
+    ),
+    "another program's": (lambda p: p.write_text('{"level": "info"}\n' * 3), "another program's"),
+    "text": (lambda p: p.write_text("Dear diary,\n"), "another program's"),
+    "lines of nothing": (lambda p: p.write_text("\n\n\n"), "another program's"),
+    "empty": (lambda p: p.write_bytes(b""), "is empty"),
+    "binary": (lambda p: p.write_bytes(bytes(range(256)) * 9), "binary"),
+    "folder": (lambda p: (p.unlink(), p.mkdir()), "a folder"),
+    "pipe": (lambda p: (p.unlink(), os.mkfifo(p)), "is a pipe"),
+    "device": (lambda p: (p.unlink(), p.symlink_to("/dev/zero")), "is a device"),
+    "list": (lambda p: p.write_text("[1, 2]\n"), "another program's"),
+    "deep": (lambda p: p.write_text('{"seq":1,"utc":"' + "[" * 100_000 + "\n"), "line 1"),
+}
+
+
+def newer(raw: bytes) -> bytes:
+    """The same journal with the version of tomorrow, its checksums right."""
+    first, rest = raw.split(b"\n", 1)
+    body = first.replace(b"journal/1", b"journal/2")[:-26] + b"}"
+    found = hashlib.sha256(body).hexdigest()[:16]
+    return body[:-1] + f',"sum":"{found}"}}\n'.encode() + rest
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_is_no_journal_is_one_error_that_names_the_file(tmp_path: Path, shape: str) -> None:
+    write(tmp_path)
+    change, words = SHAPES[shape]
+    change(tmp_path / JOURNAL_NAME)
+    for opened in (read_journal, Journal.resume):
+        with pytest.raises(JournalError) as refused:
+            opened(tmp_path)
+        assert words in refused.value.happened
+        assert str(tmp_path / JOURNAL_NAME) in refused.value.happened
+        assert refused.value.remedy
+
+
+def test_a_version_that_a_flipped_bit_made_is_damage_and_not_another_version(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / JOURNAL_NAME
+    path.write_bytes(write(tmp_path).replace(b"journal/1", b"journal/3"))
+    with pytest.raises(JournalDamagedError, match="line 1"):
+        read_journal(tmp_path)
+
+
+def test_a_damaged_last_line_is_not_cut_away(tmp_path: Path) -> None:
+    raw = write(tmp_path).replace(b'"t":"', b'"u":"')
+    path = tmp_path / JOURNAL_NAME
+    path.write_bytes(raw)
+    for opened in (read_journal, Journal.resume):
+        with pytest.raises(JournalDamagedError, match=r"line 3.*sarcal session repair"):
+            opened(tmp_path)
+    assert path.read_bytes() == raw
+
+
+def test_half_a_character_is_kept(tmp_path: Path) -> None:
+    """As in a reason typed in a terminal that does not speak UTF-8."""
+    journal = Journal.create(tmp_path)
+    journal.append("exported", {"forced": "caf\udce9"})
+    journal.close()
+    (tmp_path / JOURNAL_NAME).read_bytes().decode()
+    assert read_journal(tmp_path).events[0].data == {"forced": "caf\udce9"}
+
+
+# -- watched while it is written -------------------------------------------------------------------
+
+
+def replaced(path: Path) -> None:
+    raw = path.read_bytes()
+    path.unlink()
+    path.write_bytes(raw)
+
+
+def cut(path: Path) -> None:
+    os.truncate(path, 50)
+
+
+def folder_deleted(path: Path) -> None:
+    shutil.rmtree(path.parent)
+
+
+def appended(path: Path) -> None:
+    with path.open("ab") as file:
+        file.write(b"{}\n")
+
+
+TAKEN_AWAY: Mapping[str, tuple[Callable[[Path], object], str]] = {
+    "folder deleted": (folder_deleted, "deleted, moved or renamed"),
+    "folder renamed": (lambda p: p.parent.rename(p.parent.with_name("x")), "deleted, moved or"),
+    "deleted": (Path.unlink, "deleted, moved or renamed"),
+    "renamed": (lambda p: p.rename(p.with_name("mine.jsonl")), "deleted, moved or renamed"),
+    "truncated": (cut, "was cut from"),
+    "emptied": (lambda p: os.truncate(p, 0), "was cut from"),
+    "replaced": (replaced, "was replaced by another file"),
+    "written to": (appended, "was written to by another program"),
+    "a folder instead": (lambda p: (p.unlink(), p.mkdir()), "was replaced"),
+}
+
+
+@pytest.mark.parametrize("kind", TAKEN_AWAY)
+def test_a_journal_that_is_taken_away_accepts_nothing_and_loses_nothing(
+    tmp_path: Path, kind: str
+) -> None:
+    folder = tmp_path / "20261122-hinge"
+    journal = Journal.create(folder)
+    for name, data in EVENTS:
+        journal.append(name, data)
+    take, words = TAKEN_AWAY[kind]
+    take(folder / JOURNAL_NAME)
+    with pytest.raises(JournalLostError, match=words) as lost:
+        journal.append("pose", {"number": 2})
+    rescued = tmp_path / "20261122-hinge-rescued"
+    assert lost.value.rescued == journal.kept_in == rescued
+    assert f"--resume {rescued}" in lost.value.remedy
+    found = [(e.name, e.data) for e in read_journal(rescued).events]
+    assert found == [*EVENTS, ("pose", {"number": 2})]
+    # Neither does it take any more, nor is the rescue written twice.
+    for again in (lambda: journal.append("pose", {"number": 3}), journal.require_there):
+        with pytest.raises(JournalLostError, match=words):
+            again()
+    journal.close()
+    assert len(list(tmp_path.glob("*rescued*"))) == 1
+    resumed = Journal.resume(rescued)
+    resumed.append("goes on", {})
+    resumed.close()
+
+
+def test_what_is_gone_is_noticed_before_the_arm_moves(tmp_path: Path) -> None:
+    journal = Journal.create(tmp_path / "session")
+    journal.append("opened", {})
+    journal.require_there()
+    shutil.rmtree(tmp_path / "session")
+    with pytest.raises(JournalLostError, match="everything is in"):
+        journal.require_there()
+    journal.close()
+    assert [e.name for e in read_journal(journal.kept_in).events] == ["opened"]
+
+
+def test_a_rescue_goes_elsewhere_when_there_is_nothing_beside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = tmp_path / "tmp"
+    other.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(other))
+    journal = Journal.create(tmp_path / "sessions" / "one")
+    journal.append("opened", {})
+    shutil.rmtree(tmp_path / "sessions")
+    (tmp_path / "sessions").write_text("a file where the sessions were")
+    with pytest.raises(JournalLostError):
+        journal.append("pose", {})
+    journal.close()
+    assert journal.kept_in == other / "one-rescued"
+    assert len(read_journal(journal.kept_in).events) == 2

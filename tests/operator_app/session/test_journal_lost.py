@@ -1,0 +1,137 @@
+"""A session folder that is taken away in mid-capture: the arm is held, the faces say so, nothing is lost."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hardware.arm import JointMode
+from operator_app.cli import main
+from operator_app.errors import JournalLostError
+from operator_app.headless.console import ConsoleListener
+from operator_app.headless.runner import run
+from operator_app.session.folder import find_session, read_session
+from operator_app.session.journal import read_journal
+from operator_app.session.listener import Listener
+from operator_app.session.session import Session
+from operator_app.session.snapshot import Level, TaskKind
+from operator_app.session.state import SessionState
+from oracles.live_source import FakeSource
+from oracles.opened import opened
+
+PATIENCE_S = 60.0
+MakeSession = Callable[..., Session]
+
+
+class Vandal(Listener):
+    """Takes the folder away after some poses."""
+
+    def __init__(self, session: Session, after: int) -> None:
+        self._session, self._after = session, after
+
+    def pose_captured(self, state: SessionState, wanted: int) -> None:
+        if len(state.used_poses) == self._after:
+            shutil.rmtree(self._session.journal.path.parent)
+
+
+def test_the_arm_is_held_and_the_rescued_session_goes_on(make_session: MakeSession) -> None:
+    from operator_app.config.procedure_file import load_procedure
+
+    procedure = load_procedure("hinge")
+    session = make_session(procedure, "datasheet")
+    with pytest.raises(JournalLostError, match="deleted") as lost:
+        run(session, Vandal(session, after=3))
+    assert all(joint.mode is JointMode.POSITION for joint in session.arm.snapshot().joints)
+    # What was not written does not count.
+    assert len(session.state.used_poses) == 3
+    session.close("failed")
+    assert not session.journal.path.exists()
+    rescued = lost.value.rescued
+    assert rescued is not None
+    assert sum(e.name == "pose" for e in read_journal(rescued).events) == 3
+    again = opened(rescued, session.arm, procedure, resumed=True)
+    assert len(again.state.used_poses) == 3
+    again.close("end of the test")
+
+
+def test_what_was_read_and_not_written_is_in_the_rescue(make_session: MakeSession) -> None:
+    from operator_app.config.procedure_file import load_procedure
+
+    session = make_session(load_procedure("hinge"), "datasheet")
+    session.connect()
+    session.set_modes((1, 5))
+    session.capture()
+    shutil.rmtree(session.journal.path.parent)
+    with pytest.raises(JournalLostError, match="the entry in hand included"):
+        session.capture()
+    assert len(session.state.poses) == 1
+    state = read_session(session.journal.kept_in).state
+    assert state is not None
+    assert len(state.poses) == 2
+    session.close("end of the test")
+
+
+def test_a_journal_that_is_gone_at_the_very_end_is_said(make_session: MakeSession) -> None:
+    from operator_app.config.procedure_file import load_procedure
+
+    session = make_session(load_procedure("hinge"), "datasheet")
+    session.connect()
+    shutil.rmtree(session.journal.path.parent)
+    session.close("done")
+    assert session.journal.loss is not None
+    assert read_journal(session.journal.kept_in).events[-1].name == "closed"
+
+
+def test_run_says_what_happened_and_where_everything_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tmp_path / "sessions"
+    before = ConsoleListener.pose_captured
+
+    def taken_away(self: ConsoleListener, state: SessionState, wanted: int) -> None:
+        before(self, state, wanted)
+        if len(state.used_poses) == 3:
+            (folder,) = root.iterdir()
+            folder.rename(tmp_path / "elsewhere")
+
+    monkeypatch.setattr(ConsoleListener, "pose_captured", taken_away)
+    words = ["run", "hinge", "--scenario", "exact", "--poses", "8", "--sessions", str(root)]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    (rescued,) = root.glob("*-rescued")
+    assert "was deleted, moved or renamed while this session was writing it" in said
+    assert "the arm is held" in said
+    assert f"--resume {rescued}" in said
+    assert "Traceback" not in said
+    monkeypatch.setattr(ConsoleListener, "pose_captured", before)
+    assert find_session(root, "latest") == rescued
+    assert main(["run", "--resume", str(rescued), "--poses", "8", "--sessions", str(root)]) == 0
+
+
+def test_the_app_and_plain_mode_say_it_hold_and_leave_in_order(tmp_path: Path) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    folder = runner.session.journal.path.parent
+    runner.operations.connect()
+    runner.operations.set_modes((1, 5))
+    runner.operations.capture(0)
+    shutil.rmtree(folder)
+    done = threading.Event()
+    runner.submit(TaskKind.CAPTURE, "capturing", lambda: runner.operations.capture(1))
+    runner.submit(TaskKind.NOTE, "the last", done.set)
+    assert done.wait(PATIENCE_S)
+    s = runner.snapshot()
+    assert len(s.state.poses) == 1
+    (alarm,) = [m.text for m in s.messages if m.level is Level.ALARM]
+    rescued = folder.with_name(f"{folder.name}-rescued")
+    assert "was deleted, moved or renamed" in alarm
+    assert str(rescued) in alarm
+    assert all(joint.mode is JointMode.POSITION for joint in runner.session.arm.snapshot().joints)
+    assert runner.defect is None
+    source.close("left")
+    assert source.last == rescued
+    assert source.lost is not None

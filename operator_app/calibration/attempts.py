@@ -18,7 +18,11 @@ from solver.estimators.variance_components import Calibrated, estimate_with_erro
 from solver.loops.closure import ClosureModel
 
 GROSS = 30.0
-"""chi2/dof at stated variances beyond which another start is tried."""
+"""chi2/dof at stated variances of a fit that says nothing about its readings."""
+
+SUSPECT = 2.0
+"""And beyond which another start is tried: an optimum that is only local leaves as little as this where
+poses differ little."""
 
 
 def fitted(
@@ -30,7 +34,7 @@ def fitted(
     group: IntArray,
     progress: Progress | None = None,
 ) -> Calibrated:
-    """Fit from each start until one does not end in a gross misfit; return the best.
+    """Fit from each start until one leads to readings as they are stated; return the best.
 
     Raises
     ------
@@ -51,7 +55,7 @@ def fitted(
             continue
         if misfit < least:
             best, least = found, misfit
-        if least < GROSS:
+        if least < SUSPECT:
             break
     if best is None:
         raise PosesDoNotFitError from last

@@ -21,6 +21,7 @@ from operator_app.calibration.verdict import (
     of_the_fit,
     paper_test,
     return_tests,
+    too_few,
 )
 from solver.arrays import IntArray
 from solver.chain.arm_model import ArmModel
@@ -84,6 +85,7 @@ def weigh(
     paper
         The paper's estimate, where that is to be judged.
     """
+    judging = found.estimate if paper is None else paper
     used = pick(poses, distinct)
     trial = judge(found.linear, arm, taken=found.order)
     model = found.linear.design.model
@@ -122,12 +124,13 @@ def weigh(
     return Judgement(
         causes=(
             *_beforehand(poses, known),
+            *too_few(judging),
             *(() if gross else (*_of_geometry(known.checks), *far)),
             *by_tests,
             *_not_yet_named(since, by_tests),
             *(far if gross and not rivals else ()),
             *of_paper,
-            *of_the_fit(found.estimate if paper is None else paper, judged),
+            *of_the_fit(judging, judged),
         ),
         tests=tests,
         stated_chi2_per_dof=scale,

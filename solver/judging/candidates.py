@@ -67,6 +67,8 @@ class Candidate:
     shapes, least
         What it deviates by in every pose is ``shapes @ b`` (m,), or b itself; a cause is only what is
         larger (rms) than `least`.
+    entries
+        Names of the parameters that had another value before, one per column; empty where none had.
     """
 
     cause: Cause
@@ -78,6 +80,7 @@ class Candidate:
     most: float = 300.0
     shapes: FloatArray | None = None
     least: float = 0.0
+    entries: tuple[str, ...] = ()
 
     def is_stated(self, b: FloatArray) -> bool:
         """Whether coefficients (c,) amount to no more than what the files state anyway."""
@@ -122,11 +125,13 @@ class Scene:
         return tuple(j for j in range(1, self.arm.joint_count + 1) if j not in unsensed)
 
     def sides(self) -> Iterator[tuple[str, IntArray]]:
-        """Sides of the fixture with the indices of the parameters that say where they are."""
+        """Sides of the fixture with the indices of the parameters that a slip there changes."""
         model = self.design.model
         names = [p.name for p in model.parameters]
-        for side, own in (("table", model.ground_side), ("hand", model.hand_side)):
-            if own:
+        # Along the fixture's own axis either half may slip: one entry, of which the table's are one.
+        along = tuple(name for name in model.ground_side if name.partition("[")[0] == "s_0")
+        for side, own in (("table", model.ground_side), ("hand", (*model.hand_side, *along))):
+            if len(own) > len(along):
                 yield side, np.array([names.index(name) for name in own])
 
     def joint(self, j: int) -> FloatArray:
@@ -152,12 +157,14 @@ class Scene:
         columns = suspect.columns.copy()
         columns[:first] = 0.0
         parameters = self.design.model.parameters
+        entries: tuple[str, ...] = ()
         if suspect.name.startswith("joint "):
             cause, subject, natural = Cause.LOST_COUNTS, suspect.name[6:], np.array([ANGLE_RAD])
         elif suspect.name in ("table", "hand"):
             here = dict(self.sides())[suspect.name]
             cause, subject = Cause.SLIPPED, suspect.name
             natural = np.array([ANGLE_RAD if parameters[k].is_angle else LENGTH_M for k in here])
+            entries = tuple(parameters[k].name for k in here)
         else:
             cause, subject, natural = Cause.LENGTH_CHANGED, suspect.name, np.array([LENGTH_M])
         return Candidate(
@@ -167,6 +174,7 @@ class Scene:
             natural=natural,
             places=len(columns),
             poses=(first,),
+            entries=entries,
         )
 
     def standing(self) -> Iterator[Candidate]:

@@ -28,6 +28,7 @@ from operator_app.report.parameter_facts import (
 from operator_app.report.quality_facts import (
     CLOSURE_COLUMNS,
     budget_table,
+    causes_table,
     closure_row,
     closure_table,
     components_table,
@@ -121,6 +122,7 @@ def facts_of(
                 beside=beside,
                 repeatability=_repeatability(solution),
             ),
+            causes_table(solution),
             dh_table(solution),
             hand_table(solution),
             determined_table(solution, headlines),

@@ -282,6 +282,32 @@ def source_words(source: str) -> str:
     return source.replace("_", " ").replace("rvdt", "RVDT")
 
 
+def causes_table(solution: Solution) -> Table | None:
+    """Return what may be wrong, the most probable first; the sentences are page and JSON's affair."""
+    rows = tuple(
+        (
+            cause.code,
+            Figure(cause.probability, SHARE, digits=2, role="warn" if cause.refuses else "text"),
+            "it is refused for this" if cause.refuses else "a warning",
+            cause.text,
+            cause.remedy,
+        )
+        for cause in solution.causes
+    )
+    return None if not rows else Table(
+        ident="causes",
+        title="What may be wrong, by probability",
+        columns=(
+            *words("cause"),
+            *figures("probability", unit=SHARE.unit),
+            *words(""),
+            Column("what", words=True, detail=True),
+            Column("what to do", words=True, detail=True),
+        ),
+        rows=rows,
+    )  # fmt: skip
+
+
 def tests_table(solution: Solution) -> Table | None:
     """Return every test that the verdict rests on; those that fired are marked."""
     rows = tuple(

@@ -5,17 +5,16 @@ Made as the product makes them, on the plant without a bus. The poses are captur
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from operator_app.composition import carried_procedure
 from operator_app.headless.runner import run
-from operator_app.session.journal import JOURNAL_NAME
+from operator_app.session.journal import JOURNAL_NAME, Clock, utc_now
 from operator_app.session.listener import Listener
-from operator_app.session.opening import Choices, Rig, begin, open_session
-from operator_app.session.opening import resume as resumed
+from operator_app.session.opening import Choices, Opening, Rig, begin, open_session, resume
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, SessionSnapshot
@@ -61,52 +60,49 @@ class Quiet:
         return False
 
 
+def opened_again(folder: Path, clock: Clock = utc_now, **chosen: object) -> Session:
+    """Go on with a session, on the plant without a bus."""
+    opening = resume(str(folder), Choices(**chosen), root=folder.parent)  # type: ignore[arg-type]
+    return _opened(opening, clock)
+
+
+def _opened(opening: Opening, clock: Clock) -> Session:
+    procedure = carried_procedure(opening)
+    rig = Rig(
+        arm=PlantArm(procedure, SCENARIO),
+        opening=replace(opening, procedure=procedure),
+        simulated=True,
+    )
+    return open_session(rig, clock=clock)
+
+
 def journalled_sessions(root: Path) -> Mapping[str, Path]:
     """Return session folders below `root` by how they were made."""
-    clock = Ticking()
-    opening = begin(
-        "hinge",
-        Choices(poses=POSES, scenario=SCENARIO, interface="virtual"),
-        root=root,
-        clock=clock,
-    )
+    clock, folder = Ticking(), root / "run"
+    choices = Choices(poses=POSES, scenario=SCENARIO, interface="virtual")
+    _by_run(_opened(replace(begin("hinge", choices, root=root, clock=clock), folder=folder), clock))
+    lines = (folder / JOURNAL_NAME).read_text().splitlines(keepends=True)
+    captured = next(k for k, line in enumerate(lines) if '"solved"' in line)
 
-    def go_on(folder: Path, work: Callable[[Session], object], **chosen: object) -> Path:
-        found = opening
-        if folder.is_dir():
-            found = resumed(str(folder), Choices(**chosen), root=root)  # type: ignore[arg-type]
-        procedure = carried_procedure(found)
-        rig = Rig(
-            arm=PlantArm(procedure, SCENARIO),
-            opening=replace(found, folder=folder, procedure=procedure),
-            simulated=True,
-        )
-        session = open_session(rig, clock=clock)
-        work(session)
-        session.close("done")
-        return folder
-
-    def by_run(session: Session) -> None:
-        run(session, Listener())
-
-    def by_app(session: Session) -> None:
-        operations = Operations(session, Quiet(session))
-        operations.connect()
-        operations.calibrate("implicit", ())
-        operations.write()
-
-    first = go_on(root / "run", by_run)
-
-    def copy(name: str, *, solved: bool) -> Path:
-        lines = (first / JOURNAL_NAME).read_text().splitlines(keepends=True)
-        end = len(lines) if solved else next(k for k, x in enumerate(lines) if '"solved"' in x)
+    def copy(name: str, count: int, **chosen: object) -> Session:
         (root / name).mkdir()
-        (root / name / JOURNAL_NAME).write_text("".join(lines[:end]))
-        return root / name
+        (root / name / JOURNAL_NAME).write_text("".join(lines[:count]))
+        return opened_again(root / name, clock, **chosen)
 
-    return {
-        "run": first,
-        "paper": go_on(copy("paper", solved=False), by_run, estimator="paper"),
-        "app": go_on(copy("app", solved=False), by_app),
-        "resumed": go_on(copy("resumed", solved=True), by_run),
-    }
+    _by_run(copy("paper", captured, estimator="paper"))
+    _by_app(copy("app", captured))
+    _by_run(copy("resumed", len(lines)))
+    return {name: root / name for name in ("run", "paper", "app", "resumed")}
+
+
+def _by_run(session: Session) -> None:
+    run(session, Listener())
+    session.close("done")
+
+
+def _by_app(session: Session) -> None:
+    operations = Operations(session, Quiet(session))
+    operations.connect()
+    operations.calibrate("implicit", ())
+    operations.write()
+    session.close("done")

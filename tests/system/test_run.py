@@ -101,7 +101,10 @@ def test_as_reported_lands_where_the_paper_did(
 def test_a_run_is_the_same_for_a_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ("hinge", "--poses", "4", "--seed", "3", "--sessions", str(tmp_path))
     _, one = run_json(capsys, *options)
-    _, two = run_json(capsys, *options)
+    code, two = run_json(capsys, *options)
+    # What it printed is what its journal says to whoever asks later.
+    assert main(["report", two["session"]["folder"], "--json"]) == code
+    assert json.loads(capsys.readouterr().out) == {k: two[k] for k in two if k != "capture"}
     assert one["parameters"] == two["parameters"]
     _, other = run_json(capsys, *options[:-3], "4", "--sessions", str(tmp_path))
     assert other["parameters"] != one["parameters"]

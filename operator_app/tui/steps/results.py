@@ -23,8 +23,8 @@ from operator_app.tui.widgets.residuals import (
     rvdt_joints,
 )
 
-TABLES = ("dh", "budget", "closure")
-"""Tables that the plots' panel shows after them."""
+TABLES = ("causes", "dh", "hand", "budget", "closure")
+"""Tables that the plots' panel shows after them, those of them that there are."""
 
 
 class VerdictPanel(Lines):
@@ -100,23 +100,25 @@ class ResultsPlot(Lines):
     TITLE = "Residuals (v: next)"
     HELP = (
         "v turns over: residual of each pose, corrections by joint, the curve of each RVDT as the "
-        "loops see it, the warnings in full, then tables: D-H, uncertainty budget, closure on poses "
-        "held out. A curve inside the dashed lines is within the sensor's specification."
+        "loops see it, the warnings in full, then tables: what may be wrong, D-H, how far off the "
+        "hand may be, uncertainty budget, closure on poses held out. A curve inside the dashed lines "
+        "is within the sensor's specification."
     )
     page = 0
-    count = 3 + len(TABLES)
-
-    def pages(self, s: SessionSnapshot) -> int:
-        """How many there are."""
-        return 3 + len(TABLES) + len(rvdt_joints(s))
+    count = 1
+    words_from = 1
+    """First page of words and tables, which need the whole width."""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """The present page."""
         ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
         if s.solution is None:
             return []
-        joints = rvdt_joints(s)
-        self.count = self.pages(s)
+        joints, facts = rvdt_joints(s), facts_on(s)
+        listed = [] if facts is None else [facts.table(ident) for ident in TABLES]
+        tables = [table for table in listed if table is not None]
+        self.words_from = 2 + len(joints)
+        self.count = 1 + self.words_from + len(tables)
         page = self.page % self.count
         if page == 0:
             self.retitle("Residuals (v: next)")
@@ -131,11 +133,8 @@ class ResultsPlot(Lines):
         if page == len(joints) + 2:
             self.retitle("Warnings in full (v: next)")
             return _in_full(s.solution, width)
-        facts = facts_on(s)
-        table = None if facts is None else facts.table(TABLES[page - len(joints) - 3])
-        self.retitle(f"{'D-H table' if table is None else table.title} (v: next)")
-        if table is None:
-            return [line((" there is none for this fixture", "dim"))]
+        table = tables[page - len(joints) - 3]
+        self.retitle(f"{table.title} (v: next)")
         head, rows = table_spans(table)
         return [*head, *rows, (), *wrapped(f" {table.note}", width, "dim", " ")]
 
@@ -174,9 +173,9 @@ class ResultsView(StepView):
         if self.compact and plots.page == 0:
             super().turn_over()
         # Words and tables need the whole width.
-        self.query_one(".left").display = not (
-            plots.page >= plots.count - 1 - len(TABLES) or self.compact
-        ) or (self.compact and self.view == 0)
+        self.query_one(".left").display = not (plots.page >= plots.words_from or self.compact) or (
+            self.compact and self.view == 0
+        )
 
     @property
     def place(self) -> tuple[int, int]:

@@ -102,7 +102,7 @@ def _headers(
     return found
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def take_apart() -> type[Page]:
     """Parse a page."""
     return Page

@@ -1,45 +1,76 @@
-"""Text, JSON, page, screen and plain words of one session say the same numbers, in the same units.
+"""One journalled session says the same numbers in text, JSON, page and on the screen, in the same units.
 
-Every rendering is taken apart again by a parser of this file's own.
+Text and JSON are what `sarcal report` prints, the page is the file it writes, the screen is what the
+app shows when it resumes the session. Every rendering is taken apart by a parser of this file's own.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import json
 import re
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from operator_app.calibration.checks import check
-from operator_app.calibration.judgement import Notice
-from operator_app.calibration.solve import calibrate
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import load_poses
-from operator_app.report.facts import Facts, facts_of
-from operator_app.report.page_head import tiles
-from operator_app.report.page_table import table_html
-from operator_app.report.screen import headline_spans, table_spans
+from operator_app.cli import main
+from operator_app.report.facts import Facts
+from operator_app.report.screen import facts_on, headline_spans, table_spans
 from operator_app.report.spans import Line
-from operator_app.report.text import facts_text
+from operator_app.report.table import Figure, Table
+from operator_app.session.operations import Operations
+from oracles.journalled_sessions import Quiet, opened_again
 
 NUMBER = re.compile(r"(?<![\w.])[-+\u2212]?\d+(?:\.\d+)?(?:e[-+]?\d+|·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?![\w.])")
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
-TO_JSON = {"deg": 1.0, "mm": 1e-3}
-"""Parameters are in deg and m in JSON."""
+PARAMETERS = {
+    "nominal", "parameters", "sigma", "interval_95", "repeatability", "tolerated_parameters",
+    "jackknife_sigma",
+}  # fmt: skip
+"""What JSON gives in deg and m; everything else is in the unit that people read."""
+
+
+@dataclass(frozen=True)
+class Renderings:
+    """What was printed, written and shown of one session."""
+
+    text: str
+    data: Mapping[str, Any]
+    page: Any
+    facts: Facts
+    """On the screen."""
 
 
 @pytest.fixture(scope="module")
-def facts(reference_data: Path) -> Facts:
-    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
-    poses = load_poses(reference_data / "hinge" / "hinge_rvdt1pct.csv").poses
-    solution = calibrate(arm, fixture, poses)
-    found = facts_of(solution, checks=check(solution, arm, fixture, poses))
-    # A warning that is sure to be there, whatever this calibration is warned of.
-    return dataclasses.replace(
-        found, notices=(*found.notices, Notice(code="X", text="12.5 mm off"))
+def said(
+    journalled: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory, take_apart: type
+) -> Renderings:
+    folder = tmp_path_factory.mktemp("renderings") / "run"
+    shutil.copytree(journalled["run"], folder)
+    assert main(["report", str(folder)]) == 0
+    session = opened_again(folder)
+    publisher = Quiet(session)
+    Operations(session, publisher).connect()
+    session.close("left")
+    facts = facts_on(publisher.shown)
+    assert facts is not None
+    return Renderings(
+        text=printed("report", str(folder), "--text"),
+        data=json.loads(printed("report", str(folder), "--json")),
+        page=take_apart((folder / "report.html").read_text()),
+        facts=facts,
     )
+
+
+def printed(*arguments: str) -> str:
+    with redirect_stdout(StringIO()) as out:
+        assert main(list(arguments)) == 0
+    return out.getvalue()
 
 
 def numbers(words: str) -> list[str]:
@@ -63,13 +94,23 @@ def text_rows(text: str, title: str, heads: int) -> list[str]:
     return indented[heads:]
 
 
+def body_of(said: Renderings, table: Table) -> list[list[str]]:
+    return [[cell[2] for cell in row] for row in said.page.table(typeset(table.title))["tbody"]]
+
+
+def typeset(title: str) -> str:
+    return title.replace("-1 to", "\u22121 to")
+
+
 def test_every_table_has_the_same_numbers_as_text_on_the_page_and_on_the_screen(
-    facts: Facts, take_apart: type
+    said: Renderings,
 ) -> None:
-    text = facts_text(facts)
-    for table in facts.tables:
-        page = take_apart(table_html(table))
-        body = [[cell[2] for cell in row] for row in page.tables[0]["tbody"]]
+    assert {t.ident for t in said.facts.tables} >= {
+        "parameters", "dh", "hand", "determined", "closure", "noise", "budget", "tolerated", "tests",
+        "observability", "correlations",
+    }  # fmt: skip
+    for table in said.facts.tables:
+        body = body_of(said, table)
         on_screen = [numbers(plain(row)) for row in table_spans(table)[1]]
         kept = [k for k, column in enumerate(table.columns) if not column.detail]
         if any(column.summary for column in table.columns):
@@ -82,77 +123,128 @@ def test_every_table_has_the_same_numbers_as_text_on_the_page_and_on_the_screen(
             assert on_screen == on_page
         assert sum(map(len, on_page)) >= len(body), table.ident
         if not table.detail:
-            heads = len(page.tables[0]["thead"])
-            in_text = [numbers(row) for row in text_rows(text, table.title, heads)]
+            heads = len(said.page.table(typeset(table.title))["thead"])
+            in_text = [numbers(row) for row in text_rows(said.text, table.title, heads)]
             assert in_text == on_page, table.ident
 
 
-def test_parameters_in_json_are_those_of_the_table_to_its_last_digit(
-    facts: Facts, take_apart: type
-) -> None:
-    found = facts.json
-    page = take_apart(table_html(facts.tables[0]))
-    titles = [cell[2] for cell in page.tables[0]["thead"][0][:3]]
-    titles += [cell[2] for cell in page.tables[0]["thead"][1]]
-    assert titles[:9] == [
-        "parameter", "unit", "nominal", "identified", "change", "sigma", "type A", "95 % from", "to",
-    ]  # fmt: skip
-    names = []
-    for row in page.tables[0]["tbody"]:
-        name, unit, *cells = [cell[2].replace("\u2212", "-") for cell in row]
-        names.append(name)
-        keys = [
-            found["nominal"][name], found["parameters"][name], None, found["sigma"][name],
-            found["repeatability"][name], *found["interval_95"][name],
-        ]  # fmt: skip
-        for cell, value in zip(cells, keys, strict=False):
-            if value is not None:
-                last = 10.0 ** -len(cell.partition(".")[2])
-                assert TO_JSON[unit] * float(cell) == pytest.approx(
-                    value, abs=0.5001 * last * TO_JSON[unit]
-                )
-    assert names == list(found["parameters"])
+def figures_of(said: Renderings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
+    """Every number of the page that JSON has too: where it stands there, its unit, its digits."""
+    for table in said.facts.tables:
+        columns = [k for k, c in enumerate(table.columns) if not c.summary]
+        for row, shown in zip(table.rows, body_of(said, table), strict=True):
+            cells = [row[k] for k in columns]
+            unit = row[1] if table.columns[1].title == "unit" else ""
+            for k, cell, words in zip(columns, cells, shown, strict=True):
+                if isinstance(cell, Figure) and cell.key:
+                    own = re.search(r"\[(.+?)\]", f"{_header(table, k)} {table.title}")
+                    here = unit if isinstance(unit, str) and unit else own[1] if own else ""
+                    yield cell.key, here, words
 
 
-def test_the_dh_table_is_in_one_unit_and_agrees_with_the_parameters(facts: Facts) -> None:
-    dh = facts.table("dh")
+def _header(table: Table, k: int) -> str:
+    column = table.columns[k]
+    return f"{column.title} {column.group} " + (f"[{column.unit}]" if column.unit else "")
+
+
+def to_json(key: tuple[str | int, ...], unit: str) -> float:
+    """What the number on the page is to be multiplied by."""
+    if PARAMETERS & {*key} and unit == "mm":
+        return 1e-3
+    return 1e-2 if unit == "%" else 1.0
+
+
+def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said: Renderings) -> None:
+    compared, seen = 0, set()
+    for key, unit, words in figures_of(said):
+        value: Any = said.data
+        for step in key:
+            value = value[step]
+        (number,) = numbers(words) or [""]
+        if value is None:
+            assert words == "n/a"
+            continue
+        scale = to_json(key, unit)
+        mantissa, _, power = number.partition("e")
+        last = 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
+        assert scale * float(number) == pytest.approx(value, abs=0.5001 * last * scale), key
+        compared += 1
+        seen.add(key[0])
+    assert compared > 250
+    # Each of these is a contract.
+    assert seen >= {
+        "nominal", "parameters", "sigma", "repeatability", "interval_95", "tip_sigma_mm", "rank",
+        "scaled_condition_number", "condition_number", "chi2_per_dof", "stated_chi2_per_dof", "poses",
+        "dof", "iterations", "sigma_pos_mm", "sigma_ori_mrad", "before", "checks", "budget",
+        "variance_components", "variance_components_interval", "tolerated_parameters",
+        "observability",
+    }  # fmt: skip
+
+
+def test_tests_and_correlations_are_lists_in_json_and_tables_elsewhere(said: Renderings) -> None:
+    tests = said.facts.table("tests")
+    assert tests is not None
+    for row, found in zip(body_of(said, tests), said.data["tests"], strict=True):
+        assert row[0] == found["code"]
+        for words, name in zip(row[1:], ("statistic", "threshold", "false_alarm"), strict=True):
+            shown = numbers(words)
+            assert [float(n) for n in shown] == (
+                [] if found[name] is None else [pytest.approx(found[name], rel=6e-3)]
+            )
+    correlations = said.facts.table("correlations")
+    assert correlations is not None
+    for k, row in enumerate(body_of(said, correlations)):
+        shown = [float(n) for n in numbers(" ".join(row[1:]))]
+        assert shown == pytest.approx(said.data["correlations"][k][: k + 1], abs=0.00501)
+
+
+def test_the_dh_table_is_in_one_unit_and_agrees_with_the_parameters(said: Renderings) -> None:
+    dh = said.facts.table("dh")
     assert dh is not None
     head = [plain(row) for row in table_spans(dh)[0]]
     assert re.findall(r"\[(.+?)\]", head[0]) == ["mm", "mm", "deg", "deg"]
-    text = text_rows(facts_text(facts), dh.title, 2)
-    for row in text_rows(facts_text(facts), facts.tables[0].title, 2):
+    text = text_rows(said.text, dh.title, 2)
+    for row in text_rows(said.text, said.facts.tables[0].title, 2):
         name, identified = row.split()[0], row.split()[3]
         link = int(name.rpartition("_")[2])
         assert identified in text[link].split()
 
 
-def test_headlines_are_the_same_in_tiles_lines_and_tables(facts: Facts, take_apart: type) -> None:
-    page = take_apart(tiles(facts))
-    line = plain(headline_spans(facts.headlines, 1000))
-    assert numbers(line) == numbers(" ".join(f"{h.figure.shown} {h.note}" for h in facts.headlines))
-    for headline in facts.headlines:
-        said = f"{headline.name}{headline.figure.with_unit}"
-        assert said.replace(" ", "") in page.text.replace(" ", "").replace("\u2212", "-")
-    rows = text_rows(facts_text(facts), "How well the poses determine them (no unit)", 1)
+def test_headlines_are_the_same_in_tiles_lines_and_tables(said: Renderings) -> None:
+    headlines = said.facts.headlines
+    line = plain(headline_spans(headlines, 1000))
+    assert numbers(line) == numbers(" ".join(f"{h.figure.shown} {h.note}" for h in headlines))
+    for headline in headlines:
+        told = f"{headline.name}{headline.figure.with_unit}"
+        assert told.replace(" ", "") in said.page.text.replace(" ", "").replace("\u2212", "-")
+    rows = text_rows(said.text, "How well the poses determine them (no unit)", 1)
     for name in ("rank", "poses", "chi2/dof", "scaled condition number"):
         (row,) = [r for r in rows if r.startswith(f"{name}  ")]
-        assert facts.headline(name).figure.shown in numbers(row)
-    assert facts.json["scaled_condition_number"] == pytest.approx(
-        float(facts.headline("scaled condition number").figure.shown), rel=5e-3
-    )
-    assert facts.json["rank"] == int(facts.headline("rank").figure.shown)
+        assert said.facts.headline(name).figure.shown in numbers(row)
 
 
-def test_a_notice_is_in_every_rendering_once(facts: Facts) -> None:
-    for notice in facts.notices:
-        joined = " ".join(facts_text(facts).split())
-        assert joined.count(" ".join(notice.text.split())) == 1
-    listed = [(n["code"], n["text"]) for n in facts.json["warnings"]]
-    assert listed == [(n.code, n.text) for n in facts.notices][:-1]
+def test_a_notice_is_in_every_rendering_once(said: Renderings) -> None:
+    assert said.facts.notices
+    assert [(n["code"], n["text"]) for n in said.data["warnings"]] == [
+        (n.code, n.text) for n in said.facts.notices
+    ]
+    for notice in said.facts.notices:
+        once = " ".join(notice.text.split())
+        assert " ".join(said.text.split()).count(once) == 1
+        assert once in " ".join(said.page.text.split())
 
 
-def test_headlines_too_long_for_a_line_lose_their_notes_and_no_figure(facts: Facts) -> None:
-    short = plain(headline_spans(facts.headlines, 60))
+def test_run_prints_what_report_reads(journalled: Mapping[str, Path], said: Renderings) -> None:
+    """The JSON of the session that ran, of the one that resumed it, and of the app are one."""
+    mine = {k: v for k, v in said.data.items() if k != "session"}
+    for made in ("run", "app", "resumed"):
+        other = json.loads(printed("report", str(journalled[made]), "--json"))
+        assert other.pop("session")["serial_number"] == "SDA-0001"
+        assert other == mine
+
+
+def test_headlines_too_long_for_a_line_lose_their_notes_and_no_figure(said: Renderings) -> None:
+    short = plain(headline_spans(said.facts.headlines, 60))
     assert "before" not in short
-    for headline in facts.headlines:
+    for headline in said.facts.headlines:
         assert headline.figure_text in short

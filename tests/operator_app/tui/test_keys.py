@@ -349,12 +349,15 @@ async def test_views_turn_over_on_a_small_terminal(still):
 async def test_pages_turn_over_in_results(still):
     async with still(story()["solved"], step=Step.RESULTS) as d:
         titles = []
-        for _ in range(6):
+        for _ in range(9):
             d.app.poll()
             await d.settle()
             titles.append(str(d.app.main.query_one("#results-plot").border_title))
+            if titles[-1].startswith("How far off the hand may be"):
+                hand = story()["solved"].solution.hand
+                assert f"{1e3 * hand.rms:.2f}" in d.text("#results-plot")
             await d.press("v")
-        assert len(set(titles)) == 6
+        assert len(set(titles)) == 9
 
 
 async def test_marks_move_with_the_arrows(still):

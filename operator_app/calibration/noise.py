@@ -7,20 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from datetime import datetime
 
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.loop import instrument_variance
+from operator_app.calibration.loop import instrument_variance, loop_of_poses, pick
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
+from solver.chain.pose_order import back_to_caller, canonical_order
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.implicit import NoiseModel
+from solver.estimators.load_effects import LoadBasis, load_basis
 from solver.estimators.variance_components import VarianceComponents
 from solver.loops.closure import ClosureModel
+
+MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
+"""A joint that differs by more than this between two poses was driven to the second."""
 
 
 def error_model(
@@ -41,6 +47,7 @@ def error_model(
     )
     endpoint = instrument_variance(fixture)
     held = fixture.kind != "measured"
+    there = np.arange(len(poses))[kept]
     return replace(
         errors,
         endpoint_variance=np.zeros(6) if endpoint is None else endpoint,
@@ -48,7 +55,60 @@ def error_model(
         give_m=fixture.give.position_m if held else None,
         tolerance={} if tolerance is None else tolerance,
         discrepancy=True,
+        loads=_loads(arm, fixture, poses, there, unsensed_joints),
+        approach=approach_of(arm, poses, there),
     )
+
+
+def _loads(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, there: IntArray, unsensed: tuple[int, ...]
+) -> LoadBasis | None:
+    """What gravity bends at the poses `there`, if the arm's file states what weighs.
+
+    At the nominal values and in canonical order: neither a search's start nor the file's order may
+    show in the result, not in its last digit.
+    """
+    if arm.masses is None or not len(there):
+        return None
+    order = canonical_order(poses.q_rad[there])
+    used = pick(poses, there[order])
+    model = loop_of_poses(arm, fixture, used, unsensed_joints=unsensed)
+    x, give = nominal_vector(model.parameters), fixture.give
+    return load_basis(
+        model,
+        x,
+        used.q_rad,
+        model.initial_unsensed(x, used.q_rad),
+        arm.masses,
+        give=(give.orientation_rad, give.position_m) if fixture.kind != "measured" else (0.0, 0.0),
+    ).at_poses(back_to_caller(order))
+
+
+def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | None:
+    """From which side every joint came to the kept poses (m, n): 1 or -1, 0 before it first moved.
+
+    Told by the times at which poses were taken, never by their order in the file; None without times.
+    """
+    if poses.utc is None or not all(poses.utc):
+        return None
+    try:
+        times = [datetime.fromisoformat(utc) for utc in poses.utc]
+        order = sorted(range(len(poses)), key=lambda k: times[k])
+    except (ValueError, TypeError):
+        # No times, or some with and some without their zone: whatever it says, no order.
+        return None
+    moves = np.maximum(MOVED_RAD, MOVED_SIGMAS * arm.sigma_rad())
+    found = np.zeros(poses.q_rad.shape)
+    side, last, placement = np.zeros(poses.joint_count), poses.q_rad[order[0]].copy(), None
+    for k in order:
+        here = poses.q_rad[k]
+        if poses.placement[k] != placement:
+            side, last, placement = np.zeros_like(side), here.copy(), poses.placement[k]
+        moved = np.abs(here - last) > moves
+        side = np.where(moved, np.sign(here - last), side)
+        last = np.where(moved, here, last)
+        found[k] = side
+    return found[kept]
 
 
 def noise_model(

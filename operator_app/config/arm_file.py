@@ -19,6 +19,7 @@ from operator_app.config.error_model import (
     assumed_of_joints,
     assumed_of_rows,
 )
+from operator_app.config.link_masses import GravityModel, LinkModel, link_masses
 from operator_app.config.quantities import (
     AngleDeg,
     Count,
@@ -142,6 +143,8 @@ class ArmFile(StrictModel):
     joints: tuple[JointModel, ...]
     free: tuple[Text, ...]
     home_deg: tuple[AngleDeg, ...]
+    gravity: GravityModel | None = None
+    links: tuple[LinkModel, ...] | None = None
 
     @field_validator("dh")
     @classmethod
@@ -164,6 +167,31 @@ class ArmFile(StrictModel):
                 ("joints",),
                 f"there are {len(value)} joints for {len(rows)} D-H rows",
                 "write one joint per row",
+            )
+        return value
+
+    @field_validator("links")
+    @classmethod
+    def _link_per_row(
+        cls, value: tuple[LinkModel, ...] | None, info: ValidationInfo
+    ) -> tuple[LinkModel, ...] | None:
+        if value is None:
+            return None
+        check_numbered(info, value, 1, "link")
+        rows = info.data.get("dh")
+        if rows is not None and len(rows) != len(value):
+            report(
+                info,
+                ("links",),
+                f"there are {len(value)} links for {len(rows)} D-H rows",
+                "write one link per row; mass_kg: 0 where nothing weighs",
+            )
+        if info.data.get("gravity", value) is None:
+            report(
+                info,
+                ("links",),
+                "the links weigh something, and no gravity says which way is down",
+                "write for example gravity: {down: [0, 0, -1]}",
             )
         return value
 
@@ -254,6 +282,9 @@ class ArmFile(StrictModel):
             free=tuple(DhEntry.parse(name) for name in self.free),
             home_rad=frozen(np.deg2rad(self.home_deg)),
             tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
+            masses=None
+            if self.links is None or self.gravity is None
+            else link_masses(self.links, self.gravity),
             assumed=tuple(self._assumed()),
         )
 

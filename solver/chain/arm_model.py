@@ -10,6 +10,7 @@ from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
+from solver.chain.statics import LinkMasses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +76,8 @@ class ArmModel:
         Pose the arm starts from, sensor coordinates, shape (n,).
     tolerances
         Of rows 1..n; empty where the whole table is exact.
+    masses
+        What its links weigh; None where nobody states it.
     assumed
         Which figures of its error model nobody stated, as ``key: value`` in the words of its file.
     """
@@ -85,6 +88,7 @@ class ArmModel:
     free: tuple[DhEntry, ...]
     home_rad: FloatArray
     tolerances: tuple[RowTolerance, ...] = ()
+    masses: LinkMasses | None = None
     assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -92,6 +96,8 @@ class ArmModel:
             raise ValueError("an arm needs one joint per D-H row")
         if self.tolerances and len(self.tolerances) != self.table.links:
             raise ValueError("an arm needs one tolerance per D-H row, or none at all")
+        if self.masses is not None and len(self.masses.mass_kg) != self.table.links:
+            raise ValueError("an arm needs one mass per D-H row, or none at all")
 
     @property
     def joint_count(self) -> int:

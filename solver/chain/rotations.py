@@ -82,3 +82,13 @@ def rotation_matrix(r: FloatArray) -> FloatArray:
     first = np.sinc(angle / np.pi)
     second = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
     return np.asarray(np.eye(3) + first * K + second * (K @ K))
+
+
+def rotation_about_z(angle_rad: FloatArray) -> FloatArray:
+    """Rotations (..., 3, 3) about z by angles (...)."""
+    out = np.zeros((*angle_rad.shape, 3, 3))
+    out[..., 0, 0] = out[..., 1, 1] = np.cos(angle_rad)
+    out[..., 1, 0] = np.sin(angle_rad)
+    out[..., 0, 1] = -out[..., 1, 0]
+    out[..., 2, 2] = 1.0
+    return out

@@ -1,13 +1,16 @@
 """Gravity in a serial arm: torque about every joint, linear in what each link weighs and where. Knows no loop.
 
-A link's weight enters only by its mass m and its first moment h = m c (mass times centre, seen in the
-frame at the link's end), and both enter linearly (Khalil & Dombre, *Modeling, Identification and
-Control of Robots*, 2002, section 9.4: the gravity part of the dynamic model). The generalised force of
-gravity on joint j, from all links k >= j that hang on it, is
+A link's weight enters only by its mass m and its first moment h = m c (mass times centre), and both
+enter linearly (Khalil & Dombre, *Modeling, Identification and Control of Robots*, 2002, section 9.4:
+the gravity part of the dynamic model). The generalised force of gravity on joint j, from all links
+k >= j that hang on it, is
 
-    tau_j = sum_k  z_{j-1} . ((p_k - p_{j-1}) m_k + R_k h_k) x g,
+    tau_j = sum_k  z_{j-1} . ((p_{k-1} - p_{j-1}) m_k + R_k h_k) x g,
 
-with z_{j-1} and p_{j-1} the joint's axis and a point of it, R_k and p_k frame k, g the field's vector.
+with z_{j-1} and p_{j-1} the joint's axis and a point of it, and g the field's vector. A link's centre is
+seen from its own joint: from p_{k-1}, in axes R_k with z along the joint's axis and x where ``theta +
+theta_off`` turns it (frame k-1 turned with the joint). So it depends on no length or twist of the link
+itself, which on the first and last link belong to the fixture.
 What holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
 ``computeGeneralizedGravity``.
 """
@@ -33,7 +36,7 @@ class LinkMasses:
     mass_kg
         (n,).
     centre_m
-        (n, 3): centre of mass of link j in frame j, at the link's end.
+        (n, 3): centre of mass of link j from p_{j-1}, in frame j-1 turned with the joint.
     mass_sd_kg
         (n,): standard deviation of the masses.
     centre_sd_m
@@ -104,15 +107,16 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     axes, origins = arm.axes, arm.origins_m
     n = axes.shape[-3] - 1
     weight = STANDARD_GRAVITY_M_PER_S2 * np.asarray(down)
-    z, p = axes[..., :-1, :, 2], origins[..., :-1, :]
+    z, x, p = axes[..., :-1, :, 2], axes[..., 1:, :, 0], origins[..., :-1, :]
+    link_axes = np.stack((x, np.cross(z, x), z), axis=-1)
     # z . (r x g) = (g x z) . r: one vector a joint, then a scalar product with each lever.
     by_lever = np.cross(weight, z)
     rates = np.zeros((*axes.shape[:-3], n, n, 4))
     for joint in range(n):
         turn = by_lever[..., joint, None, :]
-        lever = origins[..., joint + 1 :, :] - p[..., joint, None, :]
+        lever = p[..., joint:, :] - p[..., joint, None, :]
         rates[..., joint, joint:, 0] = (turn * lever).sum(-1)
-        rates[..., joint, joint:, 1:] = (turn[..., None, :] @ axes[..., joint + 1 :, :, :])[
+        rates[..., joint, joint:, 1:] = (turn[..., None, :] @ link_axes[..., joint:, :, :])[
             ..., 0, :
         ]
     return rates

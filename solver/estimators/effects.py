@@ -68,8 +68,10 @@ class Design(Layout):
             S[:, a.joint - 1] += v[k] * a.share[poses]
         if self.play_component is not None:
             S += v[self.play_component] * self.backlash**2
+        if len(self.play_joints):
+            S += self.play.missed[poses] * self.backlash**2
         if len(self.sag_joints):
-            S += self.sag_basis.missed[poses, None] * self.sag**2
+            S += self.sags.missed[poses] * self.sag**2
         return S
 
     def _used(self) -> FloatArray:
@@ -86,8 +88,21 @@ class Design(Layout):
         m = len(self.q[poses])
         F = np.tile(one, (m, 1))
         for rows, stated in self.gives:
-            F[:, rows] += (self.give_basis.missed[poses] * stated**2)[:, None]
+            F[:, rows] += (self.give_basis.missed[poses] * self.free_give * stated**2)[:, None]
+        if self.loaded is not None:
+            F += self.loaded.missed[poses]
         return F
+
+    def smooth_give_variance(self, v: FloatArray) -> FloatArray:
+        """Variance (6,) of the displacement that is the same again at the same pose."""
+        found = np.zeros(6)
+        # One group for each of `gives` with columns (the discrepancy's too), then that of the loads.
+        groups = [g for g in self.groups if g.source == "fixture_give"]
+        for (rows, _), g in zip(self.gives, groups, strict=False):
+            found[6 - self.rows :][rows] += g.variance(v)
+        if self.loaded is not None:
+            found[6 - self.rows :] += (self.loaded.columns**2).sum(-1).mean(0)
+        return found
 
     def noise_blocks(self, part: Whitened) -> Iterator[tuple[int, FloatArray]]:
         """Component and its derivative of the whitened noise, (m, r, r), for every noise component."""
@@ -135,6 +150,8 @@ class Design(Layout):
                 end = at + 3 * phi.shape[1]
                 M[..., at:end] = (Ew[..., rows, None] * phi[:, None, None, :]).reshape(m, r, -1)
                 at = end
+        if self.loaded is not None:
+            M[..., at:] = Ew @ self.loaded.columns[poses]
         w = (L_inverse @ system.w[poses][..., None])[..., 0]
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, Bw=Bw, Ew=Ew)
 
@@ -153,9 +170,9 @@ class Design(Layout):
             if a.curve is not None:
                 yield a.joint - 1, a.curve.basis(angle[:, a.joint - 1])
         for j in self.play_joints:
-            yield int(j), np.full((len(angle), 1), self.backlash[j])
+            yield int(j), self.backlash[j] * self.play.columns[poses, j]
         for j in self.sag_joints:
-            yield int(j), self.sag[j] * self.sag_basis.phi[poses]
+            yield int(j), self.sag[j] * self.sags.columns[poses, j]
 
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Joint corrections (m, n) and fixture displacement (m, k) of effect coefficients (unscaled)."""
@@ -168,4 +185,6 @@ class Design(Layout):
             k = self.give_basis.phi.shape[1]
             give[:, rows] = self.give_basis.phi @ b[at : at + 3 * k].reshape(3, k).T
             at += 3 * k
+        if self.loaded is not None:
+            give += self.loaded.columns @ b[at:]
         return shift, give

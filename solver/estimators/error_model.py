@@ -15,6 +15,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensor_curve import SensorCurve, curves_of
 from solver.chain.sensors import DITHER, NoSensor, Rvdt
+from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
 """Amplitude of a curve whose peak is 1: shapes of amplitude 1 add up to peaks of about 2."""
@@ -71,6 +72,10 @@ class ErrorModel:
         Standard deviation (rad, m) of free parameters whose nominal values are known beforehand.
     discrepancy
         Whether a smooth misfit that nobody stated may be found.
+    loads
+        What gravity bends, where masses are stated; else sag and give are any smooth function.
+    approach
+        (m, n): from which side every joint came, 1 or -1, 0 where that is not known.
     """
 
     joint_variance: FloatArray
@@ -83,6 +88,8 @@ class ErrorModel:
     give_m: float | None = None
     tolerance: Mapping[str, float] = field(default_factory=dict)
     discrepancy: bool = False
+    loads: LoadBasis | None = None
+    approach: FloatArray | None = None
 
     def at_poses(self, poses: IntArray) -> ErrorModel:
         """Return the error model of a selection of poses."""
@@ -90,6 +97,8 @@ class ErrorModel:
             self,
             joint_variance=self.joint_variance[poses],
             analogue=tuple(replace(a, share=a.share[poses]) for a in self.analogue),
+            loads=None if self.loads is None else self.loads.at_poses(poses),
+            approach=None if self.approach is None else self.approach[poses],
         )
 
     def without_joints(self, joints: tuple[int, ...]) -> ErrorModel:

@@ -14,6 +14,7 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import nominal_vector
 from solver.estimators.error_model import ErrorModel
+from solver.estimators.load_shapes import FREE, loaded_give, shapes_of_sag, sides_of_play
 from solver.estimators.pose_basis import PoseBasis, pose_basis
 from solver.loops.closure import ClosureModel
 
@@ -204,22 +205,7 @@ class Layout:
                     Group(source=f"rvdt_curve_{a.joint}", width=width, fixed=0.0,
                           component=c, scale=1.0, names=names_)
                 )  # fmt: skip
-        self.play_joints = np.flatnonzero(self.backlash)
-        if len(self.play_joints):
-            # Play taken up to the same side in every pose is no noise: it passes for an offset.
-            self.groups.append(
-                Group(source="joint_play", width=len(self.play_joints), fixed=1.0,
-                      component=None, scale=0.0,
-                      names=tuple(f"play_{j + 1}" for j in self.play_joints))
-            )  # fmt: skip
-        self.sag_joints = np.flatnonzero(self.sag)
-        self.sag_basis = self.give_basis = _NOTHING
-        if len(self.sag_joints):
-            self.sag_basis = pose_basis(self.q, columns=SAG_COLUMNS)
-            k = self.sag_basis.phi.shape[1]
-            self._stated_group(
-                "sag", tuple(f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(k))
-            )
+        self._lay_out_joints()
         # What gives: rows of the closure components, and the stated size along them.
         self.gives: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
@@ -228,8 +214,41 @@ class Layout:
             stated = sizes.get(key, 0.0)
             if stated > 0.0 or errors.discrepancy:
                 self.gives.append((rows, stated))
+        self.give_basis = _NOTHING
+        along = [sizes.get("fixture_rad", 0.0)] * (self.rows - 3) + [
+            sizes.get("fixture_m", 0.0)
+        ] * 3
+        self.loaded = loaded_give(errors, np.array(along))
         if self.gives:
             self._smooth_give(group)
+        if self.loaded is not None:
+            self.groups.append(
+                Group(source="fixture_give", width=self.loaded.width, fixed=1.0,
+                      component=None, scale=0.0,
+                      names=tuple(f"load{i}" for i in range(self.loaded.width)))
+            )  # fmt: skip
+
+    def _lay_out_joints(self) -> None:
+        """Play and sag of every joint."""
+        self.play_joints = np.flatnonzero(self.backlash)
+        self.play = sides_of_play(self.q, self.errors)
+        if len(self.play_joints):
+            # Play taken up to the same side in every pose is no noise: it passes for an offset.
+            sides = ("play", "approach")[: self.play.width]
+            self.groups.append(
+                Group(source="joint_play", width=len(self.play_joints) * len(sides), fixed=1.0,
+                      component=None, scale=0.0,
+                      names=tuple(f"{side}_{j + 1}" for j in self.play_joints for side in sides))
+            )  # fmt: skip
+        self.sag_joints = np.flatnonzero(self.sag)
+        self.sag_basis = _NOTHING
+        if len(self.sag_joints):
+            self.sag_basis = pose_basis(self.q, columns=SAG_COLUMNS)
+            self.sags = shapes_of_sag(self.q, self.errors, self.sag_basis)
+            k = self.sags.width
+            self._stated_group(
+                "sag", tuple(f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(k))
+            )
 
     def _smooth_give(self, group: IntArray | None) -> None:
         groups = 1 if group is None else len(np.unique(group))
@@ -240,13 +259,15 @@ class Layout:
                 Component(name="discrepancy", start=1e-8, floor=1e-8, leap=0.04, soft=1.0)
             )
         k = self.give_basis.phi.shape[1]
+        # The basis has a variance of 2: a constant and a linear part beside its scales.
+        self.free_give = 1.0 if self.loaded is None else 0.5 * FREE
         for rows, stated in self.gives:
             names = [f"give{i}_{row}" for row in range(rows.start, rows.stop) for i in range(k)]
             self.groups.append(
                 Group(
                     source="fixture_give",
                     width=3 * k,
-                    fixed=max(stated, 1e-9) ** 2,
+                    fixed=self.free_give * max(stated, 1e-9) ** 2,
                     component=c,
                     scale=UNIT_DISCREPANCY**2,
                     names=tuple(names),

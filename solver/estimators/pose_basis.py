@@ -47,7 +47,7 @@ def pose_basis(q: FloatArray, *, columns: int, group: IntArray | None = None) ->
     angle = q[:, moving]
     linear = (angle - angle.mean(axis=0)) / (spread[moving] * np.sqrt(max(1, moving.sum())))
     group = np.zeros(len(q), dtype=np.int64) if group is None else group
-    far = _farthest(np.column_stack((angle, 10.0 * group)), CENTRES)
+    far = farthest(np.column_stack((angle, 10.0 * group)), CENTRES)
 
     def kernel(one: IntArray, two: IntArray) -> FloatArray:
         a, b = angle[one], angle[two]
@@ -68,7 +68,7 @@ def pose_basis(q: FloatArray, *, columns: int, group: IntArray | None = None) ->
     return PoseBasis(phi=whole, missed=np.maximum(diagonal - (whole**2).sum(-1), 0.0))
 
 
-def _farthest(points: FloatArray, count: int) -> IntArray:
+def farthest(points: FloatArray, count: int) -> IntArray:
     """Indices of points (m, d) chosen one by one, each the farthest from those before."""
     if len(points) <= count:
         return np.arange(len(points))

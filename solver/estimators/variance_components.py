@@ -172,12 +172,7 @@ def _report(found: MixedFit, errors: ErrorModel, back: IntArray) -> VarianceComp
     stated = fit.stated
     give = np.zeros(6)
     give[6 - design.rows :] = design.fixture_variance(v).mean(axis=0)
-    for g in design.groups:
-        if g.source == "fixture_give":
-            rows = (
-                slice(0, 3) if g.names[0].split("_")[1] == "0" and design.rows == 6 else slice(3, 6)
-            )
-            give[rows] += g.variance(v)
+    give += design.smooth_give_variance(v)
     return VarianceComponents(
         components=components(found, design),
         flexure=flexure_test(stated, design),

@@ -215,6 +215,16 @@ class ClosureModel(ABC):
         """Put the reduced errors of all `parts` together."""
         return found[0]
 
+    def fixture_axes(
+        self, x: FloatArray, q: FloatArray, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Axes (m, 3, 3) of the fixture's halves on table and hand, seen where the closure error is.
+
+        Of a loop of one placement; both stay as they are where neither half turns.
+        """
+        still = np.broadcast_to(np.eye(3), (len(q), 3, 3))
+        return still, still
+
     @property
     def entries(self) -> tuple[DhEntry, ...]:
         """Unknown D-H entries, where one table serves all poses."""

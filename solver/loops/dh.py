@@ -13,7 +13,11 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable, Frames, turned
 from solver.chain.parameters import DhKind
-from solver.chain.rotations import rotation_vector, rotation_vector_differential
+from solver.chain.rotations import (
+    rotation_about_z,
+    rotation_vector,
+    rotation_vector_differential,
+)
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.closure import ClosureModel, Held, Hold, LoopError, ReducedError
 from solver.loops.endpoint_geometry import HeldAxis, held_frame_entries
@@ -94,6 +98,15 @@ class DhLoop(ArmLoop):
             unsensed=theta_0[..., None],
             flipped=R[..., 2, 2] < 0.0,
         )
+
+    def fixture_axes(
+        self, x: FloatArray, q: FloatArray, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Frame -1 is on the hand; theta_0 turns it into the table's axes (eq. 11)."""
+        table, hand = ClosureModel.fixture_axes(self, x, q, u)
+        if self.hinge:
+            table = rotation_about_z(u[..., 0])
+        return table, hand
 
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Eight equal descriptions of a hinge loop, none of which a rigid loop has.

@@ -64,6 +64,13 @@ class PointClosure(ArmLoop):
             np.concatenate((frames.R_end, ground), axis=-1),
         )
 
+    def fixture_axes(
+        self, x: FloatArray, q: FloatArray, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The socket stands in the base frame, the ball turns with the hand."""
+        table, _ = ArmLoop.fixture_axes(self, x, q, u)
+        return table, self.frames(x, q, u).R_end
+
     @property
     def ground_side(self) -> tuple[str, ...]:
         """ground_x .. ground_z, as far as unknown.

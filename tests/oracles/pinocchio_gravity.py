@@ -9,14 +9,14 @@ from tests.oracles.pinocchio_chain import PinocchioChain
 
 
 class PinocchioGravity:
-    """Torque that holds a D-H chain up; a link's mass hangs in the frame at its end."""
+    """Torque that holds a D-H chain up; a link's mass hangs where its joint turns."""
 
     def __init__(self, mass, centre, gravity) -> None:
         self.chain = PinocchioChain(len(mass))
         model = self.chain.model
         for link, (m, c) in enumerate(zip(mass, centre, strict=True)):
             inertia = pin.Inertia(float(m), np.asarray(c), np.zeros((3, 3)))
-            model.appendBodyToJoint(4 * (link + 1), inertia, pin.SE3.Identity())
+            model.appendBodyToJoint(4 * link + 1, inertia, pin.SE3.Identity())
         model.gravity.linear = np.asarray(gravity)
         self.data = model.createData()
 

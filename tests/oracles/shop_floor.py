@@ -12,6 +12,7 @@ that switching one off leaves the others as they were. `Sizes` are those that th
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from datetime import UTC, datetime, timedelta
 from enum import IntEnum
 
 import numpy as np
@@ -32,6 +33,8 @@ from tests.oracles.shop_floor_walk import (
     nominal_chart,
     wander,
 )
+
+START = datetime(2020, 5, 4, 9, tzinfo=UTC)
 
 PARAMETERS = (
     *(f"theta_off_{j}" for j in range(1, 8)),
@@ -165,7 +168,8 @@ class Specimen:
 class Session:
     """What a session leaves (readings, spreads, samples) and the truth that nobody there knows.
 
-    `angles` (m, 8) are the true angles, the hinge's first; `truth` holds every D-H entry by name.
+    `angles` (m, 8) are the true angles, the hinge's first; `truth` holds every D-H entry by name;
+    `minute` (m,) says when each pose was taken.
     """
 
     readings: np.ndarray
@@ -174,6 +178,7 @@ class Session:
     angles: np.ndarray
     ground: np.ndarray
     hand: np.ndarray
+    minute: np.ndarray
     specimen: Specimen
     truth: dict[str, float] = field(repr=False)
 
@@ -182,20 +187,22 @@ class Session:
 
     def picked(self, keep) -> Session:
         """Return the session with these poses only, in this order."""
-        rows = ("readings", "spread", "samples", "angles", "ground", "hand")
+        rows = ("readings", "spread", "samples", "angles", "ground", "hand", "minute")
         return replace(self, **{name: getattr(self, name)[keep] for name in rows})
 
     def csv(self, *, spreads: bool = True) -> str:
-        """Return the poses as a file: placement, pose, angles, spreads and samples, in degrees."""
+        """Return the poses as a file: placement, pose, angles, spreads, samples (deg), times."""
         joints = range(1, 8)
         head = ["placement", "pose", *(f"theta{j}_deg" for j in joints)]
         head += [*(f"sd{j}_deg" for j in joints), "samples"] if spreads else []
+        head.append("utc")
         lines = [",".join(head)]
         for k in range(len(self)):
             cells = ["1", f"p{k + 1:03d}", *(repr(float(v)) for v in np.rad2deg(self.readings[k]))]
             if spreads:
                 cells += [repr(float(v)) for v in np.rad2deg(self.spread[k])]
                 cells.append(str(int(self.samples[k])))
+            cells.append((START + timedelta(minutes=int(self.minute[k]))).isoformat())
             lines.append(",".join(cells))
         return "\n".join(lines) + "\n"
 
@@ -293,6 +300,7 @@ def taken(
         angles=angles,
         ground=ground,
         hand=hand,
+        minute=np.arange(len(angles)),
         specimen=specimen,
         truth=truth_of(specimen.chain),
     )

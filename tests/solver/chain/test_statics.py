@@ -55,7 +55,9 @@ def test_a_link_weighs_on_the_joints_before_it_only():
     assert rates.shape == (6, LINKS, LINKS, 4)
     for joint in range(LINKS):
         assert np.all(rates[:, joint, :joint] == 0.0)
-        assert np.all(np.any(rates[:, joint, joint:] != 0.0, axis=0))
+        assert np.all(np.any(rates[:, joint, joint:, 1:] != 0.0, axis=(0, 2)))
+        # The mass of the joint's own link is where its centre is: it has no lever of its own.
+        assert np.all(rates[:, joint, joint, 0] == 0.0)
 
 
 def test_uncertain_masses_and_centres_have_the_covariance_of_their_draws():

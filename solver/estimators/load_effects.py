@@ -1,0 +1,289 @@
+"""What bends under load, from static equilibrium: a few columns instead of a free function of the pose.
+
+A joint's drive holds the arm up, so its twist follows gravity's torque: sag of joint j is an unknown
+coefficient times tau_j(q). What the gravity compensation gets wrong, dtau, nobody holds but the fixture:
+joints in free mode carry no torque, so at rest, for a virtual motion of these,
+
+    J_f' F + dtau_f = 0,     N' F = 0
+
+(Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4; J_f are the
+free joints' columns of the closure Jacobian, N those of the fixture's own freedoms, about which it holds
+no moment). Written ``F = E y`` with ``E' N = 0``, and with friction that carries a little where a fold
+would ask for any force at all, that is
+
+    F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f,
+
+linear in dtau, which is linear in the errors of masses and centres (`solver.chain.statics`): F = W z,
+z ~ N(0, I). Which joints were in position mode no pose file says: every set of as many as the loop has
+freedoms may have been, and W holds the columns of them all, of equal sizes.
+
+Both halves of the fixture give by a compliance (`solver.estimators.compliance`). The leading eigenvectors
+of the displacements' covariance are the columns (Nystroem's from poses far apart), of the stated size
+over the poses, and `missed` is what so few columns leave out. Knows a closure model's derivatives;
+estimates nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.chain.kinematics import Frames, forward
+from solver.chain.parameters import DhEntry, DhKind, is_entry
+from solver.chain.statics import LinkMasses, torque_rates
+from solver.closing import left_null_space
+from solver.estimators.compliance import Half, blocks, compliance_sizes, covariance, variance
+from solver.estimators.pose_basis import farthest
+from solver.loops.closure import ClosureModel
+
+RUB_M = 0.1
+"""Friction of a free joint: N m for each N (and each N m) at the fixture."""
+
+HAND = 0.5
+"""Compliance of the hand's half of the fixture as a share of the table's."""
+
+SETS = 8
+"""Sets of joints in position mode that are looked at, evenly among all."""
+
+SAG_COLUMNS, GIVE_COLUMNS = 3, 24
+"""Columns for the twist of a joint, and for what gives in one placement."""
+
+CENTRES = 32
+"""Poses, as far apart as there are, from which the others are interpolated."""
+
+SMALLEST = 1e-9
+"""Eigenvalues below this share of the largest are rounding."""
+
+LEAST_TORQUE_NM = 1e-6
+"""A joint that gravity turns less than this is not turned by it."""
+
+CHUNK = 512
+"""Poses worked on at a time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LoadBasis:
+    """Effects of load at m poses; coefficients ~ N(0, 1), all at a variance of 1 over the poses.
+
+    Attributes
+    ----------
+    sag, sag_missed
+        (m, n, c) twist of every joint, and (m, n) variance that the columns leave out: all of it for a
+        joint on which gravity has no lever.
+    give, give_missed
+        (m, k, c) displacement along the closure components in units of the stated give, and (m, k).
+    side
+        (m, n): expected side, between -1 and 1, to which gravity takes up the play of every joint.
+    """
+
+    sag: FloatArray
+    sag_missed: FloatArray
+    give: FloatArray
+    give_missed: FloatArray
+    side: FloatArray
+
+    def at_poses(self, poses: IntArray) -> LoadBasis:
+        """Return the same for a selection of poses."""
+        return LoadBasis(
+            sag=self.sag[poses],
+            sag_missed=self.sag_missed[poses],
+            give=self.give[poses],
+            give_missed=self.give_missed[poses],
+            side=self.side[poses],
+        )
+
+
+def load_basis(
+    model: ClosureModel,
+    x: FloatArray,
+    q: FloatArray,
+    u: FloatArray,
+    masses: LinkMasses,
+    *,
+    give: tuple[float, float],
+    sag_columns: int = SAG_COLUMNS,
+    give_columns: int = GIVE_COLUMNS,
+) -> LoadBasis:
+    """Return what load does at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
+
+    Parameters
+    ----------
+    x
+        Parameters (P,), near the truth.
+    give
+        Stated give (rad, m): their ratio says how forces share with moments. Of several placements
+        each has columns of its own, `give_columns` of them.
+    """
+    m, k = len(q), model.components
+    parts = model.parts()
+    torque = np.zeros((m, model.joint_count, 0))
+    moved = np.zeros((m, k, give_columns * len(parts)))
+    missed = np.zeros((m, k))
+    for number, (part, of_part, of_poses) in enumerate(parts):
+        here = np.arange(m)[of_poses]
+        one = _Part(model=part, x=x[of_part], q=q[here], u=u[here], masses=masses)
+        turns = one.torques()
+        if not torque.size:
+            torque = np.zeros((m, *turns.shape[1:]))
+        torque[here] = turns
+        if max(give) > 0.0:
+            ours = slice(number * give_columns, (number + 1) * give_columns)
+            moved[here, :, ours], missed[here] = one.gives(give, give_columns)
+    sag, left = _leading(torque, sag_columns)
+    return LoadBasis(sag=sag, sag_missed=left, give=moved, give_missed=missed, side=_side(torque))
+
+
+def _side(torque: FloatArray) -> FloatArray:
+    """Expected sign (m, n) of a torque whose first shape is its mean and the others its deviations."""
+    from scipy.special import erf
+
+    spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
+    return np.asarray(erf(torque[..., 0] / np.maximum(spread, LEAST_TORQUE_NM)))
+
+
+def _leading(shapes: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
+    """Leading columns (m, n, c) of shapes (m, n, s) with coefficients N(0, 1), and what they leave (m, n).
+
+    For every joint at a variance of 1 over the poses.
+    """
+    m, n, s = shapes.shape
+    size = np.sqrt((shapes**2).sum(-1).mean(0))
+    turned = size > LEAST_TORQUE_NM
+    shapes = shapes / np.where(turned, size, np.inf)[:, None]
+    by_joint = shapes.transpose(1, 0, 2)
+    _, vectors = np.linalg.eigh(by_joint.transpose(0, 2, 1) @ by_joint)
+    found = np.zeros((m, n, columns))
+    kept = min(columns, s)
+    found[..., :kept] = (by_joint @ vectors[..., ::-1][..., :kept]).transpose(1, 0, 2)
+    missed = np.maximum((shapes**2).sum(-1) - (found**2).sum(-1), 0.0)
+    return found, np.where(turned, missed, 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Part:
+    """Poses of one placement."""
+
+    model: ClosureModel
+    x: FloatArray
+    q: FloatArray
+    u: FloatArray
+    masses: LinkMasses
+
+    def arm(self, poses: IntArray | slice) -> Frames:
+        """Frames 0..n of the arm alone.
+
+        The offsets of the first and the last joint are those of the arm's file: calibrated ones are
+        counted from the fixture's axis, and neither gravity nor the hand's centre knows of that.
+        """
+        rows = self.model.arm_rows().copy()
+        ends = {f"{DhKind.THETA_OFF.symbol}_{j}" for j in (1, rows.shape[1])}
+        for parameter, value in zip(self.model.parameters, self.x, strict=True):
+            if is_entry(parameter.name) and parameter.name not in ends:
+                entry = DhEntry.parse(parameter.name)
+                if entry.row > 0:
+                    rows[int(entry.kind), entry.row - 1] = value
+        angle = self.q[poses] + rows[DhKind.THETA_OFF]
+        return forward(angle, rows[DhKind.S], rows[DhKind.A], rows[DhKind.ALPHA])
+
+    def torques(self) -> FloatArray:
+        """Gravity's torque (m, n, 1 + 4 n + 2): as stated, by uncertain moments, by a tilted base."""
+        arm, masses = self.arm(slice(None)), self.masses
+        rates = torque_rates(arm, masses.down)
+        stated = (rates * masses.moments).sum((-1, -2))
+        uncertain = _by_moment(rates, masses)
+        tilts = [(torque_rates(arm, way) * masses.moments).sum((-1, -2)) for way in masses.tilted]
+        return np.concatenate((stated[..., None], uncertain, np.stack(tilts, axis=-1)), axis=-1)
+
+    def wrenches(self, poses: IntArray | slice) -> FloatArray:
+        """Fixture's wrench W (m, k, 4 n, sets) for a unit of each uncertain moment, by driven set."""
+        model = self.model
+        error = model.loop(self.x, self.q[poses], self.u[poses])
+        lost = [j - 1 for j in model.unsensed_joints]
+        own = error.jac_u.shape[-1] - len(lost)
+        J = error.jac_q.copy()
+        J[..., lost] = error.jac_u[..., own:]
+        N = error.jac_u[..., :own]
+        moments = _by_moment(torque_rates(self.arm(poses), self.masses.down), self.masses)
+        found = []
+        for driven in driven_sets(model.joint_count, J.shape[-2] - own):
+            free = np.delete(np.arange(model.joint_count), driven)
+            found.append(wrench_of(J[..., free], N, moments[:, free]))
+        return np.stack(found, axis=-1)
+
+    def gives(self, give: tuple[float, float], columns: int) -> tuple[FloatArray, FloatArray]:
+        """Displacement (m, k, c) in units of the stated give, and the variance left out (m, k)."""
+        m, k = len(self.q), self.model.components
+        centres = farthest(self.q, CENTRES)
+        W = self.wrenches(centres)
+        if not W.any():
+            # Exact masses: whatever bends the fixture, it is not what this knows of.
+            return np.zeros((m, k, columns)), np.zeros((m, k))
+        # Every set of driven joints pulls as hard as another, by moments and by forces.
+        unit = np.ones((k, W.shape[-1]))
+        for rows in blocks(k):
+            size = np.sqrt((W[:, rows] ** 2).sum((1, 2)).mean(0))
+            unit[rows] = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+        unit /= np.sqrt(W.shape[-1])
+        s = compliance_sizes(give, rotations=k - 3)
+        size = np.array([give[0]] * (k - 3) + [give[1]] * 3)
+        scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
+        there = self._halves(centres, W * unit[:, None], s)
+        kernel = covariance(there, there, s)
+        values, vectors = np.linalg.eigh(kernel)
+        good = values > SMALLEST * values[-1]
+        root = vectors[:, good] / np.sqrt(values[good])
+        found = np.zeros((m, k, columns))
+        missed = np.zeros((m, k))
+        for first in range(0, m, CHUNK):
+            here = np.arange(first, min(first + CHUNK, m))
+            halves = self._halves(here, self.wrenches(here) * unit[:, None], s)
+            whole = covariance(halves, there, s) @ root
+            whole = whole.reshape(len(here), k, -1)[..., ::-1] * scale[:, None]
+            kept = min(columns, whole.shape[-1])
+            found[here, :, :kept] = whole[..., :kept]
+            total = variance(halves, s).reshape(len(here), k) * scale**2
+            missed[here] = np.maximum(total - (found[here] ** 2).sum(-1), 0.0)
+        return found, missed
+
+    def _halves(self, poses: IntArray, W: FloatArray, s: FloatArray) -> list[Half]:
+        """Wrenches on table and hand, each in the axes of that half."""
+        axes = self.model.fixture_axes(self.x, self.q[poses], self.u[poses])
+        W = W.reshape(*W.shape[:2], -1)
+        share = np.array([1.0, HAND]) / np.hypot(1.0, HAND)
+        halves = []
+        for turn, part in zip(axes, share, strict=True):
+            T = np.zeros((len(poses), len(s), len(s)))
+            for rows in blocks(len(s)):
+                T[:, rows, rows] = turn
+            halves.append(Half(turn=part * T, pull=(np.swapaxes(T, -1, -2) @ W) * s[:, None]))
+        return halves
+
+
+def wrench_of(J: FloatArray, N: FloatArray, torque: FloatArray, rub: float = RUB_M) -> FloatArray:
+    """Fixture's wrench (m, k, c) that keeps free joints at rest under torques (m, f, c).
+
+    Parameters
+    ----------
+    J, N
+        Columns of the free joints (m, k, f) and of the fixture's own freedoms (m, k, U).
+    """
+    E = left_null_space(N)
+    K = np.swapaxes(E, -1, -2) @ J
+    held = K @ np.swapaxes(K, -1, -2) + rub**2 * np.eye(K.shape[-2])
+    return np.asarray(-(E @ np.linalg.solve(held, K @ torque)))
+
+
+def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
+    """0-based joints that may have been in position mode: as many as `equations` leave free."""
+    every = list(combinations(range(joints), max(joints - equations, 0)))
+    chosen = np.unique(np.linspace(0, len(every) - 1, min(SETS, len(every))).astype(np.int64))
+    return [every[i] for i in chosen]
+
+
+def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
+    """Torque (m, n, 4 n) for a unit of each uncertain moment."""
+    found = rates[..., None, :] @ masses.moments_sd
+    return np.asarray(found.reshape(*rates.shape[:2], -1))

@@ -1,0 +1,78 @@
+"""What is the same again at the same pose: sides of play, sag and give, as shapes over the poses.
+
+By load where masses are stated (`solver.estimators.load_effects`), any smooth function of the pose where
+they are not. Shapes have coefficients ~ N(0, 1); what they leave of a stated variance is anew in every
+pose. Knows no loop and no variance component.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.pose_basis import PoseBasis
+
+FREE = 0.15
+"""Share of a stated sag or give that is no load's, where loads are known: they may be known wrongly."""
+
+BY_APPROACH = 0.5
+"""Share of the play's variance that follows the way a joint came; the rest lies where the load is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shapes:
+    """Shapes (m, d, c) along d joints or closure components, and the variance they leave (m, d).
+
+    In units of what is stated of each joint; of a fixture's give in rad and m.
+    """
+
+    columns: FloatArray
+    missed: FloatArray
+
+    @property
+    def width(self) -> int:
+        """Number c of shapes of one joint."""
+        return int(self.columns.shape[-1])
+
+
+def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
+    """Where play lies: to one side, that of the load where it is known; and to that of the approach.
+
+    Nobody knows which of the two it follows; both are equally likely where both are known.
+    """
+    by_load = np.ones_like(q) if errors.loads is None else errors.loads.side
+    if errors.approach is None:
+        columns = by_load[..., None]
+    else:
+        shares = np.sqrt([1.0 - BY_APPROACH, BY_APPROACH])
+        columns = shares * np.stack((by_load, errors.approach), axis=-1)
+    return Shapes(columns=columns, missed=1.0 - (columns**2).sum(-1))
+
+
+def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes:
+    """Twist of every joint under gravity."""
+    loads, (m, n) = errors.loads, q.shape
+    if loads is None:
+        return Shapes(
+            columns=np.broadcast_to(basis.phi[:, None], (m, n, basis.phi.shape[1])),
+            missed=np.broadcast_to(basis.missed[:, None], (m, n)),
+        )
+    return Shapes(
+        columns=np.sqrt(1.0 - FREE) * loads.sag, missed=(1.0 - FREE) * loads.sag_missed + FREE
+    )
+
+
+def loaded_give(errors: ErrorModel, sizes: FloatArray) -> Shapes | None:
+    """Displacement of a fixture of stated give `sizes` (k,), rad and m, but for what is `FREE`.
+
+    None where loads are not known, or pull at nothing, or nothing is stated to give.
+    """
+    if errors.loads is None or not sizes.any() or not errors.loads.give.any():
+        return None
+    return Shapes(
+        columns=np.sqrt(1.0 - FREE) * sizes[:, None] * errors.loads.give,
+        missed=(1.0 - FREE) * sizes**2 * errors.loads.give_missed,
+    )

@@ -1,0 +1,237 @@
+"""What bends under load: static equilibrium by central differences, covariances by drawing them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver.chain.kinematics import forward
+from solver.chain.parameters import nominal_vector
+from solver.chain.rotations import rotation_about_z
+from solver.chain.statics import LinkMasses, gravity_torque
+from solver.estimators.compliance import (
+    WISHART_DOF,
+    Half,
+    compliance_sizes,
+    covariance,
+    variance,
+)
+from solver.estimators.load_effects import LoadBasis, driven_sets, load_basis, wrench_of
+from solver.loops.dh import DhLoop
+from solver.loops.placements import place
+from solver.loops.point import PointClosure
+from tests.oracles.loop_oracle import paper_truth
+from tests.oracles.pinocchio_gravity import PinocchioGravity
+from tests.oracles.simulated_loops import Simulation
+from tests.solver.conftest import loop_of
+
+POSES = 12
+GIVE = (3e-4, 2e-4)
+MASSES = LinkMasses(
+    mass_kg=np.array([2.0, 1.0, 4.0, 1.0, 2.5, 0.5, 1.5]),
+    centre_m=np.array([[0, 0, 0.0]] * 2 + [[0, 0, 0.18], [0, 0, 0], [0, 0, 0.16], [0, 0, 0], [0.05, 0, 0]]),
+    mass_sd_kg=0.2 * np.array([2.0, 1.0, 4.0, 1.0, 2.5, 0.5, 1.5]),
+    centre_sd_m=np.full(7, 0.015),
+    down=np.array([-1.0, 0.0, 0.0]),
+    down_sd_rad=0.05,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def model() -> DhLoop:
+    return loop_of(paper_truth())
+
+
+@pytest.fixture(scope="module")
+def q() -> np.ndarray:
+    return Simulation(poses=POSES).readings(0)
+
+
+def basis(model, q, masses=MASSES, *, give=GIVE, **columns) -> LoadBasis:
+    x = nominal_vector(model.parameters)
+    return load_basis(model, x, q, model.initial_unsensed(x, q), masses, give=give, **columns)
+
+
+def arm_torque(model: DhLoop, q: np.ndarray, masses: LinkMasses) -> np.ndarray:
+    offsets, s, a, alpha = model.arm_rows()
+    return gravity_torque(forward(q + offsets, s, a, alpha), masses)
+
+
+# ---- equilibrium
+
+
+def test_free_joints_are_in_equilibrium_and_the_hinge_holds_no_moment(model, q):
+    """Virtual work by central differences of the closure: no Jacobian of the subject is used."""
+    x = nominal_vector(model.parameters)
+    u = model.initial_unsensed(x, q)
+    rng = np.random.default_rng(0)
+    torque = rng.normal(size=(POSES, 7, 2))
+    error = model.loop(x, q, u)
+    free = [1, 2, 3, 5, 6]
+    F = wrench_of(error.jac_q[..., free], error.jac_u, torque[:, free], rub=1e-6)
+    assert F.shape == (POSES, 6, 2)
+    for j in free:
+        step = 1e-6 * np.eye(7)[j]
+        rate = (model.loop(x, q + step, u).residual - model.loop(x, q - step, u).residual) / 2e-6
+        work = np.einsum("mk,mkc->mc", rate, F) + torque[:, j]
+        assert np.abs(work).max() < 1e-4 * np.abs(torque).max()
+    about = model.loop(x, q, u + 1e-6).residual - model.loop(x, q, u - 1e-6).residual
+    assert np.abs(np.einsum("mk,mkc->mc", about / 2e-6, F)).max() < 1e-6 * np.abs(F).max()
+
+
+def test_friction_keeps_the_wrench_finite_at_a_fold(model, q):
+    x = nominal_vector(model.parameters)
+    error = model.loop(x, q, model.initial_unsensed(x, q))
+    folded = error.jac_q[..., [1, 2, 3, 5, 6]].copy()
+    folded[..., 4] = folded[..., 3]
+    torque = np.zeros((POSES, 5, 1))
+    torque[:, 3], torque[:, 4] = 1.0, -1.0
+    F = wrench_of(folded, error.jac_u, torque, rub=0.1)
+    assert np.abs(F).max() < 1e-9 / 0.1 + 1.0 / 0.1
+
+
+def test_as_many_joints_are_driven_as_the_loop_has_freedoms():
+    assert all(len(set(s)) == 2 and max(s) < 7 for s in driven_sets(7, 5))
+    assert len(driven_sets(7, 5)) == len(set(driven_sets(7, 5))) > 5
+    assert driven_sets(7, 7) == [()]
+    assert {len(s) for s in driven_sets(7, 3)} == {4}
+
+
+# ---- covariances
+
+
+def test_displacements_have_the_covariance_of_wishart_compliances():
+    rng = np.random.default_rng(1)
+    m, a, count = 2, 3, 40_000
+    s = compliance_sizes((2.0, 3.0), rotations=3)
+    wrench = rng.normal(size=(m, 6, a))
+    angle = np.array([0.3, -0.8])
+    turn = np.zeros((m, 6, 6))
+    turn[:, :3, :3] = turn[:, 3:, 3:] = rotation_about_z(angle)
+    half = Half(turn=0.7 * turn, pull=(np.swapaxes(turn, -1, -2) @ wrench) * s[:, None])
+    root = rng.normal(size=(count, 6, int(WISHART_DOF)))
+    M = root @ np.swapaxes(root, -1, -2) / WISHART_DOF
+    z = rng.normal(size=(count, a))
+    own = np.einsum("mki,mka,na->nmi", turn, wrench, z)
+    moved = np.einsum("i,nij,j,nmj->nmi", s, M, s, own)
+    drawn = 0.7 * np.einsum("mij,nmj->nmi", turn, moved).reshape(count, -1)
+    expected = drawn.T @ drawn / count
+    found = covariance([half], [half], s)
+    scale = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
+    assert np.abs((found - expected) / scale).max() < 0.05
+    assert variance([half], s).reshape(-1) == pytest.approx(np.diagonal(found), rel=1e-10)
+
+
+@pytest.mark.parametrize("give", [(1.0, 1.0), (5e-4, 1e-4), (1e-4, 8e-4), (0.0, 2e-4), (2e-4, 0.0)])
+def test_sizes_give_what_is_stated(give):
+    rng = np.random.default_rng(2)
+    wrench = rng.normal(size=(400, 6, 5))
+    for rows in (slice(0, 3), slice(3, 6)):
+        wrench[:, rows] /= np.sqrt((wrench[:, rows] ** 2).sum((1, 2)).mean())
+    s = compliance_sizes(give, rotations=3)
+    half = Half(turn=np.broadcast_to(np.eye(6), (400, 6, 6)), pull=wrench * s[:, None])
+    size = variance([half], s).mean(0)
+    assert size[:3].mean() == pytest.approx(give[0] ** 2, rel=1e-9)
+    assert size[3:].mean() == pytest.approx(give[1] ** 2, rel=1e-9)
+
+
+# ---- columns
+
+
+def test_columns_and_what_they_miss_add_up_to_what_is_stated(model, q):
+    few, many = basis(model, q, give_columns=5), basis(model, q, give_columns=60)
+    for found in (few, many):
+        total = (found.give**2).sum(-1) + found.give_missed
+        assert total[:, :3].mean() == pytest.approx(1.0, rel=1e-6)
+        assert total[:, 3:].mean() == pytest.approx(1.0, rel=1e-6)
+        twist = (found.sag**2).sum(-1) + found.sag_missed
+        assert twist.mean(0) == pytest.approx(np.ones(7), rel=1e-9)
+    assert many.give_missed.max() < 0.02 < few.give_missed.mean()
+
+
+def test_other_masses_within_their_tolerance_twist_joints_along_the_columns(model, q):
+    rng = np.random.default_rng(4)
+    found = basis(model, q)
+    for _ in range(10):
+        other = replace(
+            MASSES,
+            mass_kg=MASSES.mass_kg + MASSES.mass_sd_kg * rng.normal(size=7),
+            centre_m=MASSES.centre_m + 0.015 * rng.normal(size=(7, 3)),
+        )
+        offsets, s, a, alpha = model.arm_rows()
+        oracle = PinocchioGravity(other.mass_kg, other.centre_m, 9.81 * other.down)
+        torque = np.array([oracle.holding_torque(p + offsets, s, a, alpha) for p in q])
+        for j in range(7):
+            shape = torque[:, j] / np.sqrt((torque[:, j] ** 2).mean())
+            left = shape - found.sag[:, j] @ np.linalg.lstsq(found.sag[:, j], shape)[0]
+            assert np.sqrt((left**2).mean()) < 0.15
+
+
+def test_play_lies_where_the_load_certainly_is_and_nowhere_where_nobody_knows(model, q):
+    found = basis(model, q)
+    sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
+    torque = arm_torque(model, q, MASSES)
+    np.testing.assert_array_equal(basis(model, q, sure).side, np.sign(torque))
+    assert np.all(np.abs(found.side) <= 1.0)
+    # The hand's roll about its own axis hardly has a lever, the shoulder has a large one.
+    assert np.abs(found.side[:, 1]).min() > 0.9
+    assert np.abs(found.side[:, 6]).mean() < np.abs(found.side[:, 1]).mean()
+
+
+def test_gravity_along_a_joint_turns_it_by_nothing(model, q):
+    along = replace(MASSES, down=np.array([0.0, 0.0, -1.0]), down_sd_rad=0.0)
+    found = basis(model, q, along)
+    assert np.abs(found.sag[:, 0]).max() == 0.0
+    assert np.all(found.sag_missed[:, 0] == 1.0)
+    np.testing.assert_allclose(found.side[:, 0], 0.0, atol=1e-6)
+
+
+def test_nothing_stated_gives_nothing(model, q):
+    found = basis(model, q, give=(0.0, 0.0))
+    assert not found.give.any()
+    assert not found.give_missed.any()
+
+
+def test_each_placement_gives_in_its_own_way(model, q):
+    number = np.repeat([1, 2], POSES // 2)
+    both = place(model, number)
+    found = basis(both, q, give_columns=10)
+    assert found.give.shape == (POSES, 6, 20)
+    apart = np.einsum("aic,bjc->aibj", found.give[number == 1], found.give[number == 2])
+    assert not apart.any()
+    alone = basis(model, q[number == 2], give_columns=10)
+    np.testing.assert_allclose(found.give[number == 2][..., 10:], alone.give)
+    picked = found.at_poses(np.flatnonzero(number == 2))
+    np.testing.assert_array_equal(picked.give, found.give[number == 2])
+    np.testing.assert_array_equal(picked.side, found.side[number == 2])
+
+
+def test_a_ball_gives_along_three_components(q):
+    rows = loop_of(paper_truth()).arm_rows()
+    from solver.chain.kinematics import DhTable
+
+    table = DhTable(theta_off_rad=rows[0], s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])
+    ball = PointClosure(
+        table=table,
+        entries=(),
+        tip_m=np.array([0.0, 0.0, 0.05]),
+        ground_m=np.array([0.3, 0.1, 0.2]),
+    )
+    found = basis(ball, q, give=(0.0, 2e-4))
+    assert found.give.shape[:2] == (POSES, 3)
+    total = (found.give**2).sum(-1) + found.give_missed
+    assert total.mean() == pytest.approx(1.0, rel=1e-6)
+
+
+def test_an_unsensed_wrist_changes_neither_loads_nor_wrench(q):
+    """Its readings are not used; gravity and equilibrium are the same."""
+    whole, blind = (loop_of(paper_truth(), unsensed=u) for u in ((), (6, 7)))
+    one, two = basis(whole, q), basis(blind, q)
+    np.testing.assert_allclose(one.sag, two.sag, atol=1e-9)
+    np.testing.assert_allclose(
+        np.einsum("aic,bjc->aibj", one.give, one.give),
+        np.einsum("aic,bjc->aibj", two.give, two.give),
+        atol=1e-6,
+    )

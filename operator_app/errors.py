@@ -40,16 +40,17 @@ class JournalDamagedError(JournalError):
 
     Attributes
     ----------
-    path, line
-        Where.
+    path, line, key
+        Where; the key is empty where the line as a whole is meant.
     problem
         What is wrong with it, in words.
     events
         How many lines before it are whole.
     """
 
-    def __init__(self, *, path: Path, line: int, problem: str, events: int) -> None:
-        self.path, self.line, self.problem, self.events = path, line, problem, events
+    def __init__(self, *, path: Path, line: int, problem: str, events: int, key: str = "") -> None:
+        self.path, self.line, self.key = path, line, key
+        self.problem, self.events = problem, events
         super().__init__(
             f"{path} is damaged at line {line}: {problem}",
             f"restore the file from a copy, or keep what can be proven with: sarcal session repair "

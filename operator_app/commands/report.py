@@ -46,7 +46,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.calibrated import calibrated, checked
     from operator_app.session.journal import read_journal
     from operator_app.session.opening import Choices, resume
-    from operator_app.session.state import replay
+    from operator_app.session.state import session_state
     from solver.errors import UnidentifiableError
 
     unsensed = parse_joints(args.unsensed) if args.unsensed else None
@@ -54,7 +54,7 @@ def execute(args: argparse.Namespace) -> int:
     procedure = carried_procedure(opening)
     require_joints(unsensed or (), procedure.arm.joint_count)
     contents = read_journal(opening.folder)
-    state = replay((e.name, e.data, e.utc) for e in contents.events)
+    state = session_state(contents)
     found, blind = None, tuple["UnidentifiableDirection", ...]()
     try:
         # The journal's, if it has what is asked for; else it is solved now, and the report says so.

@@ -12,7 +12,7 @@ from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.journal import read_journal
 from operator_app.session.journal_lines import JOURNAL_NAME
-from operator_app.session.state import SessionState, replay
+from operator_app.session.state import SessionState, session_state
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,9 +62,9 @@ def read_session(folder: Path) -> SessionEntry:
     """Read one session without locking it."""
     try:
         contents = read_journal(folder)
+        state = session_state(contents)
     except JournalError as error:
         return SessionEntry(folder=folder, state=None, torn="", problem=error.happened)
-    state = replay((e.name, e.data, e.utc) for e in contents.events)
     return SessionEntry(folder=folder, state=state, torn=contents.torn, problem="")
 
 

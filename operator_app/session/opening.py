@@ -21,7 +21,7 @@ from operator_app.planning.task import require_closed_chain
 from operator_app.session.folder import find_session, new_folder
 from operator_app.session.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.session import Session
-from operator_app.session.state import replay
+from operator_app.session.state import session_state
 from solver.estimators.estimate import require_enough_poses
 
 KINDS: tuple[Kind, Kind, Kind] = ("procedure", "arm", "fixture")
@@ -134,7 +134,8 @@ def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_no
 def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
     """Go on with a session; choices made now take precedence over those it was begun with."""
     folder = find_session(root, reference)
-    state = replay((e.name, e.data, e.utc) for e in read_journal(folder).events)
+    contents = read_journal(folder)
+    state = session_state(contents)
     if state.settings.get("verifies"):
         # As an earlier version took verification poses: in a session of their own.
         raise SessionError(
@@ -151,6 +152,8 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         for kind in KINDS
     }
     procedure = parse_procedure(found["procedure"], snapshot=found)
+    # Now that it is known how many joints the arm has.
+    session_state(contents, joint_count=procedure.arm.joint_count)
     earlier: dict[str, Any] = {
         k: tuple(v) if isinstance(v, list) else v for k, v in state.settings.items()
     }

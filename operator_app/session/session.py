@@ -48,7 +48,13 @@ from operator_app.session.sameness import (
     check_standing,
 )
 from operator_app.session.solving import Solver, solve_here
-from operator_app.session.state import CapturedPose, CheckReading, SessionState, apply, replay
+from operator_app.session.state import (
+    CapturedPose,
+    CheckReading,
+    SessionState,
+    apply,
+    session_state,
+)
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.estimators.least_squares import Progress
@@ -77,7 +83,9 @@ class Session:
         self.procedure = procedure
         self.journal = journal
         self._clock = clock
-        self.state: SessionState = replay((e.name, e.data, e.utc) for e in journal.contents.events)
+        self.state: SessionState = session_state(
+            journal.contents, joint_count=procedure.arm.joint_count
+        )
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
         self._same = False

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from operator_app.calibration.repeats import Reread
 from operator_app.config.procedure import CapturePlan
+from operator_app.errors import JournalDamagedError
+from operator_app.session.events import joints_told, problem_of
+from operator_app.session.journal_lines import JournalContents
 from solver.arrays import FloatArray, frozen
 from solver.chain.poses import PoseSet
 
@@ -348,6 +352,41 @@ def _edit(
         else pose
         for pose in state.poses
     )
+
+
+def session_state(contents: JournalContents, *, joint_count: int | None = None) -> SessionState:
+    """State after all events of a journal as read, each looked at before it counts.
+
+    Parameters
+    ----------
+    joint_count
+        Of the session's arm; None: what the journal says first.
+
+    Raises
+    ------
+    JournalDamagedError
+        A line says what no session can mean.
+    """
+    state, joints = SessionState(), joint_count
+    for event in contents.events:
+        key, problem = problem_of(event.name, event.data, event.utc, joints)
+        if not problem and event.name == "pose" and event.data["number"] <= state.captured:
+            key, problem = (
+                "number",
+                f"pose {event.data['number']} comes after pose {state.captured}",
+            )
+        if problem:
+            where = f"{event.name}.{key}" if key != "utc" else key
+            raise JournalDamagedError(
+                path=Path(contents.file),
+                line=event.seq,
+                problem=f"{where} {problem}",
+                events=event.seq - 1,
+                key=key,
+            )
+        joints = joints or joints_told(event.name, event.data)
+        state = apply(state, event.name, event.data, event.utc)
+    return state
 
 
 def replay(events: Iterable[tuple[str, Mapping[str, Any], str]]) -> SessionState:

@@ -5,22 +5,27 @@ Knows arms, fixtures and pose sets; the judging itself is `solver.judging.rvdt`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.loop import loop_of_poses
-from operator_app.calibration.noise import error_model, samples_of, soften
-from solver.arrays import BoolArray
+from operator_app.calibration.loop import in_order, loop_of_poses
+from operator_app.calibration.noise import samples_of, soften
+from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.pose_order import back_to_caller
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Rvdt
-from solver.estimators.estimate import Estimate
-from solver.estimators.variance_components import VarianceComponents
-from solver.judging.identifiability import identifiability
+from solver.closing import left_null_space
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.mixed_fit import Near
+from solver.estimators.variance_components import Calibrated, VarianceComponents
+from solver.judging.identifiability import Identifiability, judge_jacobian
 from solver.judging.rvdt import RvdtVerdict, rvdt_verdicts, undecided
 from solver.judging.rvdt_noise import SingleNoise, single_noise
+from solver.loops.closure import ClosureModel
 
 
 def judge_rvdts(
@@ -28,19 +33,23 @@ def judge_rvdts(
     fixture: Fixture,
     poses: PoseSet,
     kept: BoolArray,
-    estimate: Estimate,
-    components: VarianceComponents,
+    distinct: IntArray,
+    whole: Calibrated,
     *,
     held: tuple[str, ...] = (),
     length_tolerance_m: float | None = None,
 ) -> tuple[RvdtVerdict, ...]:
-    """Judge every RVDT by its noise and by the loops of one placement."""
+    """Judge every RVDT by its noise and by the loops of one placement.
+
+    `whole` is the fit of the `distinct` poses (k,) with the RVDTs' readings, beside which the one
+    without them lies.
+    """
     sensors = {
         j: joint.sensor for j, joint in enumerate(arm.joints, 1) if isinstance(joint.sensor, Rvdt)
     }
     if not sensors:
         return ()
-    noise = _noise_of_rvdts(sensors, poses, kept, components)
+    noise = _noise_of_rvdts(sensors, poses, kept, whole.components)
 
     def none_decided(reason: str) -> tuple[RvdtVerdict, ...]:
         return tuple(undecided(j, s, reason, noise.get(j)) for j, s in sensors.items())
@@ -48,23 +57,69 @@ def judge_rvdts(
     if len(poses.placements) > 1:
         return none_decided("it is measured on one placement only: solve one placement alone")
     blind = tuple(sorted({*sensors, *arm.unsensed_joints}))
-    whole = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
-    model = whole.at_poses(np.flatnonzero(kept)).without(held)
-    q = poses.q_rad[kept]
+    loop = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
+    model = loop.at_poses(distinct).without(held)
+    q = poses.q_rad[distinct]
     without = f"without the readings of {_joints_named(tuple(sensors))}"
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return none_decided(f"{without} these poses are too few: take more")
-    known = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
-    hard = np.array([known.get(p.name, p.nominal) for p in model.parameters])
-    unseen = identifiability(model, hard, q, sigma_rad=arm.sigma_rad()).directions
+    unseen = _seen_without(whole.linear, model, sensors).directions
     if unseen:
         names = ", ".join(dict.fromkeys(d.parameters[0] for d in unseen))
         return none_decided(f"{without} these poses leave {names} open: judge it in the hinge")
     model, tolerance = soften(model, arm, length_tolerance_m=length_tolerance_m, held=held)
-    x0 = np.array([known.get(p.name, p.nominal) for p in model.parameters])
-    errors = error_model(arm, fixture, poses, kept, unsensed_joints=blind, tolerance=tolerance)
-    samples = samples_of(poses)[kept]
-    return rvdt_verdicts(model, arm, q, errors, noise=noise, samples=samples, x0=x0)
+    # The loads are the same whether a joint's reading is used or not.
+    errors = replace(
+        whole.linear.design.errors.at_poses(back_to_caller(whole.order)).without_joints(blind),
+        tolerance=tolerance,
+    )
+    return rvdt_verdicts(
+        model,
+        arm,
+        q,
+        errors,
+        noise=noise,
+        samples=samples_of(poses)[distinct],
+        x0=in_order(model, whole.linear.design.model, whole.estimate.x),
+        near=_beside(whole, model, q),
+    )
+
+
+def _seen_without(fit: LinearFit, model: ClosureModel, joints: Collection[int]) -> Identifiability:
+    """What is left to see of the unknowns of `model` when some joints' readings are taken from a fit."""
+    system = fit.system
+    unsensed = fit.design.model.unsensed_joints
+    K = left_null_space(system.B[..., [j - 1 for j in joints if j not in unsensed]])
+    names = [p.name for p in fit.design.model.parameters]
+    asked = tuple(p.name for p in model.parameters)
+    J = np.swapaxes(K, -1, -2) @ system.A[..., [names.index(name) for name in asked]]
+    q = fit.design.q
+    return judge_jacobian(
+        J.reshape(-1, len(asked)), asked, poses=len(q), spans_rad=np.ptp(q, axis=0)
+    )
+
+
+def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
+    """Where the loops of `model` are, more of whose joints are unsensed than in the fit `whole`."""
+    estimate, had = whole.estimate, whole.linear.design.model.unsensed_joints
+    corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
+    first = whole.unsensed.shape[-1] - len(had)
+    offsets = {p.name: p.nominal for p in model.with_all_joints_sensed().parameters}
+    offsets |= {p.name: float(x) for p, x in zip(estimate.parameters, estimate.x, strict=True)}
+    angles = [whole.unsensed[:, :first]]
+    for j in model.unsensed_joints:
+        if j in had:
+            angles.append(whole.unsensed[:, first + had.index(j), None])
+        else:
+            at = q[:, j - 1] + corrections[:, j - 1] + offsets[f"theta_off_{j}"]
+            angles.append(at[:, None])
+            corrections[:, j - 1] = 0.0
+    fit = whole.linear
+    return Near(
+        variances={c.name: float(v) for c, v in zip(fit.design.components, fit.v, strict=True)},
+        corrections=corrections,
+        unsensed=np.concatenate(angles, axis=-1),
+    )
 
 
 def _noise_of_rvdts(

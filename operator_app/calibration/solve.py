@@ -197,8 +197,8 @@ def calibrate(
             fixture,
             poses,
             kept,
-            estimate,
-            whole.components,
+            distinct,
+            whole,
             held=held,
             length_tolerance_m=length_tolerance_m,
         )

@@ -7,6 +7,7 @@ has the derivation; it is the same round without effects). Knows a closure model
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +72,31 @@ class MixedFit:
     converged: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Near:
+    """Where another fit of the same poses ended, to start beside it.
+
+    Attributes
+    ----------
+    variances
+        Components by name.
+    corrections, unsensed
+        Joint corrections (m, n) and unsensed angles (m, U) of the loops to be fitted, rad.
+    """
+
+    variances: Mapping[str, float]
+    corrections: FloatArray
+    unsensed: FloatArray
+
+    def at_poses(self, poses: IntArray) -> Near:
+        """Return the same of a selection of poses."""
+        return Near(
+            variances=self.variances,
+            corrections=self.corrections[poses],
+            unsensed=self.unsensed[poses],
+        )
+
+
 @dataclass(slots=True)
 class _State:
     x: FloatArray
@@ -87,6 +113,7 @@ def fit_mixed(
     *,
     group: IntArray | None = None,
     estimate: bool = True,
+    near: Near | None = None,
     progress: Progress | None = None,
 ) -> MixedFit:
     """Fit parameters, effects, joint corrections and variances to readings `q` (m, n), rad.
@@ -99,6 +126,8 @@ def fit_mixed(
         Placement of each pose (m,): what the fixture gives in one says nothing of another.
     estimate
         Whether to move the variances, or to leave them as stated.
+    near
+        Where to start, if anything is known of it.
     """
     variances, first = None, 0
     if estimate and len(q) > 2 * FOR_VARIANCES:
@@ -109,13 +138,13 @@ def fit_mixed(
                 model.at_poses(some), q[some], errors.at_poses(some),
                 group=None if group is None else group[some],
             ),
-            x0, None, progress,
+            x0, None, progress, None if near is None else near.at_poses(some),
         )  # fmt: skip
         variances, x0, first = rough.fit.v, rough.x, rough.iterations
-        whole = _iterate(Design(model, q, errors, group=group), x0, variances, progress)
+        whole = _iterate(Design(model, q, errors, group=group), x0, variances, progress, near)
         return _with(whole, rough.found, first)
     design = Design(model, q, errors, group=group)
-    return _iterate(design, x0, None if estimate else design.stated_variances(), progress)
+    return _iterate(design, x0, None if estimate else design.stated_variances(), progress, near)
 
 
 def _with(whole: MixedFit, found: Derivatives, rounds: int) -> MixedFit:
@@ -127,15 +156,19 @@ def _with(whole: MixedFit, found: Derivatives, rounds: int) -> MixedFit:
 
 
 def _iterate(
-    design: Design, x0: FloatArray, variances: FloatArray | None, progress: Progress | None
+    design: Design,
+    x0: FloatArray,
+    variances: FloatArray | None,
+    progress: Progress | None,
+    near: Near | None,
 ) -> MixedFit:
     """Rounds until nothing moves; `variances` (K,) that are given stay."""
     v = design.start_variances() if variances is None else variances
     held = np.full(len(v), variances is not None)
-    sd = np.sqrt(design.joint_variance(v).mean(axis=0))
-    start = close_loops(design.model, x0, design.q, sigma_rad=sd, max_iterations=3)
-    state = _State(np.array(x0, dtype=float), np.zeros_like(design.q), start.u, design.q.copy())
-    state.angle = design.q
+    if near is not None and variances is None:
+        v = np.array([near.variances.get(c.name, c.start) for c in design.components])
+        v = np.clip(v, [c.floor for c in design.components], [c.wall for c in design.components])
+    state = _start(design, x0, v, near)
     converged, rounds, ascent = False, 0, Ascent()
     for rounds in range(1, MAX_ROUNDS + 1):
         system, rates = _linearise(design, state)
@@ -167,6 +200,16 @@ def _iterate(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
         found=found, iterations=rounds, converged=converged,
     )  # fmt: skip
+
+
+def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> _State:
+    """Poses as they were left, or as they were read with loops that close as well as `x0` allows."""
+    x, q = np.array(x0, dtype=float), design.q
+    if near is not None:
+        return _State(x, near.corrections, near.unsensed, q + near.corrections)
+    sd = np.sqrt(design.joint_variance(v).mean(axis=0))
+    u = close_loops(design.model, x, q, sigma_rad=sd, max_iterations=3).u
+    return _State(x, np.zeros_like(q), u, q)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.least_squares import Progress
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.mixed_fit import MixedFit, fit_mixed
+from solver.estimators.mixed_fit import MixedFit, Near, fit_mixed
 from solver.loops.closure import ClosureModel, nearest_equivalent
 
 EQUAL = 1e-9
@@ -73,13 +73,19 @@ class VarianceComponents:
 class Calibrated:
     """An estimate, what was found beside it, and the linear fit that further tests ask.
 
-    `order` (m,) are the caller's indices of the poses in `linear`, which has them in canonical order.
+    Attributes
+    ----------
+    linear, order
+        The fit, its poses in canonical order, and the caller's indices (m,) of these.
+    unsensed
+        Unsensed angles (m, U), rad, in the caller's order.
     """
 
     estimate: Estimate
     components: VarianceComponents
     linear: LinearFit
     order: IntArray
+    unsensed: FloatArray
 
 
 def estimate_with_errors(
@@ -107,19 +113,9 @@ def estimate_with_errors(
     TooFewPosesError
         No degree of freedom would be left.
     """
-    order = canonical_order(q)
-    back = back_to_caller(order)
-    model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
-    group = None if group is None else group[order]
-    dof = require_enough_poses(model, len(q), known=len(errors.tolerance))
-    nominal = nominal_vector(model.parameters)
-    if x0 is None:
-        x0 = _first(model, q, errors, progress)
-    found = fit_mixed(model, q, errors, x0, group=group, progress=progress)
-    x = nearest_equivalent(model, found.x, nominal)
-    if np.abs(x - found.x).max() > EQUAL:
-        # Another description of the same loop has another covariance: finish there.
-        found = fit_mixed(model, q, errors, x, group=group)
+    ended = settle(model, q, errors, x0=x0, group=group, progress=progress)
+    found, back = ended.fit, back_to_caller(ended.order)
+    model, q = model.at_poses(ended.order), q[ended.order]
     fit = found.fit
     error = closure_at_readings(model, found.x, q)
     estimate = Estimate(
@@ -131,7 +127,7 @@ def estimate_with_errors(
         rotation_rows=error.rotation_rows,
         sigmas=closure_sigmas(error.residual, error.rotation_rows),
         flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
-        dof=dof,
+        dof=ended.dof,
         chi2=fit.chi2,
         pose_chi2=_pose_chi2(fit)[back],
         corrections=found.corrections[back],
@@ -139,8 +135,48 @@ def estimate_with_errors(
         converged=found.converged,
     )
     return Calibrated(
-        estimate=estimate, components=_report(found, errors, back), linear=fit, order=order
+        estimate=estimate,
+        components=_report(found, back),
+        linear=fit,
+        order=ended.order,
+        unsensed=found.unsensed[back],
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Settled:
+    """Where the iteration ended; `order` (m,) are the caller's indices of the poses in `fit`."""
+
+    fit: MixedFit
+    order: IntArray
+    dof: int
+
+
+def settle(
+    model: ClosureModel,
+    q: FloatArray,
+    errors: ErrorModel,
+    *,
+    x0: FloatArray | None = None,
+    group: IntArray | None = None,
+    near: Near | None = None,
+    progress: Progress | None = None,
+) -> Settled:
+    """Fit as `estimate_with_errors` does and report nothing; `near` is where to start if that is known."""
+    order = canonical_order(q)
+    model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
+    group = None if group is None else group[order]
+    near = None if near is None else near.at_poses(order)
+    dof = require_enough_poses(model, len(q), known=len(errors.tolerance))
+    nominal = nominal_vector(model.parameters)
+    if x0 is None:
+        x0 = _first(model, q, errors, progress)
+    found = fit_mixed(model, q, errors, x0, group=group, near=near, progress=progress)
+    x = nearest_equivalent(model, found.x, nominal)
+    if np.abs(x - found.x).max() > EQUAL:
+        # Another description of the same loop has another covariance: finish there.
+        found = fit_mixed(model, q, errors, x, group=group)
+    return Settled(fit=found, order=order, dof=dof)
 
 
 def _first(
@@ -166,19 +202,26 @@ def _pose_chi2(fit: LinearFit) -> FloatArray:
     )
 
 
-def _report(found: MixedFit, errors: ErrorModel, back: IntArray) -> VarianceComponents:
-    fit = found.fit
-    design, v = fit.design, fit.v
-    stated = fit.stated
+def noise_left(found: MixedFit, back: IntArray) -> NoiseModel:
+    """What is left as noise of each pose at the variances found, rows as `back` (m,) says."""
+    design, v = found.fit.design, found.fit.v
     give = np.zeros(6)
     give[6 - design.rows :] = design.fixture_variance(v).mean(axis=0)
     give += design.smooth_give_variance(v)
+    return NoiseModel(joint_variance=design.joint_variance(v)[back], fixture_variance=give)
+
+
+def _report(found: MixedFit, back: IntArray) -> VarianceComponents:
+    fit = found.fit
+    design, stated = fit.design, fit.stated
     return VarianceComponents(
         components=components(found, design),
         flexure=flexure_test(stated, design),
-        noise=NoiseModel(joint_variance=design.joint_variance(v)[back], fixture_variance=give),
+        noise=noise_left(found, back),
         curves_rad={
-            a.joint: -found.shift[back, a.joint - 1] for a in errors.analogue if a.curve is not None
+            a.joint: -found.shift[back, a.joint - 1]
+            for a in design.errors.analogue
+            if a.curve is not None
         },
         repeatability=fit.repeatability,
         budget=fit.budget(),

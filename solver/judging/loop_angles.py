@@ -44,14 +44,20 @@ class LoopAngle:
 
 
 def loop_angles(
-    model: ClosureModel, x: FloatArray, q: FloatArray, noise: NoiseModel
+    model: ClosureModel,
+    x: FloatArray,
+    q: FloatArray,
+    noise: NoiseModel,
+    *,
+    near: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[LoopAngle, ...]:
     """Measure the unsensed arm joints of `model` at parameters `x` (P,) and readings `q` (m, n).
 
     With c + J_q e + f + N du = 0 the best estimate of du has covariance
-    ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``, S the covariance of J_q e + f.
+    ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``, S the covariance of J_q e + f. `near` is that of
+    `adjust_poses`.
     """
-    adjusted = adjust_poses(model, x, q, noise)
+    adjusted = adjust_poses(model, x, q, noise, near=near)
     error = model.loop(x, q + adjusted.corrections, adjusted.unsensed)
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     S = (error.jac_q * variance[:, None, :]) @ np.swapaxes(error.jac_q, -1, -2)

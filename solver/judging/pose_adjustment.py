@@ -42,13 +42,23 @@ class AdjustedPoses:
 
 
 def adjust_poses(
-    model: ClosureModel, x: FloatArray, q: FloatArray, noise: NoiseModel
+    model: ClosureModel,
+    x: FloatArray,
+    q: FloatArray,
+    noise: NoiseModel,
+    *,
+    near: tuple[FloatArray, FloatArray] | None = None,
 ) -> AdjustedPoses:
-    """Find the most likely joint corrections of `q` (m, n), rad, that close the loops of `x` (P,)."""
+    """Find the most likely joint corrections of `q` (m, n), rad, that close the loops of `x` (P,).
+
+    `near` are corrections (m, n) and unsensed angles (m, U), rad, to start from where any are known.
+    """
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     give = np.zeros(6) if noise.fixture_variance is None else noise.fixture_variance
-    u = close_loops(model, x, q, sigma_rad=np.sqrt(variance.mean(axis=0)), max_iterations=3).u
-    e = np.zeros_like(q)
+    if near is None:
+        sd = np.sqrt(variance.mean(axis=0))
+        near = np.zeros_like(q), close_loops(model, x, q, sigma_rad=sd, max_iterations=3).u
+    e, u = near
     moved = np.full(len(q), np.inf)
     for _ in range(MAX_ITERATIONS):
         error = model.loop(x, q + e, u)

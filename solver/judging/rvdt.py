@@ -16,9 +16,12 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
+from solver.chain.pose_order import back_to_caller
 from solver.chain.sensors import Rvdt
+from solver.estimators.component_report import flexure_test
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.variance_components import estimate_with_errors
+from solver.estimators.mixed_fit import Near
+from solver.estimators.variance_components import noise_left, settle
 from solver.judging.loop_angles import LoopAngle, loop_angles
 from solver.judging.rvdt_figures import RvdtFigures, measure, sensor_angle
 from solver.judging.rvdt_noise import SingleNoise
@@ -91,6 +94,7 @@ def rvdt_verdicts(
     noise: Mapping[int, SingleNoise],
     samples: IntArray,
     x0: FloatArray | None = None,
+    near: Near | None = None,
 ) -> tuple[RvdtVerdict, ...]:
     """Judge every RVDT among the unsensed joints of `model` by readings `q` (m, n), rad.
 
@@ -104,6 +108,8 @@ def rvdt_verdicts(
         Of single readings, by joint, where it is known.
     samples
         Readings in each pose's mean (m,).
+    x0, near
+        Where to start from: parameters (P,) and all the rest, where a fit with the readings left them.
 
     Raises
     ------
@@ -119,19 +125,30 @@ def rvdt_verdicts(
     }
     if not sensors:
         raise ValueError("none of the model's unsensed joints has an RVDT to judge")
-    whole = estimate_with_errors(model, q, errors, x0=x0)
-    estimate, found = whole.estimate, whole.components
-    angles = {a.joint: a for a in loop_angles(model, estimate.x, q, found.noise)}
+    ended = settle(model, q, errors, x0=x0, near=near)
+    found, back = ended.fit, back_to_caller(ended.order)
+    covariance = found.fit.covariance
+    angles = {
+        a.joint: a
+        for a in loop_angles(
+            model,
+            found.x,
+            q,
+            noise_left(found, back),
+            near=(found.corrections[back], found.unsensed[back]),
+        )
+    }
+    flexure = flexure_test(found.fit.stated, found.fit.design)
     # A fixture that turns looks like noise of the wrist, and no pose tells the two apart: where it
     # gives more than stated, none of the scatter between poses is held against the sensor.
-    if found.flexure is not None and found.flexure.gives:
+    if flexure is not None and flexure.gives:
         noise = {j: one if one.from_spread else replace(one, low=0.0) for j, one in noise.items()}
     offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
-        reason = _undecidable(reading, angle, sensor, estimate.covariance)
-        if not estimate.converged:
+        reason = _undecidable(reading, angle, sensor, covariance)
+        if not found.converged:
             reason = "the calibration without the RVDTs did not converge"
         if reason:
             verdicts.append(undecided(joint, sensor, reason, noise.get(joint)))
@@ -140,12 +157,12 @@ def rvdt_verdicts(
             reading,
             angle,
             sensor,
-            estimate.covariance,
+            covariance,
             noise.get(joint),
             samples=float(1.0 / np.mean(1.0 / samples)),
         )
         here = offsets | {joint: figures.theta_off_rad}
-        share = _share(model, estimate.x, q, joint, figures, here)
+        share = _share(model, found.x, q, joint, figures, here)
         verdicts.append(_judge(joint, sensor, figures, share))
     return tuple(verdicts)
 

@@ -106,6 +106,9 @@ def spread_of(noise_lsb: float) -> float:
 
 def noise_behind(mean_square: float) -> float:
     """Noise (LSB) whose rounded readings have this mean square spread (LSB^2), which `spread_of` inverts."""
+    if mean_square > 1.0 + 1.0 / 12.0:
+        # From 1 LSB on the series is nothing: exp(-4 pi^2).
+        return float(np.sqrt(mean_square - 1.0 / 12.0))
     least, most = 0.0, float(np.sqrt(mean_square)) + 1.0
     if mean_square <= spread_of(least):
         return 0.0

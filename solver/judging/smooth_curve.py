@@ -86,16 +86,20 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
     best = 1
     squares: dict[int, float] = {}
     press_of: dict[int, FloatArray] = {}
-    for degree in range(1, min(MAX_DEGREE, m // POINTS_PER_TERM - 1) + 1):
-        residual, leverage = _fit(_basis(abscissa, low, high, degree), values)[1:]
+    # Degrees are nested: each adds one direction to those of the last.
+    most = min(MAX_DEGREE, m // POINTS_PER_TERM - 1)
+    Q = np.linalg.qr(_basis(abscissa, low, high, most))[0]
+    residuals = values[:, None] - np.cumsum(Q * (Q.T @ values), axis=1)
+    leverages = np.cumsum(Q**2, axis=1)
+    for degree in range(1, most + 1):
+        residual, leverage = residuals[:, degree], leverages[:, degree]
         squares[degree] = float(residual @ residual)
         press_of[degree] = (residual / np.maximum(1.0 - leverage, 1e-12)) ** 2
         gain = press_of[best] - press_of[degree]
         error = float(np.std(gain) * np.sqrt(m))
         if degree <= least_degree or float(gain.sum()) > error:
             best = degree
-    basis = _basis(abscissa, low, high, best)
-    smoother, residual, _ = _fit(basis, values)
+    smoother = np.asarray(np.linalg.pinv(_basis(abscissa, low, high, best)), dtype=np.float64)
     dof = m - best - 1
     chance = 1.0
     if best > 1:
@@ -107,7 +111,7 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
         high=high,
         coefficients=smoother @ values,
         smoother=smoother,
-        residual=residual,
+        residual=residuals[:, best],
         dof=dof,
         line_probability=chance,
     )
@@ -116,10 +120,3 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
 def _basis(abscissa: FloatArray, low: float, high: float, degree: int) -> FloatArray:
     x = (2.0 * np.asarray(abscissa) - low - high) / (high - low)
     return np.asarray(np.polynomial.legendre.legvander(x, degree))
-
-
-def _fit(basis: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Smoother (k, m), residual (m,) and leverage (m,)."""
-    smoother = np.asarray(np.linalg.pinv(basis), dtype=np.float64)
-    leverage: FloatArray = np.einsum("mk,km->m", basis, smoother)
-    return smoother, values - basis @ (smoother @ values), leverage

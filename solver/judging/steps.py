@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -134,6 +135,7 @@ def _from_here_on(values: FloatArray) -> FloatArray:
     return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
 
 
+@lru_cache(maxsize=256)
 def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
     """Return what the largest chi2 over all k exceeds with probability `false_alarm`.
 

@@ -29,9 +29,9 @@ SETTLED, STEADY = 1e-3, 1e-2
 FAR = 3.0
 """Change of a parameter, in standard errors, from which slopes of two rounds cannot be compared."""
 
-FREE_ROUNDS = 30
-NOTHING_TO_GAIN = 0.02
-"""Rounds after which variances stay that have no more than this to gain in log-likelihood."""
+FREE_ROUNDS = 20
+NOTHING_TO_GAIN = 0.1
+"""Rounds after which variances stay whose next step begins with no more than this rise of the log-likelihood."""
 
 SURPRISE = 4.0
 """chi2 per degree of freedom from which the search starts at large variances."""
@@ -190,9 +190,9 @@ def _iterate(
         if moved < SETTLED and wanted.largest < STEADY:
             converged = True
             break
-        if rounds == FREE_ROUNDS:
+        if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
             # What the variances may still gain is no reason to go on: the parameters settle under these.
-            held[:] = wanted.slope < NOTHING_TO_GAIN
+            held[:] = True
         if not held.all():
             v = ascent.onward(fit, found, wanted, far=moved > FAR)
     shift, give = design.effects_at(fit.b, state.angle)

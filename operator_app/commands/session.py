@@ -1,4 +1,4 @@
-"""`sarcal session list|show`: what sessions there are and what is in one."""
+"""`sarcal session list|show|repair`: what sessions there are, what is in one, and a damaged one mended."""
 
 from __future__ import annotations
 
@@ -7,13 +7,20 @@ import json
 from typing import Any
 
 from operator_app.commands.options import json_option, sessions_option
-from operator_app.exit_codes import ExitCode
+from operator_app.exit_codes import ExitCode, UsageError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("action", choices=("list", "show"), help="list all, or show one")
-    parser.add_argument("name", nargs="?", default="latest", help="folder, name or latest")
+    parser.add_argument(
+        "action",
+        choices=("list", "show", "repair"),
+        help="list all; show one; or repair the journal of one that is damaged: every line that proves "
+        "itself by its checksum is kept, what is lost is said, the damaged file stays beside it",
+    )
+    parser.add_argument(
+        "name", nargs="?", help="folder, name or latest (the default, but not to repair)"
+    )
     sessions_option(parser)
     json_option(parser)
 
@@ -73,13 +80,27 @@ def execute(args: argparse.Namespace) -> int:
                 )
             print(aligned(rows))
         return ExitCode.ACCEPTED
-    entry = read_session(find_session(args.sessions, args.name))
+    if args.action == "repair":
+        return _repair(args)
+    entry = read_session(find_session(args.sessions, args.name or "latest"))
     if entry.problem:
-        raise JournalError(entry.problem, "restore the journal from a copy")
+        raise JournalError(entry.problem, entry.remedy)
     fact = facts(entry)
     if args.json:
         print(json.dumps(fact, indent=2))
     else:
         for key, value in fact.items():
             print(f"{key.replace('_', ' ')}: {value if value not in ('', [], {}) else '-'}")
+    return ExitCode.ACCEPTED
+
+
+def _repair(args: argparse.Namespace) -> int:
+    from operator_app.report.repair_result import repair_json, repair_text
+    from operator_app.session.folder import find_session
+    from operator_app.session.repair import repair
+
+    if args.name is None:
+        raise UsageError("session repair: name the session; `sarcal session list` shows them")
+    found = repair(find_session(args.sessions, args.name))
+    print(json.dumps(repair_json(found), indent=2) if args.json else repair_text(found))
     return ExitCode.ACCEPTED

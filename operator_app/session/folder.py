@@ -17,12 +17,16 @@ from operator_app.session.state import SessionState, session_state
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionEntry:
-    """One session folder. `problem` says why its journal cannot be read; `state` is None then."""
+    """One session folder.
+
+    `problem` says why its journal cannot be read, and `remedy` what to do; `state` is None then.
+    """
 
     folder: Path
     state: SessionState | None
     torn: str
     problem: str
+    remedy: str = ""
 
 
 def new_folder(root: Path, name: str, utc: datetime) -> Path:
@@ -64,7 +68,9 @@ def read_session(folder: Path) -> SessionEntry:
         contents = read_journal(folder)
         state = session_state(contents)
     except JournalError as error:
-        return SessionEntry(folder=folder, state=None, torn="", problem=error.happened)
+        return SessionEntry(
+            folder=folder, state=None, torn="", problem=error.happened, remedy=error.remedy
+        )
     return SessionEntry(folder=folder, state=state, torn=contents.torn, problem="")
 
 

@@ -76,7 +76,7 @@ class Journal:
                 f"cannot write {path}: {error.strerror}",
                 "choose a folder you may write to",
             ) from error
-        _lock(descriptor, path)
+        lock(descriptor, path)
         sync_folder(folder)
         contents = JournalContents(events=(), torn="", file=str(path))
         return cls(path, descriptor, Parsed(contents=contents, chain="", whole_bytes=0), b"")
@@ -96,7 +96,7 @@ class Journal:
                 f"cannot open {path}: {error.strerror}",
                 "name a session folder; `sarcal session list` shows them",
             ) from error
-        _lock(descriptor, path)
+        lock(descriptor, path)
         try:
             require_regular(descriptor, path)
             raw = read_regular(path)
@@ -271,7 +271,8 @@ def read_journal(folder: Path) -> JournalContents:
     return parse(read_regular(path), path).contents
 
 
-def _lock(descriptor: int, path: Path) -> None:
+def lock(descriptor: int, path: Path) -> None:
+    """Take a journal for this process alone; JournalError, and it is closed, where another has it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -125,15 +125,18 @@ def proven(line: bytes, number: int, chain: str) -> tuple[Event, str]:
     return event_of(line, number), stated
 
 
-def event_of(line: bytes, number: int) -> Event:
-    """Read a line whose bytes are known to be whole; raises as `proven`."""
+def event_of(line: bytes, number: int, *, any_number: bool = False) -> Event:
+    """Read a line whose bytes are known to be whole; raises as `proven`.
+
+    `any_number` takes it wherever it says it was: lines before it may be gone.
+    """
     try:
         record = json.loads(line, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
         raise BadLineError("it is not a journal line") from error
     if not isinstance(record, dict):
         raise BadLineError("it is not a journal line")
-    schema = record.pop("schema", None) if number == 1 else None
+    schema = record.pop("schema", None) if number == 1 or any_number else None
     if schema is not None and schema != SCHEMA:
         raise JournalForeignError(*_other_version(schema))
     seq, utc, name, data = (record.get(key) for key in KEYS[:-1])
@@ -145,7 +148,7 @@ def event_of(line: bytes, number: int) -> Event:
         or not isinstance(data, dict)
     ):
         raise BadLineError("it is not a journal line")
-    if seq != number:
+    if seq != number and not any_number:
         raise BadLineError(f"it says that it is line {seq}")
     return Event(seq=seq, utc=utc, name=name, data=data)
 
@@ -162,7 +165,7 @@ def parse(raw: bytes, path: Path) -> Parsed:
     """
     # What follows the last newline is empty in a whole journal.
     *complete, rest = raw.split(b"\n")
-    _require_ours(complete, rest, path)
+    require_ours(complete, rest, path)
     events: list[Event] = []
     chain, position = "", 0
     for number, line in enumerate(complete, 1):
@@ -226,7 +229,7 @@ def require_regular(descriptor: int, path: Path) -> None:
     )
 
 
-def _require_ours(complete: list[bytes], rest: bytes, path: Path) -> None:
+def require_ours(complete: list[bytes], rest: bytes, path: Path) -> None:
     """Refuse what was never a journal of this program, or is one of another version."""
     first = complete[0] if complete else rest
     if not first and len(complete) < 2:
@@ -234,7 +237,9 @@ def _require_ours(complete: list[bytes], rest: bytes, path: Path) -> None:
             f"{path} is empty: the session was ended before its first line was written",
             "delete the folder, or restore the file from a copy",
         )
-    if any(_alike(first, begin, torn=not complete) for begin in BEGINNINGS) or SUM.search(first):
+    if any(_alike(first, begin, torn=not complete) for begin in BEGINNINGS) or any(
+        SUM.search(line) for line in complete[:100]
+    ):
         _require_version(first, path)
         return
     if b"\0" in first[:4096]:

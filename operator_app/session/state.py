@@ -323,6 +323,9 @@ def _apply_results(
                 after=state.captured,
             )
             return replace(state, readings=(*state.readings, reading), resumed=False)
+        case "repaired" if data["lost"]:
+            # A pose, or an exclusion, may be among what is lost: what was concluded may rest on it.
+            return replace(_with_other_poses(state, state.poses), resumed=True)
         case "verified":
             return replace(state, verifications=state.verifications + 1)
         case _:

@@ -2,52 +2,108 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from hardware.continuity import Jump
 from hardware.errors import (
     BusError,
     CommandRefused,
     ControlDenied,
     DriveFault,
     HardwareError,
+    Intruder,
+    NodeRestarted,
+    SensorFault,
     Stopped,
+    TwoDevices,
 )
 from hardware.node_watch import NodeWatch
 from hardware.objects import OPERATOR_NODE, SUPERVISOR_NODE, EmergencyCode
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """What the loop has seen beside the nodes' own words.
+
+    Attributes
+    ----------
+    stop_latched
+        STOP was pressed.
+    lost_joints, doubled_joints
+        Joints that do not answer any more, and those that answer twice.
+    jump
+        A reading that jumped.
+    """
+
+    stop_latched: bool
+    lost_joints: tuple[int, ...] = ()
+    doubled_joints: tuple[int, ...] = ()
+    jump: Jump | None = None
+
+
 def find_alarm(
     nodes: NodeWatch,
+    seen: Seen,
     *,
-    stop_latched: bool,
-    lost_joints: tuple[int, ...],
     now_s: float,
     heartbeat_timeout_s: float,
     despite: tuple[type[HardwareError], ...] = (),
 ) -> HardwareError | None:
     """Find the first reason why nothing should move on, leaving out the kinds in `despite`."""
-    if stop_latched and Stopped not in despite:
-        return Stopped("STOP is latched: reset it before anything moves again")
+    reasons = (
+        *_told(nodes, seen),
+        *_noticed(nodes, seen),
+        *_missing(nodes, seen, now_s, heartbeat_timeout_s),
+    )
+    return next((reason for reason in reasons if not isinstance(reason, despite)), None)
+
+
+def _told(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
+    """What somebody said: the operator, the supervisor, a drive."""
+    if seen.stop_latched:
+        yield Stopped("STOP is latched: reset it before anything moves again")
     for fault in nodes.faults:
         if fault.node == SUPERVISOR_NODE:
-            if Stopped not in despite:
-                return Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
+            yield Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
         elif fault.code == EmergencyCode.REFERENCE_LIMIT:
-            if CommandRefused not in despite:
-                return CommandRefused(f"joint {fault.node}: {fault.text}")
-        elif DriveFault not in despite:
-            return DriveFault(fault.node, fault.code, fault.text)
-    if BusError not in despite:
-        down = nodes.not_operational()
-        if down:
-            numbers = ", ".join(map(str, down))
-            return BusError(
-                f"Node {numbers} has left operation, as after a loss of power. Reconnect."
-            )
-        silence = _silence(nodes.silent(now_s, heartbeat_timeout_s), lost_joints)
-        if silence is not None:
-            return BusError(silence)
-    if ControlDenied not in despite and nodes.other_operator(now_s, heartbeat_timeout_s):
-        return ControlDenied(OPERATOR_NODE)
-    return None
+            yield CommandRefused(f"joint {fault.node}: {fault.text}")
+        else:
+            yield DriveFault(fault.node, fault.code, fault.text)
+
+
+def _noticed(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
+    """What nobody says of himself."""
+    down = nodes.not_operational()
+    if down:
+        numbers = ", ".join(map(str, down))
+        yield BusError(f"Node {numbers} has left operation, as after a loss of power. Reconnect.")
+    if nodes.restarted:
+        yield NodeRestarted(tuple(sorted(nodes.restarted)))
+    if seen.doubled_joints:
+        yield TwoDevices(seen.doubled_joints)
+    if nodes.intrusion:
+        yield Intruder(
+            f"Somebody else commands this arm: {nodes.intrusion} came from another program on the bus. "
+            "End that program, look at what it did, then connect again."
+        )
+    if seen.jump is not None:
+        yield SensorFault(
+            seen.jump.joint,
+            f"jumped by {seen.jump.counts:+d} counts between two SYNCs, and no other joint moved with it: "
+            "it has lost counts, or its coupling slipped. No pose was captured since",
+        )
+
+
+def _missing(
+    nodes: NodeWatch, seen: Seen, now_s: float, heartbeat_timeout_s: float
+) -> Iterator[HardwareError]:
+    """Who is not there as he should be, and who is there that should not."""
+    silence = _silence(nodes.silent(now_s, heartbeat_timeout_s), seen.lost_joints)
+    if silence is not None:
+        yield BusError(silence)
+    if nodes.other_operator(now_s, heartbeat_timeout_s):
+        yield ControlDenied(OPERATOR_NODE)
 
 
 def _silence(nodes: tuple[int, ...], joints: tuple[int, ...]) -> str | None:

@@ -228,6 +228,9 @@ class Arm(Protocol):
         """Read the parameter document that is active on the controller; empty if there is none."""
         ...
 
-    def close(self) -> None:
-        """Leave the arm held, give the token back, stop heartbeats. Safe to call twice."""
+    def close(self) -> bool:
+        """Leave the arm held, give the token back, stop heartbeats. Safe to call twice.
+
+        False if the arm did not answer any more.
+        """
         ...

@@ -103,6 +103,10 @@ def bus_settings(
         )
     if rate is not None and not (isinstance(rate, int) and rate > 0):
         raise BusError(f"The bitrate {rate!r} is not a number of bits a second, such as 1000000.")
+    if where is not None and not str(where).isprintable():
+        raise BusError(
+            f"The channel name {str(where)!a} has characters that no channel is named with."
+        )
     return BusSettings(
         interface=str(chosen),
         channel=DEFAULT_CHANNEL if where is None else str(where),
@@ -156,7 +160,7 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
             ignore_config=True,
             **options,
         )
-    except (can.CanError, OSError, ValueError, TypeError) as error:
+    except Exception as error:  # drivers that are not installed raise what they like
         raise BusError(_words(settings, error)) from error
     if isinstance(bus, SocketcanBus):
         pending = bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
@@ -199,7 +203,9 @@ def _words(settings: BusSettings, error: Exception) -> str:
             f"This user may not open {settings}. Ask for access to the device (on many systems: "
             "membership of the group that owns it)."
         )
-    if isinstance(error, can.CanInterfaceNotImplementedError):
+    if isinstance(
+        error, can.CanInterfaceNotImplementedError | NameError | ImportError | AttributeError
+    ):
         return (
             f"The driver for interface {settings.interface} is not there: {error}. Install what "
             "its maker and python-can's manual ask for."

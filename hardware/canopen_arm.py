@@ -31,9 +31,13 @@ from hardware.errors import (
     ControlDenied,
     DriveFault,
     HardwareError,
+    Intruder,
     ModeNotReached,
+    NodeRestarted,
     SdoRefused,
+    SensorFault,
     Stopped,
+    TwoDevices,
 )
 from hardware.objects import (
     ERROR_CODE,
@@ -92,6 +96,7 @@ class CanopenArm:
         self._recording_failure: str | None = None
         self._latch = StopLatch()  # here, so that a new connection does not lift a STOP
         self._closing = False
+        self._left_held = True
         self._close_lock = threading.RLock()
 
     # ---- connection ------------------------------------------------------------------------------
@@ -125,29 +130,39 @@ class CanopenArm:
         self._connection = connection
         return identity
 
-    def close(self) -> None:
+    def close(self) -> bool:
         """Leave the arm held, give the token back, end heartbeats and recording. Safe to call twice.
 
-        From any thread; a second one waits until the arm is closed.
+        From any thread; a second one waits until the arm is closed. False if there was an arm and it
+        did not answer any more: its drives are left to themselves.
         """
         with self._close_lock:
             link = self._connection
             if link is None or self._closing:  # closing: called again by the thread that closes
-                return
-            self._closing = True
+                return self._left_held
+            self._closing, self._left_held = True, False
             try:
-                self._let_go(link)
+                self._left_held = self._let_go(link)
             finally:
                 # Not before: STOP needs the connection to the last moment.
                 self._connection, self._closing = None, False
+            return self._left_held
 
-    def _let_go(self, link: Connection) -> None:
+    def _let_go(self, link: Connection) -> bool:
+        """Hold, disable, give the token back; whether the drives said that they were there."""
         try:
-            if link.in_control:
-                with contextlib.suppress(HardwareError):  # the drives hold without us as well
-                    self._hold_and_disable(link)
-                with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
-                    link.access.write_unsigned(SUPERVISOR_NODE, TOKEN, 0, 0, 4)
+            if not link.in_control:
+                return not link.deserted()
+            answered = True
+            try:
+                self._hold_and_disable(link)
+            except Stopped:  # and so held
+                pass
+            except HardwareError:  # the drives hold without us as well
+                answered = False
+            with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
+                link.access.write_unsigned(SUPERVISOR_NODE, TOKEN, 0, 0, 4)
+            return answered
         finally:
             link.close()
             self._recording_failure = link.recording_failure
@@ -155,7 +170,7 @@ class CanopenArm:
     @staticmethod
     def _hold_and_disable(link: Connection) -> None:
         """Position mode everywhere, then drives off: without a drive a joint's valve is blocked."""
-        despite = (DriveFault, ControlDenied)
+        despite = (DriveFault, ControlDenied, SensorFault, Intruder, TwoDevices, NodeRestarted)
         link.loop.run(steps.hold_where_it_is(link.loop), despite=despite)
         link.loop.run(steps.drive_to(link.loop, Wish.DISABLED), despite=despite)
 
@@ -188,7 +203,7 @@ class CanopenArm:
             link.access.write_unsigned(SUPERVISOR_NODE, TOKEN, 0, OPERATOR_NODE, 4)
         except SdoRefused as refused:
             link.token = link.access.read_unsigned(SUPERVISOR_NODE, TOKEN)
-            raise ControlDenied(link.token) from refused
+            raise ControlDenied(link.token, uploading.refusal(link.access)) from refused
         link.token = OPERATOR_NODE
         lagging = link.loop.run(steps.drive_to(link.loop, Wish.ENABLED))
         link.read_modes()
@@ -205,11 +220,22 @@ class CanopenArm:
         """
         if len(modes) != self._n:
             raise ValueError(f"{self._n} joints need {self._n} modes, not {len(modes)}")
+        self._set_modes(modes)
+
+    def _set_modes(
+        self, modes: Sequence[JointMode], *, despite: tuple[type[HardwareError], ...] = ()
+    ) -> None:
         link = self._link
         self._raise_if_stopped(link)
+        tripped = tuple(
+            joint
+            for joint, status in enumerate(link.loop.sample.statuswords, 1)
+            if steps.state_of(status) is DriveState.FAULT
+        )
+        self._raise_for_drives(link, tripped, "given a mode")
         admit_modes(link.loop.sample)
         for _ in range(MODE_ATTEMPTS):
-            link.loop.run(steps.change_modes(link.loop, modes, syncs=MODE_SYNCS))
+            link.loop.run(steps.change_modes(link.loop, modes, syncs=MODE_SYNCS), despite=despite)
             link.read_modes()
             if link.modes == tuple(modes):
                 return
@@ -287,7 +313,8 @@ class CanopenArm:
 
     def hold(self) -> None:
         """All joints to position mode: free ones where they are, the others on their last target."""
-        self.set_modes([JointMode.POSITION] * self._n)
+        # What a sensor did, or somebody else, is no reason not to.
+        self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, Intruder))
 
     # ---- STOP ------------------------------------------------------------------------------------
 
@@ -315,8 +342,8 @@ class CanopenArm:
         """
         link, press = self._link, self._latch.last
         lagging = link.loop.run(
-            steps.reset(link.loop, link.loop.nodes.forget_faults, press=press),
-            despite=(Stopped, DriveFault),
+            steps.reset(link.loop, link.loop.forget_faults, press=press),
+            despite=(Stopped, DriveFault, SensorFault, Intruder),
         )
         link.read_modes()
         self._raise_if_stopped(link)

@@ -7,7 +7,7 @@ wait for every boot-up; compare the arm with its description; heartbeat; NMT sta
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -16,16 +16,18 @@ import can
 
 from hardware import identifying, steps
 from hardware.admission import admit
-from hardware.arm import ArmIdentity, ArmSnapshot, JointMode
+from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode
 from hardware.buses import BusSettings, open_bus, open_sender
+from hardware.continuity import ENCODER_COUNTS, RVDT_COUNTS
 from hardware.control_loop import ControlLoop, Pace, Timing
 from hardware.cyclic import Commands, Sample
-from hardware.description import ArmDescription
-from hardware.errors import ControlDenied, DriveFault, NodeMissing, Stopped
+from hardware.description import ArmDescription, EncoderDescription
+from hardware.errors import BusError, ControlDenied, DriveFault, NodeMissing, Stopped, TwoDevices
 from hardware.limits import joint_limits
-from hardware.mapping import check_mapping, check_positions
+from hardware.mapping import check_mapping, check_positions, patience_s
 from hardware.objects import (
     COB_NMT,
+    ERROR_CODE,
     JOINT_MODE,
     MODE_DISPLAY,
     OPERATOR_NODE,
@@ -98,12 +100,12 @@ class Connection:
         self._rated_nm: tuple[float, ...] = (0.0,) * joints
         self._wire = Wire(openers.main(settings), record_to=record_to)
         try:
-            self.stop_line = StopLine(openers.stop(settings), self._wire)
+            self.stop_line = StopLine(self._second_handle(openers, settings), self._wire)
         except BaseException:
             self._wire.close()
             raise
         nodes = (*(joint_node(j) for j in range(1, joints + 1)), SUPERVISOR_NODE)
-        self.access = ObjectAccess(self._wire.send, nodes)
+        self.access = ObjectAccess(self._wire.send, nodes, timeout_s=timing.sdo_timeout_s)
         self.loop = ControlLoop(
             self._wire,
             joints=joints,
@@ -112,8 +114,20 @@ class Connection:
             allow=self._allow,
             quick_stop=self.send_quick_stops,
             timing=timing,
+            allowed_counts=[
+                ENCODER_COUNTS if isinstance(joint.sensor, EncoderDescription) else RVDT_COUNTS
+                for joint in description.joints
+            ],
             clock=clock,
         )
+
+    @staticmethod
+    def _second_handle(openers: BusOpeners, settings: BusSettings) -> can.BusABC | None:
+        """Open the handle for STOP; None where the adapter, open already, does not open twice."""
+        try:
+            return openers.stop(settings)
+        except BusError:
+            return None
 
     def open(self) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC.
@@ -130,8 +144,13 @@ class Connection:
         wire.send(COB_NMT, bytes([NmtCommand.RESET_COMMUNICATION, 0]))
         _require(loop.nodes.wait_for_boot_up(BOOT_TIMEOUT_S))
         identity = identifying.read_identity(access, self.joints)
+        self._require_single()
         identifying.check_arm(access, identity, self._description, period_s=self._timing.period_s)
         check_mapping(access, self.joints)
+        self._require_single()
+        loop.heartbeat_timeout_s = patience_s(
+            access, (*range(1, self.joints + 1), SUPERVISOR_NODE), loop.heartbeat_timeout_s
+        )
         self._rated_nm = identifying.read_rated_torques_nm(access, self.joints)
         loop.begin_heartbeat()
         wire.send(COB_NMT, bytes([NmtCommand.START, 0]))
@@ -140,8 +159,30 @@ class Connection:
         loop.begin_sync()
         first = loop.run(steps.look(loop, syncs=2), despite=(DriveFault, Stopped))
         check_positions(access, first.counts, self.scales)
+        self._learn_of_trips(first)
         self.read_modes()
         return identity
+
+    def _require_single(self) -> None:
+        twice = self.access.answering_twice()
+        if twice:
+            raise TwoDevices(twice)
+
+    def _learn_of_trips(self, first: Sample) -> None:
+        """Ask drives that are in a fault why (603Fh): their emergencies were sent before we listened."""
+        codes = {
+            joint: self.access.read_unsigned(joint_node(joint), ERROR_CODE)
+            for joint, status in enumerate(first.statuswords, 1)
+            if steps.state_of(status) in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
+        }
+        nodes = self.loop.nodes
+
+        def note() -> Generator[Commands | None, Sample, None]:
+            for joint, code in codes.items():
+                nodes.assume_fault(joint_node(joint), code, first.sync_count)
+            yield from ()
+
+        self.loop.run(note())
 
     def close(self) -> None:
         """End everything that is sent and the recording."""
@@ -163,6 +204,13 @@ class Connection:
         """Whether another operator's heartbeat is on the bus."""
         return self.loop.nodes.other_operator(
             self.loop.attention.listened_s, self._timing.heartbeat_timeout_s
+        )
+
+    def deserted(self) -> bool:
+        """Whether nobody answers any more: the bus is gone, or a node has fallen silent."""
+        loop = self.loop
+        return loop.failure is not None or bool(
+            loop.nodes.silent(loop.attention.listened_s, loop.heartbeat_timeout_s)
         )
 
     def read_modes(self) -> None:

@@ -20,13 +20,14 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Protocol
 
-from hardware.alarms import find_alarm
+from hardware.alarms import Seen, find_alarm
 from hardware.attention import Attention
+from hardware.continuity import Continuity, Jump
 from hardware.cyclic import Abandoned, Command, Commands, Sample
 from hardware.errors import BusError, HardwareError
 from hardware.node_watch import NodeWatch
@@ -49,6 +50,10 @@ from hardware.tasks import Steps, Task, TaskQueue
 SWITCH_INTERVAL_S = 0.0005
 """Python's default of 5 ms would let a busy thread of this process delay a SYNC by as much."""
 
+
+FRAMES_AT_A_TIME = 200
+"""Frames looked at before what is due is seen to: on a bus with a frame always waiting, heartbeat and SYNC
+must not wait for the last of them."""
 
 SYNCS_AFTER_STOP = 20
 """In fast forward, so that the drives come to rest and say that they have stopped."""
@@ -81,12 +86,15 @@ class Timing:
     fast forward a slow machine may take longer. A joint is lost when it missed `patience` SYNCs in
     a row and has been silent for `lost_after_s`; until then a move waits where it is.
 
+    A node has `sdo_timeout_s` for every answer to an object access.
+
     `speed` is how many times faster than its own clock a simulated arm runs; a real one knows only 1.
     """
 
     period_s: float = CONTROL_PERIOD_S
     heartbeat_period_s: float = HEARTBEAT_PERIOD_S
     heartbeat_timeout_s: float = 1.0
+    sdo_timeout_s: float = 1.0
     answer_timeouts_s: Mapping[Pace, float] = field(
         default_factory=lambda: {Pace.REAL_TIME: 0.05, Pace.FAST_FORWARD: 0.5}
     )
@@ -121,6 +129,9 @@ class ControlLoop:
     allow
         Called before commands go out with the present sample, the commands sent last and the new
         ones; raises `CommandRefused` for what may not be sent.
+    allowed_counts
+        By joint: how far a reading may seem to jump between two SYNCs by noise alone; empty: joints
+        are not watched for it.
     quick_stop
         Sends quick stop to all drives; must not wait.
     clock
@@ -138,6 +149,10 @@ class ControlLoop:
         Steps are moving the arm.
     failure
         Why the thread has ended.
+    heartbeat_timeout_s
+        Silence after which a node is lost; set before `begin_sync`.
+    jump
+        The first jump of a joint's reading that was no motion; None if there was none.
     """
 
     def __init__(
@@ -150,6 +165,7 @@ class ControlLoop:
         allow: Callable[[Sample, Commands | None, Commands], None],
         quick_stop: Callable[[], None],
         timing: Timing,
+        allowed_counts: Sequence[float] = (),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.nodes = NodeWatch((*range(1, joints + 1), SUPERVISOR_NODE))
@@ -157,9 +173,13 @@ class ControlLoop:
         self.latch = StopLatch()
         self.moving = False
         self.failure: HardwareError | None = None
+        self.jump: Jump | None = None
+        self._watched = bool(allowed_counts)
+        self._continuity = Continuity(allowed_counts)
         self._wire, self._joints, self._pace = wire, joints, pace
         self._on_sdo, self._allow, self._quick_stop = on_sdo, allow, quick_stop
         self._timing, self._clock = timing, clock
+        self.heartbeat_timeout_s = timing.heartbeat_timeout_s
         self.attention = Attention(clock)
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(joints, patience=timing.misses(pace), now_s=clock())
@@ -198,6 +218,11 @@ class ControlLoop:
         """Let SYNCs go out from now on."""
         self._syncing = True
 
+    def forget_faults(self) -> None:
+        """Forget emergencies, and what was seen of sensors and of other programs, so far."""
+        self.nodes.forget_faults()
+        self.jump = None
+
     def close(self) -> None:
         """Stop everything that is sent and end the thread. Safe to call twice."""
         self._closing = True
@@ -229,10 +254,14 @@ class ControlLoop:
         task = self._tasks.first
         found = find_alarm(
             self.nodes,
-            stop_latched=self.stop_latched,
-            lost_joints=self._sampler.lost(),
+            Seen(
+                stop_latched=self.stop_latched,
+                lost_joints=self._sampler.lost(),
+                doubled_joints=self._sampler.doubled(),
+                jump=self.jump,
+            ),
             now_s=self.attention.listened_s,
-            heartbeat_timeout_s=self._timing.heartbeat_timeout_s,
+            heartbeat_timeout_s=self.heartbeat_timeout_s,
             despite=() if task is None else task.despite,
         )
         if found is None and task is not None and task.abandoned:
@@ -289,21 +318,31 @@ class ControlLoop:
         """One SYNC: commands out, SYNC, wait for the answers."""
         if self._pace is Pace.REAL_TIME:
             self._wait_for_tick()
-        if not self.sample.complete:
-            while self._receive_one(0.0):  # late answers, to no sample any more
-                pass
+        self._drain()  # late answers, to no sample any more, and second ones
         self._send_commands()
         self._sampler.open()
         self._wire.send(COB_SYNC, b"")
         deadline = self._clock() + self._answer_timeout_s
-        while self._sampler.waiting > 0 and not self._closing:
+        overtime = FRAMES_AT_A_TIME
+        while self._sampler.waiting > 0 and not self._closing and overtime > 0:
             left = deadline - self._clock()
             # Late ourselves, we look at what has come meanwhile before we call anybody silent.
             wait_s = min(max(left, 0.0), 0.5 * self._timing.heartbeat_period_s)
+            if left <= 0.0:
+                overtime -= 1
             if not self._receive_one(wait_s) and left <= 0.0:
                 break
             self._beat()
         self._sampler.close()
+        if self.jump is None and self._watched:
+            self.jump = self._continuity.see(self.sample)
+
+    def _drain(self) -> None:
+        """Look at what has arrived, as far as there is time for it."""
+        for _ in range(FRAMES_AT_A_TIME):
+            if not self._receive_one(0.0):
+                return
+            self._beat()
 
     def _send_commands(self) -> None:
         """Send what changed, and one joint's command again in turn in case a frame was lost."""
@@ -335,6 +374,8 @@ class ControlLoop:
         elif COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
             self._on_sdo(identifier, bytes(message.data))
         else:
+            if self._syncing:
+                self.nodes.note_command(identifier, message.data)
             self.nodes.note(
                 identifier, message.data, self.attention.listened_s, self.sample.sync_count
             )

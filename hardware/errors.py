@@ -30,14 +30,14 @@ class WrongArm(HardwareError):
 
 
 class MappingDiffers(HardwareError):
-    """Drives whose frames would be misread: `differences` name node, object, expected and found."""
+    """Nodes that are set up otherwise: `differences` name node, object, expected and found."""
 
     def __init__(self, differences: Sequence[str]) -> None:
         self.differences = tuple(differences)
         super().__init__(
-            "The drives' frames do not carry what this program reads in them: "
-            f"{'; '.join(self.differences)}. Nothing was enabled. Commission these drives with the PDOs "
-            "that this arm is driven with, then connect again."
+            "These nodes are not set up as this program drives them: "
+            f"{'; '.join(self.differences)}. Nothing was enabled. Commission them as expected, then "
+            "connect again."
         )
 
 
@@ -50,11 +50,18 @@ class SdoRefused(HardwareError):
 
 
 class ControlDenied(HardwareError):
-    """Somebody else holds the control token, or another operator's heartbeat is on the bus."""
+    """Control of the arm is not ours: somebody else has it, or (holder 0) it was not given.
 
-    def __init__(self, holder: int) -> None:
+    `why` are the supervisor's words, where there are any.
+    """
+
+    def __init__(self, holder: int, why: str = "") -> None:
         self.holder = holder
-        super().__init__(f"node {holder} is in control of this arm")
+        if holder:
+            super().__init__(f"node {holder} is in control of this arm")
+        else:
+            because = why or "the supervisor does not say why"
+            super().__init__(f"control of this arm was not given: {because}")
 
 
 class ModeNotReached(HardwareError):
@@ -73,6 +80,42 @@ class DriveFault(HardwareError):
         super().__init__(f"joint {joint} tripped: {text} ({code:04X}h)")
 
 
+class NodeRestarted(BusError):
+    """A node has booted by itself: what it counted since may have begun anew."""
+
+    def __init__(self, nodes: tuple[int, ...]) -> None:
+        self.nodes = nodes
+        named = " and ".join(_joint_or_node(node) for node in nodes)
+        super().__init__(
+            f"{named} has restarted, as after a loss of power: its counter may have begun anew. Nothing "
+            "was captured since. Connect again: the arm is compared with its poses first"
+        )
+
+
+class SensorFault(HardwareError):
+    """A joint's reading cannot be true: it jumped, or it stands still while the joint moves."""
+
+    def __init__(self, joint: int, text: str) -> None:
+        self.joint = joint
+        super().__init__(f"joint {joint} {text}")
+
+
+class TwoDevices(HardwareError):
+    """More than one device answers to a node number."""
+
+    def __init__(self, nodes: tuple[int, ...]) -> None:
+        self.nodes = nodes
+        named = " and ".join(map(str, nodes))
+        super().__init__(
+            f"two devices answer as node {named}. Take one off the bus, or give it another number, then "
+            "connect again"
+        )
+
+
+class Intruder(HardwareError):
+    """Somebody else on the bus commands this arm."""
+
+
 class Stopped(HardwareError):
     """STOP is latched: nothing moves until it is reset."""
 
@@ -83,3 +126,8 @@ class CommandRefused(HardwareError):
 
 class UploadRefused(HardwareError):
     """The supervisor refused a parameter document; its previous one stays active."""
+
+
+def _joint_or_node(node: int) -> str:
+    # Joint j is node j; node 16 is the supervisor (`hardware.objects`, which knows no errors).
+    return f"joint {node} (node {node})" if node < 16 else f"node {node}"

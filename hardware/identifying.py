@@ -16,6 +16,7 @@ from hardware.objects import (
     CONTROL_PERIOD,
     DEVICE_NAME,
     DEVICE_TYPE,
+    DEVICE_TYPE_MASK,
     DRIVE_DEVICE_TYPE,
     ENCODER_RESOLUTION,
     IDENTITY,
@@ -104,7 +105,7 @@ def _joint_differences(
 ) -> Iterable[str]:
     node = joint_node(joint)
     device = access.read_unsigned(node, DEVICE_TYPE)
-    if device != DRIVE_DEVICE_TYPE:
+    if device & DEVICE_TYPE_MASK != DRIVE_DEVICE_TYPE:
         yield f"is no CiA 402 servo drive (1000h = {device:08X}h)"
         return
     yield from _sensor_differences(access, node, expected)

@@ -17,6 +17,7 @@ from hardware.objects import (
     COB_SYNC,
     COB_TPDO1,
     EMCY_COB_ID,
+    HEARTBEAT_PRODUCER,
     POSITION_ACTUAL,
     RPDO1_COMMUNICATION,
     RPDO1_MAP,
@@ -34,6 +35,10 @@ from hardware.sdo import ObjectAccess
 
 AGREES_RAD = 0.01
 """Position by PDO and by SDO: an RVDT's noise, and what a joint at rest creeps between the two."""
+
+HEARTBEATS = 2.5
+"""Heartbeats of a node that may fail to come before it is called silent."""
+SLOWEST_HEARTBEAT_MS = 1000
 
 _NOT_VALID, _EXTENDED, _GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
 _IDENTIFIER = 0x1FFFFFFF
@@ -91,6 +96,28 @@ def check_positions(
             )
     if found:
         raise MappingDiffers(found)
+
+
+def patience_s(access: ObjectAccess, nodes: Iterable[int], least_s: float) -> float:
+    """How long a silence may be: as asked for, and some heartbeats (1017h) of the slowest node.
+
+    Raises
+    ------
+    MappingDiffers
+        A node sends none, or so seldom that its loss would go unnoticed.
+    """
+    found, longest_s = [], 0.0
+    for node in nodes:
+        period_ms = _read(access, node, HEARTBEAT_PRODUCER, 0)
+        if period_ms is None:  # that it is heard is made sure of
+            continue
+        longest_s = max(longest_s, 1e-3 * period_ms)
+        if not 0 < period_ms <= SLOWEST_HEARTBEAT_MS:
+            expected = f"a heartbeat every 1 .. {SLOWEST_HEARTBEAT_MS} ms"
+            found.append(_words(node, HEARTBEAT_PRODUCER, 0, expected, f"{period_ms} ms"))
+    if found:
+        raise MappingDiffers(found)
+    return max(least_s, HEARTBEATS * longest_s)
 
 
 def _differences(access: ObjectAccess, joint: int, joints: int) -> Iterator[str]:

@@ -10,8 +10,22 @@ import threading
 from collections.abc import Iterable
 
 from hardware.arm import Fault
+from hardware.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.cyclic import unpack_emergency
-from hardware.objects import COB_EMCY, COB_HEARTBEAT, OPERATOR_NODE, NmtState, emergency_text
+from hardware.objects import (
+    COB_EMCY,
+    COB_HEARTBEAT,
+    COB_NMT,
+    COB_RPDO1,
+    COB_SDO_TO_SERVER,
+    COB_SYNC,
+    OPERATOR_NODE,
+    NmtState,
+    emergency_text,
+)
+
+_INITIATE_DOWNLOAD = 1
+"""Client command specifier of an SDO that writes."""
 
 
 class NodeWatch:
@@ -32,6 +46,10 @@ class NodeWatch:
         Emergencies that are not over, oldest first.
     other_operator_at_s
         When another operator's heartbeat was last heard, None if never.
+    restarted
+        Nodes that booted without being told to.
+    intrusion
+        What somebody else commands on this bus, in words; empty if nobody was seen to.
     """
 
     def __init__(self, nodes: Iterable[int]) -> None:
@@ -40,8 +58,16 @@ class NodeWatch:
         self.nmt_state: dict[int, int] = {}
         self.faults: tuple[Fault, ...] = ()
         self.other_operator_at_s: float | None = None
+        self.restarted: frozenset[int] = frozenset()
+        self.intrusion = ""
+        self._expecting = False
         self._booted: set[int] = set()
         self._changed = threading.Condition()
+
+    def note_command(self, identifier: int, data: bytes | bytearray) -> None:
+        """Take in a frame that commands: the only one on this bus to send such is this program."""
+        if not self.intrusion:
+            self.intrusion = _command_of_others(identifier, data, self.nodes)
 
     def note(self, identifier: int, data: bytes | bytearray, now_s: float, sync_count: int) -> None:
         """Take in a frame; others than heartbeats and emergencies are not looked at."""
@@ -57,6 +83,8 @@ class NodeWatch:
         """Forget earlier boot-ups; call before resetting the nodes."""
         with self._changed:
             self._booted.clear()
+            self._expecting = True
+        self.restarted, self.intrusion = frozenset(), ""
         self.heard_at_s.clear()
         self.nmt_state.clear()
         self.faults = ()
@@ -65,6 +93,7 @@ class NodeWatch:
         """Wait until every node has booted; return those that have not after `timeout_s`."""
         with self._changed:
             self._changed.wait_for(lambda: self._booted.issuperset(self.nodes), timeout_s)
+            self._expecting = False
             return tuple(node for node in self.nodes if node not in self._booted)
 
     def wait_for_state(self, state: NmtState, timeout_s: float) -> tuple[int, ...]:
@@ -102,9 +131,15 @@ class NodeWatch:
         """Whether another operator's heartbeat was heard within `limit_s`."""
         return self.other_operator_at_s is not None and now_s - self.other_operator_at_s <= limit_s
 
+    def assume_fault(self, node: int, code: int, sync_count: int) -> None:
+        """Take in a fault that began before anybody listened; not one that is known already."""
+        if all(fault.node != node for fault in self.faults):
+            self._emergency(node, code, sync_count)
+
     def forget_faults(self) -> None:
         """Start a new list of emergencies."""
         self.faults = ()
+        self.intrusion = ""
 
     def _heartbeat(self, node: int, state: int, now_s: float) -> None:
         if node == OPERATOR_NODE:
@@ -118,6 +153,8 @@ class NodeWatch:
                     self.nmt_state[node] = state
                     if state == NmtState.BOOT_UP:
                         self._booted.add(node)
+                        if not self._expecting:
+                            self.restarted |= {node}
                     self._changed.notify_all()
 
     def _emergency(self, node: int, code: int, sync_count: int) -> None:
@@ -128,3 +165,22 @@ class NodeWatch:
             return
         fault = Fault(node=node, code=code, text=emergency_text(code), sync_count=sync_count)
         self.faults = (*self.faults, fault)
+
+
+def _command_of_others(identifier: int, data: bytes | bytearray, nodes: tuple[int, ...]) -> str:
+    """Say what a frame commands; empty if nothing, or nothing but a stop."""
+    if identifier == COB_SYNC and not data:
+        return "a SYNC (080h)"
+    if identifier == COB_NMT:
+        return "an NMT command (000h)"
+    if identifier - COB_RPDO1 in nodes:
+        if bytes(data[:2]) == CONTROLWORD_QUICK_STOP.to_bytes(2, "little"):
+            return (
+                ""  # our own STOP, which has a handle of its own, or somebody else's: both are good
+            )
+        return f"a command to joint {identifier - COB_RPDO1} ({identifier:03X}h)"
+    node = identifier - COB_SDO_TO_SERVER
+    if node in nodes and len(data) == 8 and data[0] >> 5 == _INITIATE_DOWNLOAD:
+        index = int.from_bytes(data[1:3], "little")
+        return f"a write to {index:04X}h of node {node}"
+    return ""

@@ -286,6 +286,8 @@ class Abort(IntEnum):
 # ---- identity ----------------------------------------------------------------------------------
 DRIVE_DEVICE_TYPE: Final = 0x00020192
 """CiA 402 (192h), servo drive."""
+DEVICE_TYPE_MASK: Final = 0x00FFFFFF
+"""Bits 24 to 31 of 1000h are the maker's."""
 SUPERVISOR_DEVICE_TYPE: Final = 0
 """No device profile."""
 VENDOR_ID: Final = 0

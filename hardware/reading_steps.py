@@ -13,7 +13,10 @@ import numpy as np
 from hardware.arm import Reading
 from hardware.cyclic import Commands, Sample
 from hardware.scale import JointScale
-from hardware.steps import Desk, raise_alarm
+from hardware.steps import Desk, incomplete_samples, raise_alarm
+
+SYNCS_A_SAMPLE, FEWEST_SYNCS = 20, 100
+"""A reading may take so many SYNCs for each of its samples, and so many beside: frames do get lost."""
 
 
 def settle(
@@ -45,12 +48,16 @@ def capture(
     """Collect complete samples: every one has all joints latched on the same SYNC."""
     rows: list[tuple[int, ...]] = []
     first = 0
-    while len(rows) < samples:
+    for _ in range(FEWEST_SYNCS + SYNCS_A_SAMPLE * samples):
+        if len(rows) == samples:
+            break
         sample = yield None
         raise_alarm(desk)
         if sample.complete:
             first = first or sample.sync_count
             rows.append(sample.counts)
+    if len(rows) < samples:
+        raise incomplete_samples(sample)
     counts = np.array(rows, dtype=np.float64)
     per_rad = np.array([scale.counts_per_rad for scale in scales])
     mean = counts.mean(axis=0)

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 from hardware.cyclic import Sample, unpack_status
 
+DOUBLED_SYNCS = 10
+"""Frames may come twice now and then; whoever answers so many SYNCs in a row twice is two."""
+
 SPEED_SYNCS = 5
 """Speeds are means over this many control periods."""
 
@@ -47,6 +50,7 @@ class Sampler:
         self._late_at_s = [0.0] * joints
         self._answers = [0] * joints
         self._missed = [0] * joints
+        self._doubled = [0] * joints
         blank = Sample(
             sync_count=0,
             statuswords=tuple(self._status),
@@ -60,6 +64,9 @@ class Sampler:
 
     def open(self) -> None:
         """Begin a sample: a SYNC is about to go out."""
+        # A second answer may have come after the sample was closed: it is looked at only now.
+        for at, answers in enumerate(self._answers):
+            self._doubled[at] = self._doubled[at] + 1 if answers > 1 else 0
         self._answers = [0] * self._joints
         self.waiting = sum(missed < self._patience for missed in self._missed)
 
@@ -97,6 +104,10 @@ class Sampler:
         earlier = self._history[0] if self._history else sample
         self._history.append(sample)
         self.view = View(sample, earlier, tuple(self._answered_at_s), tuple(self._late_at_s))
+
+    def doubled(self) -> tuple[int, ...]:
+        """Joints that have answered every one of the last SYNCs more than once."""
+        return tuple(j for j, times in enumerate(self._doubled, 1) if times >= DOUBLED_SYNCS)
 
     def lost(self) -> tuple[int, ...]:
         """Joints that are no longer waited for."""

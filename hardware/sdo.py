@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import struct
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any
 
 import canopen
 from canopen.sdo.client import SdoClient
-from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
 
-from hardware.errors import BusError, SdoRefused
+from hardware.errors import BusError, HardwareError, SdoRefused, TwoDevices
 from hardware.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER
 
 ANSWER_TIMEOUT_S = 1.0
+_ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 
 
 class _Sender(canopen.Network):
@@ -22,8 +25,11 @@ class _Sender(canopen.Network):
     def __init__(self, send: Callable[[int, bytes], None]) -> None:
         super().__init__()
         self._send = send
+        self.asked: Counter[int] = Counter()
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:  # noqa: FBT001, FBT002
+        if data[0] != _ABORT:  # which is not answered
+            self.asked[can_id - COB_SDO_TO_SERVER] += 1
         self._send(can_id, bytes(data))
 
 
@@ -36,12 +42,21 @@ class ObjectAccess:
         Puts a frame on the bus.
     nodes
         Nodes to talk to.
+    timeout_s
+        How long a node may take for an answer.
 
     Every access raises `SdoRefused` if the node refuses and `BusError` if it does not answer.
     """
 
-    def __init__(self, send: Callable[[int, bytes], None], nodes: Iterable[int]) -> None:
-        network = _Sender(send)
+    def __init__(
+        self,
+        send: Callable[[int, bytes], None],
+        nodes: Iterable[int],
+        *,
+        timeout_s: float = ANSWER_TIMEOUT_S,
+    ) -> None:
+        network = self._network = _Sender(send)
+        self._answered: Counter[int] = Counter()
         self._clients: dict[int, Any] = {}
         self._locks: dict[int, threading.Lock] = {}
         for node in nodes:
@@ -52,7 +67,7 @@ class ObjectAccess:
                 canopen.ObjectDictionary(),  # type: ignore[no-untyped-call]
             )
             client.network = network
-            client.RESPONSE_TIMEOUT = ANSWER_TIMEOUT_S
+            client.RESPONSE_TIMEOUT = timeout_s
             self._clients[node] = client
             self._locks[node] = threading.Lock()
 
@@ -60,7 +75,13 @@ class ObjectAccess:
         """Take in an SDO answer; called by the thread that receives."""
         client = self._clients.get(identifier - COB_SDO_FROM_SERVER)
         if client is not None and len(data) == 8:
+            self._answered[identifier - COB_SDO_FROM_SERVER] += 1
             client.on_response(identifier, data, 0.0)
+
+    def answering_twice(self) -> tuple[int, ...]:
+        """Nodes from which clearly more answers came than were asked for."""
+        asked = self._network.asked
+        return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * asked[node])
 
     def read(self, node: int, index: int, subindex: int = 0) -> bytes:
         """Read an object's bytes."""
@@ -92,11 +113,34 @@ class ObjectAccess:
         with self._locks[node]:
             try:
                 return access(self._clients[node])
-            except SdoAbortedError as error:
-                text = str(error).partition(",")[2].strip() or "refused"
-                raise SdoRefused(node, index, subindex, error.code, text) from error
-            except SdoCommunicationError as error:
-                raise BusError(
-                    f"Node {node} does not answer when asked for {index:04X}h sub {subindex} "
-                    f"({error}). Check its power and the bus."
-                ) from error
+            except (SdoAbortedError, SdoCommunicationError) as error:
+                raise self._in_words(node, index, subindex, error) from error
+
+    def _in_words(
+        self, node: int, index: int, subindex: int, error: SdoError
+    ) -> HardwareError | KeyboardInterrupt:
+        """Say what went wrong with an access."""
+        if _was_interrupted(error):
+            # The client wanted to end the transfer in good order, and could not: that is not the reason.
+            self._network.send_message(
+                COB_SDO_TO_SERVER + node,
+                struct.pack("<BHBL", _ABORT, index, subindex, _GENERAL_ERROR),
+            )
+            return KeyboardInterrupt()
+        if self._answered[node] > self._network.asked[node]:
+            return TwoDevices((node,))
+        if isinstance(error, SdoAbortedError):
+            text = str(error).partition(",")[2].strip() or "refused"
+            return SdoRefused(node, index, subindex, error.code, text)
+        return BusError(
+            f"Node {node} does not answer when asked for {index:04X}h sub {subindex} "
+            f"({error}). Check its power and the bus."
+        )
+
+
+def _was_interrupted(error: BaseException | None) -> bool:
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__context__
+    return False

@@ -23,11 +23,14 @@ from hardware.cia402 import (
     reached,
 )
 from hardware.cyclic import Command, Commands, Sample
-from hardware.errors import CommandRefused, DriveFault, HardwareError, Stopped
+from hardware.errors import BusError, CommandRefused, DriveFault, HardwareError, Stopped
 from hardware.objects import CYCLIC_POSITION, MODE_CODE
 from hardware.scale import JointScale
 from hardware.stop_line import StopLatch
 from hardware.trajectory import StraightMove
+
+INCOMPLETE_SYNCS = 200
+"""SYNCs in a row that some joint did not answer as it should, after which a move is given up."""
 
 TRANSITION_SYNCS = 50
 """A drive may take this many SYNCs from one end of its state machine to the other."""
@@ -171,7 +174,7 @@ def move(
         acceleration_rad_per_s2=acceleration_rad_per_s2,
         period_s=period_s,
     )
-    reason, first = "", sample.sync_count
+    reason, first, incomplete = "", sample.sync_count, 0
     ending: Exception | None = None
     desk.moving = True
     try:
@@ -185,7 +188,10 @@ def move(
             sample = yield commands
             if desk.latch.latched:
                 raise_alarm(desk)
+            incomplete = 0 if sample.complete else incomplete + 1
             ending = _more_urgent(desk.alarm() or _not_enabled(sample, joints), ending)
+            if ending is None and incomplete >= INCOMPLETE_SYNCS:
+                ending = incomplete_samples(sample)
             if isinstance(ending, Stopped):
                 raise ending
             if ending is None and watch is not None and not path.braking:
@@ -207,6 +213,15 @@ def move(
         reason=reason,
         positions_rad=np.array(positions),
         syncs=sample.sync_count - first,
+    )
+
+
+def incomplete_samples(sample: Sample) -> BusError:
+    """Why nothing goes on where hardly any SYNC is answered by all joints once."""
+    named = ", ".join(map(str, sample.missing)) or "now one, now another"
+    return BusError(
+        "Hardly any SYNC is answered by every joint, and once: the last one was not by joint "
+        f"{named}. Look at the cable, the bus load and that drive, then go on."
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 import can
@@ -51,12 +52,13 @@ class StopLine:
     Parameters
     ----------
     bus
-        Handle that nobody else sends on; `close` shuts it down.
+        Handle that nobody else sends on; `close` shuts it down. None where an adapter opens only once:
+        then STOP goes out by the one handle there is, past its lock.
     spare
-        Where a frame goes that the handle does not take.
+        Where a frame goes that the handle does not take; it records what was sent.
     """
 
-    def __init__(self, bus: can.BusABC, spare: Wire) -> None:
+    def __init__(self, bus: can.BusABC | None, spare: Wire) -> None:
         self._bus, self._spare = bus, spare
 
     def send(self, given: Commands | None, counts: Sequence[int]) -> None:
@@ -75,6 +77,7 @@ class StopLine:
             If a frame could not be sent at all; the others were.
         """
         failure: Exception | None = None
+        sent: list[can.Message] = []
         for at, measured in enumerate(counts):
             target = given[at].target_counts if given else measured
             mode = given[at].mode if given else CYCLIC_POSITION
@@ -84,16 +87,28 @@ class StopLine:
                 is_extended_id=False,
             )
             try:
-                self._bus.send(message, timeout=0.0)
-            except Exception:  # noqa: BLE001 - whatever a driver raises, the other drives get theirs
-                try:
-                    self._spare.send_at_once(message)
-                except Exception as error:  # noqa: BLE001 - raised when all frames were tried
-                    failure = error
+                self._send(message)
+                sent.append(message)
+            except Exception as error:  # noqa: BLE001 - raised when all frames were tried
+                failure = error
+        for message in sent:
+            self._spare.note_sent(message)
         if failure is not None:
             words = str(failure).rstrip(".")
             raise BusError(f"STOP could not be sent: {words}. Use the emergency stop.") from failure
 
     def close(self) -> None:
         """Shut the handle down."""
-        self._bus.shutdown()
+        if self._bus is not None:
+            self._bus.shutdown()
+
+    def _send(self, message: can.Message) -> None:
+        message.timestamp = time.time()
+        if self._bus is not None:
+            try:
+                self._bus.send(message, timeout=0.0)
+            except Exception:  # noqa: BLE001, S110 - whatever a driver raises, the drive gets its frame
+                pass
+            else:
+                return
+        self._spare.send_at_once(message)

@@ -87,9 +87,13 @@ def _compare(access: ObjectAccess, document: bytes) -> None:
 
 def _in_its_words(access: ObjectAccess, refused: SdoRefused) -> UploadRefused | ControlDenied:
     if refused.code == Abort.LOCAL_CONTROL:
-        return ControlDenied(access.read_unsigned(SUPERVISOR_NODE, TOKEN))
+        return ControlDenied(access.read_unsigned(SUPERVISOR_NODE, TOKEN), refusal(access))
+    return UploadRefused(refusal(access) or str(refused))
+
+
+def refusal(access: ObjectAccess) -> str:
+    """The supervisor's words for what it refused last; empty if it has none."""
     try:
-        words = access.read_text(SUPERVISOR_NODE, REFUSAL)
+        return access.read_text(SUPERVISOR_NODE, REFUSAL)
     except SdoRefused:
-        words = str(refused)
-    return UploadRefused(words)
+        return ""

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 import can
 
 from hardware.errors import BusError
+
+_PASSED_OVER = 200
+"""Frames of other kinds in a row, after which `receive` lets its caller look at the clock."""
 
 
 class Wire:
@@ -41,6 +45,7 @@ class Wire:
         self._record_lock = threading.Lock()
         self.recording_failure: str | None = None
         self._writer: Any = None
+        self._unrecorded: deque[can.Message] = deque()
         if record_to is not None:
             try:
                 self._writer = can.Logger(str(record_to))
@@ -60,13 +65,14 @@ class Wire:
         message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
         try:
             with self._send_lock:
+                # Before: whoever is slow to come back from sending must not seem to speak after the answer.
+                message.timestamp = time.time()
                 self._bus.send(message)
         except (can.CanError, OSError) as error:
             raise BusError(
                 f"The bus does not take frames any more: {error}. Check adapter, cable and power."
             ) from error
         if self._writer is not None:
-            message.timestamp = time.time()
             message.is_rx = False
             self._record(message)
 
@@ -83,15 +89,23 @@ class Wire:
         except (can.CanError, OSError) as error:
             raise BusError(f"The bus does not take frames any more: {error}.") from error
 
+    def note_sent(self, message: can.Message) -> None:
+        """Have a frame recorded that went out another way, with its own time stamp. Waits for nothing."""
+        if self._writer is not None:
+            message.is_rx = False
+            self._unrecorded.append(message)
+
     def receive(self, timeout_s: float) -> can.Message | None:
         """Next data frame with a standard identifier, or None after at most `timeout_s`.
+
+        None as well when only frames of other kinds come, and no end of them: the caller has other duties.
 
         Raises
         ------
         BusError
             If the bus cannot be read any more.
         """
-        while True:
+        for _ in range(_PASSED_OVER):
             try:
                 message = self._bus.recv(timeout_s)
             except (can.CanError, OSError, ValueError) as error:
@@ -105,6 +119,7 @@ class Wire:
             if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):
                 return message
             timeout_s = 0.0
+        return None
 
     def close(self) -> None:
         """End the recording and shut the bus down. Safe to call twice."""
@@ -112,6 +127,8 @@ class Wire:
             writer, self._writer = self._writer, None
             if writer is not None:
                 try:
+                    while self._unrecorded:
+                        writer(self._unrecorded.popleft())
                     writer.stop()
                 except OSError as error:
                     self.recording_failure = str(error)
@@ -122,6 +139,8 @@ class Wire:
             if self._writer is None:
                 return
             try:
+                while self._unrecorded:
+                    self._writer(self._unrecorded.popleft())
                 self._writer(message)
             except (OSError, ValueError) as error:
                 self.recording_failure = str(error)

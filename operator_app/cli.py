@@ -22,6 +22,7 @@ COMMANDS = {
     "report": "write an HTML report of a session",
     "compare": "say what drifted between two calibrations",
     "session": "list sessions or show one",
+    "reset": "clear tripped drives and a STOP; moves nothing",
     "controller": "run the virtual controller as its own process",
 }
 

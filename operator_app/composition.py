@@ -9,9 +9,9 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -28,6 +28,7 @@ from hardware.description import (
 from hardware.objects import HEARTBEAT_TIMEOUT_S
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
+from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
 from hardware.virtual.parameters import ValidatedParameters
 from hardware.virtual.scenario_names import DEFAULT_SCENARIO
@@ -37,7 +38,7 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
-from operator_app.session.opening import Choices, Opening, Rig, open_session
+from operator_app.session.opening import Choices, Opening, Rig, open_session, remove_if_empty
 from operator_app.session.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 from solver.chain.arm_model import ArmModel
@@ -129,31 +130,48 @@ def open_arm(
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CutShort:
+    """A session that did not come to its end.
+
+    `held`: the arm confirmed that it is held; `kept`: there is a folder of it.
+    """
+
+    session: Session
+    cause: BaseException
+    held: bool
+    kept: bool
+
+
 @contextmanager
 def unattended(
     opening: Opening,
     *,
     record_to: Path | None = None,
-    cut_short: Callable[[Session, str], None] = lambda _session, _reason: None,
+    cut_short: Callable[[CutShort], None] = lambda _: None,
 ) -> Iterator[Session]:
     """Open a session for a command: whatever ends it, the arm is held and the journal whole afterwards.
 
-    `cut_short` is told then of a session that did not come to its end, and why.
+    `cut_short` is told then of a session that did not come to its end, and why. One in which no arm was
+    found leaves no folder.
     """
     with ending_signals_interrupt(), open_arm(opening, record_to=record_to) as rig:
         session = open_session(rig)
-        reason = "failed"
+        reason, cause, held = "failed", None, False
         try:
             yield session
             reason = "done"
-        except KeyboardInterrupt:
-            reason = "interrupted"
+        except BaseException as error:
+            cause = error
+            if isinstance(error, KeyboardInterrupt):
+                reason = "interrupted"
             raise
         finally:
             with ending_signals_wait():
-                session.close(reason)
-            if reason != "done":
-                cut_short(session, reason)
+                held = session.close(reason)
+                kept = not remove_if_empty(session)
+            if cause is not None:
+                cut_short(CutShort(session=session, cause=cause, held=held, kept=kept))
         if session.journal.loss is not None:
             raise session.journal.loss
 
@@ -186,8 +204,12 @@ def run_controller(
     *,
     slots: Path | None = None,
     heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
+    script: Sequence[ScriptedFault] = (),
 ) -> Iterator[VirtualController]:
-    """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory."""
+    """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory.
+
+    `script` are faults that happen at given SYNCs.
+    """
     chosen = scenario_of(choices)
     carried = chosen.arm(arm)
     try:
@@ -206,6 +228,7 @@ def run_controller(
         validate=validated_parameters,
         store=ParameterStore(MemoryDisk() if slots is None else FolderDisk(slots)),
         heartbeat_timeout_s=heartbeat_timeout_s,
+        script=script,
     )
     controller.start()
     try:

@@ -104,7 +104,12 @@ class VirtualController:
         serial = arm.number % 1_000_000 * 100
         self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
         self._joints = {node.number for node in self.drives}
-        self._group = DriveGroup(self.drives, plant, self.disturbances.frozen_counts)
+        self._group = DriveGroup(
+            self.drives,
+            plant,
+            self.disturbances.frozen_counts,
+            self.disturbances.lost_counts,
+        )
         self.supervisor = SupervisorNode(
             arm=arm,
             axes=axes,
@@ -246,6 +251,8 @@ class VirtualController:
             if disturbances.lost_tpdos and disturbances.loses_tpdo(node.number):
                 continue
             send(node.tpdo1_id, data)
+            if node.number in disturbances.doubled_tpdos:
+                send(node.tpdo1_id, data)
 
     # ---- wall-clock duties -------------------------------------------------------------------------------
 

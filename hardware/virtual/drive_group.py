@@ -11,11 +11,12 @@ Rules of the arm as a whole, beyond CiA 402:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from hardware.arm import DriveState
 from hardware.objects import EmergencyCode
 from hardware.virtual.drive_node import DriveNode
-from hardware.virtual.port import PlantPort
+from hardware.virtual.port import JointCommand, PlantPort
 
 _FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
 
@@ -31,6 +32,8 @@ class DriveGroup:
         What they move.
     frozen_counts
         Joints whose sensor is stuck, and what it reports; looked at in every period.
+    lost_counts
+        By how many counts a joint's sensor is off; likewise.
     """
 
     def __init__(
@@ -38,15 +41,17 @@ class DriveGroup:
         drives: Sequence[DriveNode],
         plant: PlantPort,
         frozen_counts: Mapping[int, int],
+        lost_counts: Mapping[int, int],
     ) -> None:
         if len(drives) != plant.joint_count:
             raise ValueError(f"{len(drives)} axes for a plant of {plant.joint_count} joints")
         self._drives, self._plant, self._frozen = tuple(drives), plant, frozen_counts
+        self._lost = lost_counts
 
     def step(self) -> None:
         """One control period: commands out, readings in, trips."""
-        reading = self._plant.step([node.drive.command() for node in self._drives])
-        frozen = self._frozen
+        reading = self._plant.step([self._command_of(node) for node in self._drives])
+        frozen, lost = self._frozen, self._lost
         for node, counts, torque, speed in zip(
             self._drives,
             reading.position_counts,
@@ -55,9 +60,18 @@ class DriveGroup:
             strict=True,
         ):
             with node.lock:
-                node.drive.read(frozen.get(node.number, counts), torque, speed)
+                seen = counts + lost.get(node.number, 0)
+                node.drive.read(frozen.get(node.number, seen), torque, speed)
         if any(node.drive.state in _FAULTED for node in self._drives):
             self.quick_stop()
+
+    def _command_of(self, node: DriveNode) -> JointCommand:
+        """What a drive does: it goes by its own sensor, and so as far off as that one is."""
+        command = node.drive.command()
+        lost = self._lost.get(node.number)
+        if not lost:
+            return command
+        return replace(command, target_rad=command.target_rad - node.axis.scale.to_rad(lost))
 
     def quick_stop(self) -> None:
         """Stop and hold every drive that is enabled."""

@@ -10,8 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from hardware.objects import EmergencyCode
+from hardware.objects import EmergencyCode, NmtCommand
 from hardware.virtual.drive_node import DriveNode
+from hardware.virtual.frame_faults import BadWire, FrameFaults
 from hardware.virtual.supervisor_node import SupervisorNode
 
 
@@ -27,14 +28,23 @@ class Disturbances:
         Nodes that work but send no heartbeat.
     lost_tpdos
         How many TPDO1 of a joint will yet be lost.
+    doubled_tpdos
+        Joints that answer every SYNC twice.
     frozen_counts
         Joints whose sensor reports this, wherever they are.
+    wire
+        What frames go through; None lets them pass.
+    lost_counts
+        Counts by which a joint's sensor is off, and its drive with it.
     """
 
     cut_since_s: dict[int, float] = field(default_factory=dict)
     no_heartbeat: set[int] = field(default_factory=set)
     lost_tpdos: dict[int, int] = field(default_factory=dict)
+    doubled_tpdos: set[int] = field(default_factory=set)
     frozen_counts: dict[int, int] = field(default_factory=dict)
+    lost_counts: dict[int, int] = field(default_factory=dict)
+    wire: BadWire | None = None
 
     def loses_tpdo(self, joint: int) -> bool:
         """Whether this joint's TPDO1 gets lost now; counts down."""
@@ -114,6 +124,52 @@ class FaultInjector:
     def thaw_sensor(self, joint: int) -> None:
         """Mend a frozen sensor."""
         self._victim.post(lambda: _forget(self._victim.disturbances.frozen_counts, joint))
+
+    def disturb_frames(self, faults: FrameFaults) -> None:
+        """Let frames of all nodes get lost, come twice, ...; no faults mend the wire."""
+        victim = self._victim
+
+        def act() -> None:
+            victim.disturbances.wire = None if faults == FrameFaults() else BadWire(faults)
+
+        victim.post(act)
+
+    def trip(self, joint: int, code: EmergencyCode) -> None:
+        """Let a drive trip."""
+        node = self._drive(joint)
+
+        def act() -> None:
+            with node.lock:
+                node.drive.trip(code)
+
+        self._victim.post(act)
+
+    def lose_counts(self, joint: int, counts: int) -> None:
+        """Let a joint's sensor be off by so many counts more, from one SYNC to the next."""
+        self._drive(joint)
+        lost = self._victim.disturbances.lost_counts
+        self._victim.post(lambda: lost.update({joint: lost.get(joint, 0) + counts}))
+
+    def answer_twice(self, joint: int, *, twice: bool = True) -> None:
+        """Let a joint answer every SYNC twice, as two drives with one number would."""
+        self._drive(joint)
+        doubled = self._victim.disturbances.doubled_tpdos
+        self._victim.post(lambda: doubled.add(joint) if twice else doubled.discard(joint))
+
+    def restart_node(self, joint: int) -> None:
+        """Take mains away from one drive and give it back: it starts by itself, its counter at zero."""
+        node, victim = self._drive(joint), self._victim
+
+        def act() -> None:
+            lost = victim.disturbances.lost_counts
+            with node.lock:
+                lost[joint] = lost.get(joint, 0) - node.drive.counts
+                node.drive.counts = 0
+                node.power_up()
+                node.boot()
+                node.on_nmt(NmtCommand.START)
+
+        victim.post(act)
 
     def break_sensor(self, joint: int, *, broken: bool = True) -> None:
         """Let the drive see that its sensor has failed (7305h), or mend it."""

@@ -10,6 +10,14 @@ from pathlib import Path
 from operator_app.commands.options import bus_options, choices_from, scenario_options
 from operator_app.exit_codes import ExitCode, UsageError
 
+FAULTS = (
+    "frames-lost", "frames-lost-10", "frames-doubled", "frames-reordered", "frames-flipped",
+    "babbling", "silent-node", "silent-supervisor", "no-heartbeat", "missed-answers",
+    "double-answers", "restart-node", "restart", "hang", "lost-counts-5", "lost-counts-500",
+    "frozen-sensor", "broken-sensor", "collision", "refused-modes", "external-stop",
+)  # fmt: skip
+"""Names of `hardware.virtual.fault_kinds`, here so that --help does not load the controller."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
@@ -20,6 +28,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder that keeps uploaded parameters over a restart (default: in memory)",
     )
+    faults = parser.add_argument_group("faults, to see what an operator sees of them")
+    faults.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        choices=FAULTS,
+        metavar="KIND",
+        help=f"let something go wrong; may be given again. One of: {', '.join(FAULTS)}",
+    )
+    faults.add_argument(
+        "--fault-joint",
+        type=int,
+        default=3,
+        metavar="J",
+        help="whose, where it is one's (default 3)",
+    )
+    faults.add_argument(
+        "--fault-sync",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="at which SYNC since the controller began (default 1000: 10 s into a session in real time)",
+    )
     bus_options(parser)
     scenario_options(parser)
 
@@ -27,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from hardware.buses import bus_settings
+    from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
     from operator_app.composition import run_controller, scenario_of
     from operator_app.config.arm_file import load_arm
     from operator_app.signals import ending_signals_interrupt
@@ -38,12 +70,27 @@ def execute(args: argparse.Namespace) -> int:
             "a virtual bus ends at this process; use -i loopback (no set-up) or -i socketcan -c vcan0"
         )
     arm = load_arm(args.arm)
-    with ending_signals_interrupt(), run_controller(arm, choices, settings, slots=args.state):
+    if not 1 <= args.fault_joint <= arm.joint_count:
+        raise UsageError(f"--fault-joint: joints are 1 to {arm.joint_count}")
+    if args.fault_sync < 1:
+        raise UsageError("--fault-sync: SYNCs count from 1")
+    script = [
+        scripted(kind, joint=args.fault_joint, at_sync=args.fault_sync) for kind in args.fault
+    ]
+    with (
+        ending_signals_interrupt(),
+        run_controller(arm, choices, settings, slots=args.state, script=script),
+    ):
         chosen = scenario_of(choices)
         print(
             f"Virtual {arm.name} (scenario {chosen.name}, seed {chosen.seed}) on {settings}. "
             f"In another terminal: sarcal run hinge -i {settings.interface} -c {settings.channel}"
-            f"{' --scenario exact' if chosen.name == 'exact' else ''}\nCtrl-C ends it.",
+            f"{' --scenario exact' if chosen.name == 'exact' else ''}\n"
+            + "".join(
+                f"At SYNC {args.fault_sync}: {FAULT_KINDS[kind].text} (joint {args.fault_joint}).\n"
+                for kind in args.fault
+            )
+            + "Ctrl-C ends it.",
             file=sys.stderr,
             flush=True,
         )

@@ -46,7 +46,9 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.export import PARAMETERS_NAME, document_of
     from operator_app.session.folder import read_session
     from operator_app.session.journal import utc_now
+    from operator_app.session.listener import Listener
     from operator_app.session.opening import resume
+    from operator_app.session.workflow import connect
 
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = read_session(opening.folder).state
@@ -71,7 +73,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.upload:
         # In the session: what its arm is given, and why, is in its journal.
         with unattended(opening) as session:
-            session.connect()
+            connect(session, Listener())
             session.take_control()
             exported = session.export(solution, upload_too=True, forced=forced)
         data, receipt = exported.parameters.read_bytes(), exported.receipt

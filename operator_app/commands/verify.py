@@ -85,12 +85,12 @@ def _on_the_arm(opening: Opening, solution: Solution, count: int) -> tuple[Verdi
     from operator_app.composition import unattended
     from operator_app.session.drives import drives_of
     from operator_app.session.listener import Listener
-    from operator_app.session.workflow import verify
+    from operator_app.session.workflow import connect, verify
 
     if count < 1:
         raise UsageError("--poses: take at least 1")
     with unattended(opening) as session:
-        session.connect()
+        connect(session, Listener())
         session.set_modes(drives_of(session))
         found = verify(session, solution, count, Listener())
     print(f"Took {count} new poses: they are in the journal of {opening.folder}", file=sys.stderr)

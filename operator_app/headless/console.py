@@ -10,6 +10,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from fixtures.base import SetupCheck, Severity
 from hardware.arm import ArmIdentity
 from operator_app.calibration.solution import Solution
+from operator_app.composition import CutShort
+from operator_app.headless.ending import cut_short_lines
 from operator_app.planning.drives import DriveChoice, names
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
@@ -35,21 +37,11 @@ class ConsoleListener(Listener):
             self.say(f"{session.journal.contents.torn}.")
         self.say(f"Going on after {len(session.state.used_poses)} poses.")
 
-    def cut_short(self, session: Session, reason: str) -> None:
-        """Say what is left of a run that did not come to its end; the arm is held by now."""
+    def cut_short(self, found: CutShort) -> None:
+        """Say what is left of a run that did not come to its end, and how it goes on, if it does."""
         self.close()
-        folder, kept = session.journal.kept_in, len(session.state.poses)
-        said = "The run was interrupted" if reason == "interrupted" else "The run has ended early"
-        held = "; the arm is held" if session.state.serial_number else ""
-        if session.journal.loss is not None:
-            self.say(f"{said}{held}. What could be kept is in {folder}.")
-            return
-        self.say(
-            f"{said}{held}. {kept} poses are kept in {folder}. "
-            f"Go on with: sarcal run --resume {folder}"
-            if kept
-            else f"{said}{held}; no pose was taken."
-        )
+        for line in cut_short_lines(found):
+            self.say(line)
 
     def connected(self, identity: ArmIdentity) -> None:
         """Say which arm answered."""

@@ -16,7 +16,7 @@ from operator_app.session.export import Exported
 from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd
 from operator_app.session.session import Session
-from operator_app.session.workflow import take_poses
+from operator_app.session.workflow import connect, take_poses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +43,7 @@ def run(session: Session, listener: Listener, *, forced: str = "") -> RunResult:
     """
     if session.procedure.position_joints is not None:
         session.check_modes(session.procedure.position_joints)
-    listener.connected(session.connect())
+    connect(session, listener)
     listener.fixture_checked(session.require_fixture())
     end = take_poses(session, listener, drives_of(session, listener))
     if end is not None:

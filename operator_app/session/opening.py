@@ -20,6 +20,7 @@ from operator_app.errors import SessionError
 from operator_app.planning.task import require_closed_chain
 from operator_app.session.folder import find_session, new_folder
 from operator_app.session.journal import Clock, Journal, read_journal, utc_now
+from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.session import Session
 from operator_app.session.state import session_state
 from solver.estimators.estimate import require_enough_poses
@@ -114,6 +115,22 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
         journal.close()
         raise
     return session
+
+
+def remove_if_empty(session: Session) -> bool:
+    """Take away the folder of a closed session in which no arm was ever connected: it holds nothing."""
+    journal = session.journal
+    if journal.loss is not None:
+        # Whatever is in its place now is not ours to take away.
+        return False
+    folder = journal.path.parent
+    if not folder.is_dir():
+        return True
+    if session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:
+        return False
+    (folder / JOURNAL_NAME).unlink()
+    folder.rmdir()
+    return True
 
 
 def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:

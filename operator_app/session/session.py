@@ -18,6 +18,7 @@ import numpy as np
 from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Reading, Watch
 from hardware.errors import HardwareError
+from hardware.objects import EmergencyCode
 from operator_app.calibration.checks import Checks, check
 from operator_app.calibration.record import to_dict
 from operator_app.calibration.refusals import FixtureRefusedError
@@ -127,6 +128,20 @@ class Session:
             },
         )
         return identity
+
+    def clear_lost_heartbeat(self) -> tuple[int, ...]:
+        """Reset drives that tripped for nothing but the loss of an operator's heartbeat; return them.
+
+        Such a trip says that a program ended or froze, not that the arm met anything. The drives stay
+        disabled. With any other trip among them, nothing is reset.
+        """
+        faults = self.arm.snapshot().faults
+        if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
+            return ()
+        self.arm.reset_stop()
+        joints = tuple(sorted({f.node for f in faults}))
+        self.record("reset", {"joints": list(joints), "code": int(EmergencyCode.HEARTBEAT_LOST)})
+        return joints
 
     # -- 2 Fixture -------------------------------------------------------------------------------
 
@@ -471,10 +486,10 @@ class Session:
 
     # -- end -------------------------------------------------------------------------------------
 
-    def close(self, reason: str) -> None:
-        """Leave the arm held and the journal whole. Safe to call twice."""
+    def close(self, reason: str) -> bool:
+        """Leave the arm held and the journal whole. Safe to call twice; False if it did not answer."""
         try:
-            self.arm.close()
+            return self.arm.close()
         finally:
             try:
                 if not self.journal.closed and self.journal.loss is None:

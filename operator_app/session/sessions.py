@@ -11,8 +11,15 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import builtin_names
 from operator_app.errors import JournalLostError
 from operator_app.session.folder import SessionEntry, list_sessions
-from operator_app.session.journal_lines import JOURNAL_NAME
-from operator_app.session.opening import Choices, Opening, Rig, begin, open_session, resume
+from operator_app.session.opening import (
+    Choices,
+    Opening,
+    Rig,
+    begin,
+    open_session,
+    remove_if_empty,
+    resume,
+)
 from operator_app.session.runner import Runner
 from operator_app.session.snapshot import Level
 
@@ -83,9 +90,9 @@ class Sessions:
                 runner.close(reason)
             finally:
                 self._stack.close()
-                kept = not _removed_if_empty(runner)
-                self.last = runner.session.journal.kept_in if kept else None
-                self.lost = runner.session.journal.loss
+                session = runner.session
+                self.last = None if remove_if_empty(session) else session.journal.kept_in
+                self.lost = session.journal.loss
 
     def _open(self, opening: Opening, farewell: str) -> Runner:
         """Open a session; the one that was open is closed when nothing can go wrong any more."""
@@ -100,19 +107,3 @@ class Sessions:
             runner.say(Level.ALARM, str(self.lost))
         self._runner, self._stack = runner, opened
         return runner
-
-
-def _removed_if_empty(runner: Runner) -> bool:
-    """Take away the folder of a session in which no arm was ever connected: it holds nothing."""
-    journal = runner.session.journal
-    if journal.loss is not None:
-        # Whatever is in its place now is not ours to take away.
-        return False
-    folder = journal.path.parent
-    if not folder.is_dir():
-        return True
-    if runner.session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:
-        return False
-    (folder / JOURNAL_NAME).unlink()
-    folder.rmdir()
-    return True

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from hardware.arm import ArmIdentity
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verify import Verdict, fixed_by, judge_poses
 from operator_app.errors import GuardError
@@ -15,6 +16,18 @@ from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, St
 from operator_app.session.session import Session
 from operator_app.session.state import pose_set_of
 from solver.chain.poses import PoseSet
+
+
+def connect(session: Session, listener: Listener) -> ArmIdentity:
+    """Find the arm; what an operator who was killed or frozen left behind is cleared and said."""
+    identity = session.connect()
+    listener.connected(identity)
+    if session.clear_lost_heartbeat():
+        listener.told(
+            "The drives had tripped because an operator's heartbeat was lost (8130h), as after a "
+            "program was killed or frozen: reset. Nothing has moved."
+        )
+    return identity
 
 
 def take_poses(

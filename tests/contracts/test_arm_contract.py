@@ -25,7 +25,16 @@ from hardware.description import (
     JointDescription,
     RvdtDescription,
 )
-from hardware.errors import ControlDenied, DriveFault, ModeNotReached, Stopped, UploadRefused
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    DriveFault,
+    ModeNotReached,
+    SensorFault,
+    Stopped,
+    TwoDevices,
+    UploadRefused,
+)
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameters import ValidatedParameters
@@ -321,3 +330,60 @@ def test_an_observer_sees_standard_frames(driven: CanopenArm, settings: BusSetti
         status, counts, _torque = struct.unpack("<Hih", answers[0x180 + joint].data)
         assert status & 0x6F == 0x27
         assert counts == state.position_counts
+
+
+@pytest.mark.parametrize("counts", [5, 500, -1111])
+def test_counts_lost_at_rest_are_noticed_before_the_pose_counts(
+    driven: CanopenArm, controller: VirtualController, counts: int
+) -> None:
+    driven.settle(window=10, spread_rad=[0.01] * 7, timeout_syncs=300)
+    driven.capture(20)
+    controller.faults.lose_counts(3, counts)
+    with pytest.raises(SensorFault, match="joint 3 jumped") as told:
+        driven.capture(40)
+    assert told.value.joint == 3
+    assert f"by {counts:+d} counts" in str(told.value)
+
+
+@pytest.mark.parametrize("counts", [500, -1111])
+def test_counts_lost_in_a_move_are_noticed(
+    driven: CanopenArm, controller: VirtualController, counts: int
+) -> None:
+    here = driven.snapshot().positions_rad
+    lost = threading.Event()
+
+    def watch(snapshot: ArmSnapshot) -> None:
+        if abs(snapshot.positions_rad[1] - here[1]) > 0.1 and not lost.is_set():
+            controller.faults.lose_counts(4, counts)
+            lost.set()
+
+    with pytest.raises(SensorFault, match="joint 4 jumped") as told:
+        driven.move({2: here[1] + 0.3}, speed_rad_per_s=0.5, watch=watch)
+    assert lost.is_set()
+    assert told.value.joint == 4
+
+
+def test_a_drive_that_restarts_with_its_counter_at_zero_is_named(
+    driven: CanopenArm, controller: VirtualController
+) -> None:
+    controller.faults.restart_node(5)
+    with pytest.raises(BusError, match="5") as told:
+        driven.capture(2000)
+    assert "restart" in str(told.value) or "left operation" in str(told.value)
+
+
+def test_a_joint_that_answers_twice_is_two_devices(
+    driven: CanopenArm, controller: VirtualController
+) -> None:
+    controller.faults.answer_twice(7)
+    with pytest.raises(TwoDevices, match="node 7"):
+        driven.capture(2000)
+
+
+def test_two_controllers_on_one_bus_are_named(
+    controller: VirtualController, settings: BusSettings
+) -> None:
+    with controller_on(settings):
+        arm = CanopenArm(describe(MODEL), settings, pace=Pace.FAST_FORWARD)
+        with pytest.raises(TwoDevices, match="two devices answer as node"):
+            arm.connect()

@@ -81,6 +81,9 @@ class FakeArmBus(can.BusABC):
         self.drives = {j: FakeDrive(node=j, counts=1000 * j) for j in range(1, JOINTS + 1)}
         self.syncs = 0
         self.sent: list[tuple[int, bytes]] = []
+        self.heartbeat_ms = 100
+        self.twins: set[int] = set()
+        self.denies_control = False
         self.objects: dict[tuple[int, int, int], bytes | int] = {}
         self.silent: set[int] = set()
         self.twice: set[int] = set()
@@ -226,6 +229,8 @@ class FakeArmBus(can.BusABC):
 
     def _answer(self, node: int, data: bytes) -> None:
         self._queue.append((0x580 + node, data))
+        if node in self.twins:
+            self._queue.append((0x580 + node, data))
 
     def _refuse(self, node: int, code: int) -> None:
         """Turn the confirmation that was just queued into an abort."""
@@ -237,6 +242,7 @@ class FakeArmBus(can.BusABC):
         name = b"fake supervisor" if node == SUPERVISOR else b"fake drive"
         common = {
             (0x1008, 0): name,
+            (0x1017, 0): struct.pack("<H", self.heartbeat_ms),
             (0x1018, 1): bytes(4),
             (0x1018, 2): b"\x01\0\0\0",
             (0x1018, 3): b"\0\0\x01\0",
@@ -261,7 +267,6 @@ class FakeArmBus(can.BusABC):
             (0x1000, 0): struct.pack("<L", 0x00020192),
             (0x1005, 0): struct.pack("<L", 0x80),
             (0x1014, 0): struct.pack("<L", 0x80 + node),
-            (0x1017, 0): struct.pack("<H", 100),
             (0x1400, 1): struct.pack("<L", 0x200 + node),
             (0x1400, 2): b"\xfe",
             (0x1800, 1): struct.pack("<L", 0x40000180 + node),
@@ -300,7 +305,7 @@ class FakeArmBus(can.BusABC):
     def _store(self, node: int, index: int, sub: int, value: bytes) -> None:
         if index == 0x2010:
             wanted = int.from_bytes(value, "little")
-            if wanted and self.token not in (0, wanted):
+            if wanted and (self.denies_control or self.token not in (0, wanted)):
                 self._refuse(node, 0x08000022)
             else:
                 self.token = wanted

@@ -1,0 +1,52 @@
+"""What happens to frames on a bad bus: lost, doubled, swapped, flipped, drowned. Knows frames, no node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import can
+import numpy as np
+
+BABBLE_ID = 0x7EE
+"""An identifier that nobody of the arm uses."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameFaults:
+    """Shares of all frames (0 to 1) that something happens to; `babble` frames of nobody's after each."""
+
+    lost: float = 0.0
+    doubled: float = 0.0
+    swapped: float = 0.0
+    flipped: float = 0.0
+    babble: float = 0.0
+
+
+class BadWire:
+    """Frames in, frames out as the faults have it; the same for a seed."""
+
+    def __init__(self, faults: FrameFaults, seed: int = 0) -> None:
+        self._faults, self._rng = faults, np.random.default_rng(seed)
+        self._held: can.Message | None = None
+
+    def passed(self, message: can.Message) -> Iterator[can.Message]:
+        """Frames that go out when this one is sent."""
+        faults = self._faults
+        lost, doubled, swapped, flipped = self._rng.random(4)
+        if lost < faults.lost:
+            return
+        if flipped < faults.flipped and len(message.data):
+            bit = int(self._rng.integers(8 * len(message.data)))
+            message.data[bit // 8] ^= 1 << bit % 8
+        if swapped < faults.swapped and self._held is None:
+            self._held = message
+            return
+        yield message
+        if doubled < faults.doubled:
+            yield message
+        held, self._held = self._held, None
+        if held is not None:
+            yield held
+        for _ in range(round(faults.babble)):
+            yield can.Message(arbitration_id=BABBLE_ID, data=b"babble", is_extended_id=False)

@@ -1,0 +1,96 @@
+"""Lost counts against everything that a joint may do otherwise, in plain numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hardware.continuity import QUIET_SYNCS, Continuity, Jump
+from hardware.cyclic import Sample
+
+SYNCS = 200
+AT = 100
+
+
+def watch(positions: list[tuple[float, ...]], missing: frozenset[int] = frozenset()) -> list[Jump]:
+    watcher = Continuity([4.0] * len(positions[0]))
+    found = []
+    for sync, angles in enumerate(positions, 1):
+        sample = Sample(
+            sync_count=sync,
+            statuswords=(0,) * len(angles),
+            counts=tuple(round(a) for a in angles),
+            torques_per_mille=(0,) * len(angles),
+            missing=(1,) if sync in missing else (),
+        )
+        jump = watcher.see(sample)
+        if jump is not None:
+            found.append(jump)
+    return found
+
+
+MOTIONS: dict[str, Callable[[int], float]] = {
+    "at rest": lambda _: 1234.0,
+    "at one speed": lambda k: 55.3 * k,
+    "swinging": lambda k: 4000.0 * math.sin(0.02 * k),
+    "braking": lambda k: 100.0 * k - 0.2 * k * k,
+}
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("lost", [40, -50, 500, -1111])
+def test_lost_counts_are_named_with_their_size(motion: str, lost: int) -> None:
+    of = MOTIONS[motion]
+    positions = [
+        (of(k), 0.7 * of(k), of(k) + (lost if k >= AT else 0)) for k in range(1, SYNCS + 1)
+    ]
+    (jump,) = watch(positions)
+    assert (jump.joint, jump.sync_count) == (3, AT)
+    assert jump.counts == pytest.approx(lost, abs=2)
+
+
+@pytest.mark.parametrize("lost", [5, -5])
+def test_at_rest_five_counts_are_enough(lost: int) -> None:
+    positions = [(7.0, 9.0 + (lost if k >= AT else 0)) for k in range(1, SYNCS + 1)]
+    assert watch(positions) == [Jump(joint=2, counts=lost, sync_count=AT)]
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_motion_alone_is_none(motion: str) -> None:
+    of = MOTIONS[motion]
+    assert watch([(of(k), -1.3 * of(k)) for k in range(1, SYNCS + 1)]) == []
+
+
+def test_starting_and_stopping_short_is_none() -> None:
+    """A path with the corners of a trapezoid, as moves are: 6 counts a SYNC faster every SYNC."""
+    speed = [min(6.0 * max(k - 50, 0), 120.0, 6.0 * max(150 - k, 0)) for k in range(SYNCS)]
+    at = np.cumsum(speed)
+    assert watch([(a, 2.1 * a, 0.0) for a in at.tolist()]) == []
+
+
+def test_what_jerks_the_chain_jerks_more_than_one() -> None:
+    assert watch([(300.0 * (k >= AT), 45.0 * (k >= AT), 0.0) for k in range(1, SYNCS + 1)]) == []
+
+
+def test_noise_is_no_slip_however_large() -> None:
+    rng = np.random.default_rng(3)
+    noise = rng.normal(0.0, 40.0, (SYNCS, 1)) * (np.arange(SYNCS) > 60)[:, None]
+    assert watch([(0.0, float(n)) for (n,) in noise]) == []
+
+
+def test_a_stop_from_full_speed_is_none() -> None:
+    at = [min(k, AT) * 200.0 for k in range(1, SYNCS + 1)]
+    assert watch([(a, -0.4 * a) for a in at]) == []
+
+
+def test_over_a_lost_frame_nothing_is_said() -> None:
+    positions = [(10.0 * k + (500 if k >= AT else 0), 0.0) for k in range(1, SYNCS + 1)]
+    assert watch(positions, frozenset({AT})) == []
+
+
+def test_it_says_so_within_a_tenth_of_a_second() -> None:
+    positions = [(0.0, 500.0 * (k >= AT)) for k in range(1, AT + QUIET_SYNCS + 1)]
+    assert len(watch(positions)) == 1

@@ -1,0 +1,307 @@
+"""What happens on the bus beside what was asked for: seen, named, and never in the way of SYNC and heartbeat."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+
+from hardware.buses import BusSettings, bus_settings, open_bus
+from hardware.canopen_arm import CanopenArm
+from hardware.connection import BusOpeners
+from hardware.control_loop import Pace, Timing
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    DriveFault,
+    Intruder,
+    MappingDiffers,
+    NodeRestarted,
+    SensorFault,
+    TwoDevices,
+)
+from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.test_canopen_arm import TWO_DRIVEN, capture_for_ever, describe, make
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
+    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.5)
+
+
+@pytest.fixture
+def bus() -> FakeArmBus:
+    fake = FakeArmBus()
+    fake.drives[7].counts = 100
+    return fake
+
+
+@pytest.fixture
+def driven(bus: FakeArmBus) -> Iterator[CanopenArm]:
+    arm = make(bus)
+    arm.connect()
+    arm.take_control()
+    arm.set_modes(TWO_DRIVEN)
+    yield arm
+    arm.close()
+
+
+# ---- somebody else -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        ((0x203, struct.pack("<Hib", 0x0F, 5, 8)), r"a command to joint 3 \(203h\)"),
+        ((0x080, b""), "a SYNC"),
+        ((0x000, b"\x02\x03"), "an NMT command"),
+        ((0x610, bytes.fromhex("2100200000010000")), "a write to 2000h of node 16"),
+    ],
+)
+def test_whoever_else_commands_is_named(
+    driven: CanopenArm, bus: FakeArmBus, frame: tuple[int, bytes], words: str
+) -> None:
+    bus.say(*frame)
+    with pytest.raises(Intruder, match=words):
+        capture_for_ever(driven)
+    driven.hold()
+
+
+def test_whoever_only_asks_or_stops_is_welcome(driven: CanopenArm, bus: FakeArmBus) -> None:
+    bus.say(0x610, bytes.fromhex("4000200000000000"))
+    bus.say(0x203, struct.pack("<Hib", 0x02, 0, 8))
+    driven.capture(20)
+
+
+# ---- nodes ---------------------------------------------------------------------------------------------
+
+
+def test_a_node_that_is_back_in_operation_has_restarted_all_the_same(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    bus.say(0x703, b"\x00")
+    bus.say(0x703, b"\x05")
+    with pytest.raises(NodeRestarted, match=r"joint 3 \(node 3\) has restarted") as told:
+        capture_for_ever(driven)
+    assert told.value.nodes == (3,)
+
+
+@pytest.mark.parametrize("joint", [1, 4, 7])
+def test_two_answers_to_every_sync_end_a_capture(
+    driven: CanopenArm, bus: FakeArmBus, joint: int
+) -> None:
+    bus.twice = {joint}
+    with pytest.raises(TwoDevices, match=f"two devices answer as node {joint}"):
+        driven.capture(50)
+
+
+def test_two_answers_to_every_sync_end_a_move(driven: CanopenArm, bus: FakeArmBus) -> None:
+    bus.twice = {2}
+    with pytest.raises(TwoDevices):
+        driven.move({2: 0.3}, speed_rad_per_s=0.5)
+
+
+def test_an_answer_that_comes_twice_now_and_then_is_no_second_device(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    def sometimes(sync: int) -> None:
+        bus.twice = {2} if sync % 3 else set()
+
+    bus.on_sync = sometimes
+    assert driven.capture(5).samples == 5
+
+
+def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    def in_turn(sync: int) -> None:
+        bus.silent = {1 + sync % JOINTS}
+
+    bus.on_sync = in_turn
+    with pytest.raises(BusError, match="Hardly any SYNC is answered by every joint"):
+        driven.capture(1)
+
+
+def test_two_devices_with_one_number_are_named_when_connecting(bus: FakeArmBus) -> None:
+    bus.twins = {5}
+    with pytest.raises(TwoDevices, match="two devices answer as node 5"):
+        make(bus).connect()
+    assert not [i for i, _ in bus.sent if 0x200 < i <= 0x207]
+
+
+def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:
+    bus.heartbeat_ms = 0
+    with pytest.raises(MappingDiffers, match=r"node 1, 1017h sub 0: expected .* found 0 ms"):
+        make(bus).connect()
+
+
+def test_a_slow_heartbeat_is_waited_for(bus: FakeArmBus) -> None:
+    bus.heartbeat_ms = 800
+    arm = make(bus)
+    arm.connect()
+    assert arm._link.loop.heartbeat_timeout_s == pytest.approx(2.0)
+    arm.close()
+
+
+def test_other_bits_of_the_device_type_are_the_makers(bus: FakeArmBus) -> None:
+    bus.objects[2, 0x1000, 0] = struct.pack("<L", 0x47020192)
+    arm = make(bus)
+    arm.connect()
+    arm.close()
+
+
+def test_the_patience_for_an_object_is_a_setting(bus: FakeArmBus) -> None:
+    arm = make(bus, timing=Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), sdo_timeout_s=0.05))
+    arm.connect()
+    bus.dead = {3}
+    begun = time.monotonic()
+    with pytest.raises(BusError, match="Node 3 does not answer"):
+        arm._link.access.read(3, 0x1000)
+    assert time.monotonic() - begun < 0.9
+    arm.close()
+
+
+# ---- sensors -------------------------------------------------------------------------------------------
+
+
+def test_a_joint_that_jumps_ends_what_is_under_way(driven: CanopenArm, bus: FakeArmBus) -> None:
+    driven.capture(20)
+    bus.drives[3].counts += 500
+    with pytest.raises(SensorFault, match=r"joint 3 jumped by \+500 counts") as told:
+        driven.capture(50)
+    assert told.value.joint == 3
+    with pytest.raises(SensorFault):
+        driven.capture(1)
+    driven.hold()
+    driven.reset_stop()
+
+
+# ---- what a drive in a fault is asked -----------------------------------------------------------------
+
+
+def test_a_trip_from_before_is_known_when_connected(bus: FakeArmBus) -> None:
+    bus.drives[4].status = 0x08
+    arm = make(bus)
+    arm.connect()
+    (fault,) = arm.snapshot().faults
+    assert (fault.node, fault.code) == (4, 0x8611)
+    with pytest.raises(DriveFault):
+        arm.take_control()
+    arm.close()
+
+
+def test_control_that_is_not_given_is_nobody_elses(bus: FakeArmBus) -> None:
+    arm = make(bus)
+    arm.connect()
+    bus.denies_control, bus.refusal = True, "the heartbeat of node 127 is not heard"
+    with pytest.raises(ControlDenied, match="not given: the heartbeat of node 127") as denied:
+        arm.take_control()
+    assert "node 0" not in str(denied.value)
+    arm.close()
+
+
+# ---- a bus that never falls silent ---------------------------------------------------------------------
+
+
+PATIENT = Timing(
+    heartbeat_timeout_s=5.0, lost_after_s=5.0, answer_timeouts_s=dict.fromkeys(Pace, 0.05)
+)
+
+
+class Babbling(FakeArmBus):
+    """There is always another frame, of somebody who has nothing to do with the arm."""
+
+    babbles = False
+    turn = 0
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        self.turn += 1
+        if self.babbles and (self.turn % 4 or not self._queue):
+            extended = self.turn % 3 == 0
+            message = can.Message(
+                arbitration_id=0x555, data=b"babble", is_extended_id=extended, timestamp=time.time()
+            )
+            return message, False
+        return super()._recv_internal(timeout)
+
+
+@pytest.mark.parametrize("pace", list(Pace))
+def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(pace: Pace) -> None:
+    bus = Babbling()
+    bus.drives[7].counts = 100
+    arm = make(bus, pace=pace, timing=PATIENT)
+    arm.connect()
+    arm.take_control()
+    bus.silent = {3}  # so that samples are incomplete, which is when late answers are looked for
+    bus.babbles = True
+    syncs, since = bus.syncs, len(bus.sent)
+    begun = time.monotonic()
+    while bus.syncs < syncs + 8 and time.monotonic() < begun + 3.0:
+        if pace is Pace.FAST_FORWARD:
+            arm.settle(window=1, spread_rad=[1.0] * JOINTS, timeout_syncs=2)
+    took = time.monotonic() - begun
+    assert bus.syncs >= syncs + 8
+    beats = sum(identifier == 0x77F for identifier, _ in bus.sent[since:])
+    assert beats >= int(took / 0.1 * 0.5)
+    bus.babbles = False
+    bus.silent = set()
+    arm.close()
+
+
+# ---- adapters and recordings -----------------------------------------------------------------------------
+
+
+def test_an_adapter_that_opens_once_connects_and_stops(bus: FakeArmBus) -> None:
+    def only_once(_: BusSettings) -> can.BusABC:
+        raise BusError("the adapter is in use")
+
+    arm = CanopenArm(
+        describe(),
+        BusSettings(channel="fake"),
+        pace=Pace.FAST_FORWARD,
+        openers=BusOpeners(main=lambda _: bus, stop=only_once),
+    )
+    arm.connect()
+    arm.take_control()
+    arm.stop()
+    assert {drive.status for drive in bus.drives.values()} == {0x07}
+    arm.close()
+
+
+def test_the_recording_has_stop_and_every_frame_before_its_answer(
+    bus: FakeArmBus, tmp_path: Path
+) -> None:
+    arm = make(bus, record_to=tmp_path / "bus.blf")
+    arm.connect()
+    arm.take_control()
+    arm.stop()
+    arm.close()
+    frames = list(can.LogReader(tmp_path / "bus.blf"))
+    stops = [f for f in frames if 0x200 < f.arbitration_id <= 0x207 and f.data[:2] == b"\x02\x00"]
+    assert {f.arbitration_id for f in stops} == {0x201 + k for k in range(JOINTS)}
+    assert not any(f.is_rx for f in stops)
+    in_time = sorted(frames, key=lambda f: f.timestamp)
+    asked = 0
+    for frame in in_time:
+        asked += frame.arbitration_id == 0x604
+        if frame.arbitration_id == 0x584:
+            assert asked > 0
+            asked -= 1
+
+
+@pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])
+def test_an_adapter_without_its_driver_is_one_clear_error(interface: str) -> None:
+    with pytest.raises(BusError, match=interface):
+        open_bus(bus_settings(interface, "0", 1_000_000))
+
+
+@pytest.mark.parametrize("channel", ["a\0b", "\udc80", "\x1b[31mred", "x\ny"])
+def test_a_strange_channel_is_one_clear_error(channel: str) -> None:
+    with pytest.raises(BusError, match="channel name") as refused:
+        bus_settings("loopback", channel)
+    assert str(refused.value).isprintable()

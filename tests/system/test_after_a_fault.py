@@ -1,0 +1,173 @@
+"""After a kill, a trip or a dead controller: what the commands say is true, and what they advise works."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from hardware.virtual.fault_kinds import FAULT_KINDS
+from operator_app.cli import main
+from operator_app.commands.controller import FAULTS
+from operator_app.session.journal import read_journal
+
+SARCAL = [sys.executable, "-m", "operator_app.cli"]
+PATIENCE_S = 240
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def channel(request: pytest.FixtureRequest) -> str:
+    return f"fault-{os.getpid()}-{request.node.name[:24]}"
+
+
+def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*SARCAL, *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@contextmanager
+def controller_on(folder: Path, channel: str, *more: str) -> Iterator[subprocess.Popen[str]]:
+    process = start(folder, "controller", "-i", "loopback", "-c", channel, *more)
+    try:
+        assert process.stderr is not None
+        assert channel in process.stderr.readline()
+        yield process
+    finally:
+        process.kill()
+        process.communicate(timeout=PATIENCE_S)
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    out, said = process.communicate(timeout=PATIENCE_S)
+    assert "Traceback" not in said
+    return process.returncode, out, said
+
+
+def poses_of(folder: Path) -> list[int]:
+    return [e.data["number"] for e in read_journal(folder).events if e.name == "pose"]
+
+
+def wait_for_poses(sessions: Path, wanted: int, process: subprocess.Popen[str]) -> Path:
+    while process.poll() is None:
+        for journal in sessions.glob("*/journal.jsonl"):
+            if journal.read_bytes().count(b'"event":"pose"') >= wanted:
+                return journal.parent
+    raise AssertionError(process.communicate()[1])
+
+
+def test_after_a_kill_the_same_command_goes_on(tmp_path: Path, channel: str) -> None:
+    bus = ("-i", "loopback", "-c", channel)
+    with controller_on(tmp_path, channel):
+        run = start(tmp_path, "run", "hinge", *bus, "--poses", "5")
+        folder = wait_for_poses(tmp_path / "sessions", 2, run)
+        run.kill()
+        run.communicate()
+        before = poses_of(folder)
+        code, out, said = finish(start(tmp_path, "run", "--resume", str(folder), "--json"))
+    assert code in (0, 4), said
+    assert "8130h" in said
+    assert "reset. Nothing has moved." in said
+    assert json.loads(out)["poses"] == 5
+    assert poses_of(folder)[: len(before)] == before
+
+
+def test_after_a_trip_what_is_advised_works(tmp_path: Path, channel: str) -> None:
+    bus = ("-i", "loopback", "-c", channel)
+    fault = ("--fault", "collision", "--fault-joint", "4", "--fault-sync", "1500")
+    with controller_on(tmp_path, channel, *fault):
+        code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
+        (folder,) = (tmp_path / "sessions").iterdir()
+        taken = len(poses_of(folder))
+        assert code == 3, said
+        assert "joint 4 tripped: excess torque (8311h)" in said
+        assert "the arm is held" in said
+        assert taken > 0
+        assert f"clear its trip with: sarcal reset {Path('sessions') / folder.name}" in said
+        # Without it nothing goes on, and the same is said.
+        code, _, said = finish(start(tmp_path, "run", "--resume", str(folder)))
+        assert code == 3, said
+        assert "sarcal reset" in said
+
+        code, out, said = finish(start(tmp_path, "reset", str(folder)))
+        assert code == 0, said
+        assert "Joint 4  excess torque (8311h): reset" in out
+        assert "Nothing has moved" in out
+        wanted = str(taken + 1)
+        code, _, said = finish(start(tmp_path, "run", "--resume", str(folder), "--poses", wanted))
+        assert code in (0, 2, 4), said
+        assert len(poses_of(folder)) == taken + 1
+        code, out, _ = finish(start(tmp_path, "reset", *bus, "--json"))
+        assert (code, json.loads(out)) == (0, {"cleared": [], "left": []})
+
+
+def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path: Path, channel: str) -> None:
+    bus = ("-i", "loopback", "-c", channel)
+    with controller_on(tmp_path, channel, "--fault", "external-stop", "--fault-sync", "300"):
+        code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
+        assert code == 3, said
+        code, _, said = finish(start(tmp_path, "reset", *bus))
+        assert code == 3
+        assert "stays tripped: external stop" in said
+        assert "release the external stop" in said
+
+
+def test_a_controller_that_died_holds_no_arm(tmp_path: Path, channel: str) -> None:
+    bus = ("-i", "loopback", "-c", channel)
+    with controller_on(tmp_path, channel) as controller:
+        run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
+        wait_for_poses(tmp_path / "sessions", 1, run)
+        controller.kill()
+        code, _, said = finish(run)
+    assert code == 3, said
+    assert "the arm is held" not in said
+    assert "The arm did not answer when it was told to hold" in said
+
+
+def test_a_failed_connection_leaves_no_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], channel: str
+) -> None:
+    sessions = tmp_path / "s"
+    arguments = ["-i", "loopback", "-c", channel, "--sessions", str(sessions)]
+    assert main(["run", "hinge", *arguments]) == 3
+    said = capsys.readouterr().err
+    assert "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in said
+    assert "held" not in said
+    assert not list(sessions.iterdir())
+
+
+def test_nothing_to_reset_on_the_arm_inside_this_program(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["reset", "--sessions", str(tmp_path)]) == 2
+    assert "begins anew with every program" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_session_interrupted_by_ctrl_c_is_held(tmp_path: Path, channel: str) -> None:
+    bus = ("-i", "loopback", "-c", channel)
+    with controller_on(tmp_path, channel):
+        run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
+        folder = wait_for_poses(tmp_path / "sessions", 1, run)
+        run.send_signal(signal.SIGINT)
+        code, _, said = finish(run)
+    assert code == 130, said
+    assert "the arm is held" in said
+    assert f"sarcal run --resume {Path('sessions') / folder.name}" in said
+
+
+def test_the_command_line_knows_every_fault() -> None:
+    assert set(FAULTS) == set(FAULT_KINDS)

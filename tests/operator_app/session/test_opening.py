@@ -11,9 +11,9 @@ import pytest
 
 from hardware.control_loop import Pace
 from operator_app.cli import main
-from operator_app.composition import open_arm
+from operator_app.composition import open_arm, unattended
 from operator_app.session.folder import read_session
-from operator_app.session.opening import Choices
+from operator_app.session.opening import Choices, begin
 from operator_app.session.sessions import Sessions
 
 CHANNEL = f"test-opening-{os.getpid()}"
@@ -59,11 +59,14 @@ def test_what_the_terminal_app_journals_is_the_bus_it_opened(
 def test_a_run_journals_the_same(
     tmp_path: Path, loopback: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["run", "hinge", "--sessions", str(tmp_path / "sessions")]) == 3
-    assert "no pose was taken" in capsys.readouterr().err
-    (folder,) = (tmp_path / "sessions").iterdir()
-    state = read_session(folder).state
+    sessions = tmp_path / "sessions"
+    with unattended(begin("hinge", Choices(), root=sessions)) as session:
+        state = read_session(session.journal.path.parent).state
     assert state is not None
+    assert not list(sessions.iterdir())  # nothing was connected: it held nothing
+    assert main(["run", "hinge", "--sessions", str(sessions)]) == 3
+    assert "no pose was taken" in capsys.readouterr().err
+    assert not list(sessions.iterdir())
     assert (state.settings["interface"], state.settings["channel"]) == ("loopback", CHANNEL)
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from operator_app.calibration.judgement import Notice
 from operator_app.config.parameters import ParametersDocument
+from operator_app.units.figure import ANGLE, CHI2, LENGTH, Figure
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 
 SAME_NOMINAL = 1e-9
@@ -44,10 +43,8 @@ def notices(
     found += [("TABLE", text) for text in _changed_constants(a, b)]
     for name, scale in zip("AB", scales, strict=True):
         if scale > SCALE_TOLD:
-            text = (
-                f"chi2/dof of {name} is {scale**2:.3g}: its standard deviations were multiplied by "
-                f"{scale:.3g}"
-            )
+            ratio, factor = CHI2(scale**2).shown, CHI2(scale).shown
+            text = f"chi2/dof of {name} is {ratio}: its standard deviations were multiplied by {factor}"
             found.append(("CHI2", text))
     return tuple(Notice(code=code, text=text) for code, text in found)
 
@@ -64,9 +61,11 @@ def _changed_constants(a: ParametersDocument, b: ParametersDocument) -> list[str
             change = float(wrap_angle(second - first)) if kind.is_angle else second - first
             if entry.name in identified or abs(change) <= SAME_NOMINAL:
                 continue
-            unit, scale = ("deg", 180.0 / math.pi) if kind.is_angle else ("mm", 1e3)
+            shown = [
+                Figure(v, ANGLE if kind.is_angle else LENGTH, places=4) for v in (first, second)
+            ]
             texts.append(
-                f"{entry.name} was taken as {scale * first:.4f} {unit} in A and "
-                f"{scale * second:.4f} {unit} in B: the other parameters make up for it"
+                f"{entry.name} was taken as {shown[0].with_unit} in A and {shown[1].with_unit} in B: "
+                "the other parameters make up for it"
             )
     return texts

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 from fixtures.base import Severity
 from operator_app.report.screen import facts_on
 from operator_app.report.text import facts_text
+from operator_app.report.verification import verified_words
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
+from operator_app.units.figure import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE
 
 
 def describe(step: Step, s: SessionSnapshot) -> list[str]:
@@ -31,11 +31,13 @@ def _safety(s: SessionSnapshot) -> str:
     if not s.connected:
         return "No arm is connected."
     if s.data is DataState.LOST:
-        return f"Alarm: no data for {s.oldest_s:.1f} s."
+        return f"Alarm: no data for {SILENCE(s.oldest_s).with_unit}."
     if s.stopped:
         return "STOP is latched."
     data = (
-        "Data ok" if s.data is DataState.FRESH else f"Warning: data {1e3 * s.oldest_s:.0f} ms old"
+        "Data ok"
+        if s.data is DataState.FRESH
+        else f"Warning: data {DATA_AGE(s.oldest_s).with_unit} old"
     )
     drives = "drives enabled in their modes" if s.drives_ready else "drives not ready"
     return f"{data}, {drives}."
@@ -58,7 +60,8 @@ def _fixture(s: SessionSnapshot) -> list[str]:
         for c in s.checks
     ]
     if s.forecast is not None:
-        lines.append(f"Predicted condition number {s.forecast.scaled_condition_number:.0f}.")
+        predicted = CONDITION(s.forecast.scaled_condition_number).shown
+        lines.append(f"Predicted condition number {predicted}.")
     left = len(s.procedure.fixture.checklist) - len(s.ticked)
     return [*lines, f"Check list: {left} items left."]
 
@@ -68,8 +71,8 @@ def _modes(s: SessionSnapshot) -> list[str]:
     if s.arm is not None:
         for joint, state in zip(s.procedure.arm.joints, s.arm.joints, strict=True):
             mode = "no mode" if state.mode is None else state.mode.value
-            position = math.degrees(state.position_rad)
-            lines.append(f"Joint {state.joint} {joint.name}: {mode}, {position:.3f} deg.")
+            position = POSITION(state.position_rad).with_unit
+            lines.append(f"Joint {state.joint} {joint.name}: {mode}, {position}.")
     for ranked in s.ranked[:3]:
         pair = " and ".join(str(j) for j in ranked.drives)
         lines.append(f"Ranked pair {pair}: {ranked.score:.2f}, {'; '.join(ranked.reasons)}.")
@@ -80,12 +83,12 @@ def _capture(s: SessionSnapshot) -> list[str]:
     lines = [f"{len(s.state.used_poses)} of {s.wanted_poses} poses."]
     if s.live is not None and s.live.history:
         lines.append(
-            f"Condition number {s.live.scaled_condition_number:.1f}, acceptable below 100; weakest: "
+            f"Condition number {CONDITION(s.live.scaled_condition_number).shown}, acceptable below 100; weakest: "
             f"{', '.join(s.live.weakest[:3])}."
         )
     for pose in s.state.poses[-3:]:
-        noise = math.degrees(float(pose.sd_rad.max()))
-        words = f"Pose {pose.number}: noise up to {noise:.4f} deg"
+        noise = READING_SD(float(pose.sd_rad.max())).with_unit
+        words = f"Pose {pose.number}: noise up to {noise}"
         words += f", excluded {pose.excluded}" if pose.excluded else ""
         words += f", note: {pose.note}" if pose.note else ""
         lines.append(words + ".")
@@ -114,9 +117,7 @@ def _export(s: SessionSnapshot) -> list[str]:
     if s.receipt is not None:
         lines.append(f"Uploaded to slot {s.receipt.slot} and read back: {s.receipt.sha256}.")
     if s.verification is not None:
-        v = s.verification
-        word = "as expected" if v.holds else "worse than expected"
-        lines.append(f"Verified with {v.poses} new poses: {1e3 * v.position_m:.3f} mm rms, {word}.")
+        lines.append(f"Verified with {verified_words(s.verification)}.")
     return lines
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from operator_app.report.table import Figure, Table, figures, in_json, quantity_of, words
+from operator_app.report.table import Table, figures, words
 from operator_app.report.text import paragraph, table_lines
 from operator_app.session.planned_capture import CampaignEnd
 from operator_app.session.state import CapturedPose
+from operator_app.units.figure import Figure, in_json, quantity_of
 from solver.chain.parameters import Parameter
 
 PLACES = 4

@@ -8,19 +8,10 @@ from typing import Any
 from operator_app.calibration.compare import Comparison, Drift, Side
 from operator_app.config.parameters import ParametersDocument
 from operator_app.report.calibration_data import notices_data
-from operator_app.report.numbers import places_to_show
-from operator_app.report.table import (
-    ANGLE,
-    LENGTH,
-    Cell,
-    Figure,
-    Quantity,
-    Table,
-    figures,
-    shown,
-    words,
-)
+from operator_app.report.table import Cell, Table, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text
+from operator_app.units.figure import ANGLE, LENGTH, Figure, Quantity
+from operator_app.units.numbers import places_to_show
 
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"

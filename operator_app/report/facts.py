@@ -37,15 +37,8 @@ from operator_app.report.quality_facts import (
     observability_table,
     tests_table,
 )
-from operator_app.report.table import (
-    CLOSURE_ANGLE,
-    CLOSURE_LENGTH,
-    Figure,
-    Headline,
-    Quantity,
-    Table,
-    keyed,
-)
+from operator_app.report.table import Headline, Table, keyed
+from operator_app.units.figure import CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
 from solver.arrays import FloatArray
 from solver.estimators.estimate import Estimate
 from solver.estimators.goodness import TwoReadings
@@ -168,14 +161,14 @@ def _there(*tables: Table | None) -> tuple[Table, ...]:
 def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> tuple[Headline, ...]:
     estimate, before, seen = solution.identified, solution.before, solution.seen
     after = estimate.sigmas
-    said = [_sigma("sigma_pos", CLOSURE_LENGTH, before.position_m, after.position_m)]
+    said = [_sigma("sigma_pos", SIGMA_POS, before.position_m, after.position_m)]
     if estimate.rotation_rows:
         turned = before.orientation_rad, after.orientation_rad
-        said.append(_sigma("sigma_ori", CLOSURE_ANGLE, *turned))
+        said.append(_sigma("sigma_ori", SIGMA_ORI, *turned))
     said += [
         Headline(
             name="scaled condition number",
-            figure=Figure(seen.scaled_condition_number),
+            figure=CONDITION(seen.scaled_condition_number),
             note=f"limit {limits.scaled_condition_number:g}, the paper had {CONDITION_PAPER}",
         ),
         Headline(
@@ -187,17 +180,14 @@ def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> t
     if estimate.chi2_per_dof is not None:
         fitted = solution.components is not None and solution.components.components
         note = "noise fitted with it" if fitted else "1 expected"
-        said.append(Headline(name="chi2/dof", figure=Figure(estimate.chi2_per_dof), note=note))
+        said.append(Headline(name="chi2/dof", figure=CHI2(estimate.chi2_per_dof), note=note))
     poses = Figure(solution.poses, places=0)
     note = f"{left_out} left out" if left_out else ""
     return (*said, Headline(name="poses", figure=poses, note=note))
 
 
-def _sigma(name: str, quantity: Quantity, before: TwoReadings, after: TwoReadings) -> Headline:
-    was = Figure(before.rms, quantity, digits=4)
-    return Headline(
-        name=name, figure=Figure(after.rms, quantity, digits=4), note=f"before {was.with_unit}"
-    )
+def _sigma(name: str, kind: Kind, before: TwoReadings, after: TwoReadings) -> Headline:
+    return Headline(name=name, figure=kind(after.rms), note=f"before {kind(before.rms).with_unit}")
 
 
 def _repeatability(solution: Solution) -> FloatArray | None:

@@ -8,13 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from operator_app.report.markup import Html
-from operator_app.report.numbers import plural
 from operator_app.report.section import figure
 from operator_app.report.session_facts import CORRECTION_ODD, sensed_joints
 from operator_app.report.strips import Range, Strip, ranges, strips
 from operator_app.report.subject import Subject
 from operator_app.report.svg import Axis, Band, Layer, Line, Marks, Shape, axis, plot
-from operator_app.report.table import (
+from operator_app.units.figure import (
     ANGLE,
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
@@ -23,6 +22,7 @@ from operator_app.report.table import (
     Figure,
     Quantity,
 )
+from operator_app.units.numbers import plural
 from solver.arrays import FloatArray
 from solver.chain.sensors import Rvdt
 from solver.estimators.estimate import Estimate

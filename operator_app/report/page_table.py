@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from operator_app.report.markup import Html, element, join, spoken, text
-from operator_app.report.numbers import typeset
-from operator_app.report.table import Cell, Column, Figure, Table
+from operator_app.report.table import Cell, Column, Table
+from operator_app.units.figure import Figure
+from operator_app.units.numbers import typeset
 
 
 def table_html(table: Table) -> Html:

@@ -6,22 +6,12 @@ import math
 from collections.abc import Callable, Iterable
 
 from operator_app.calibration.solution import Solution
-from operator_app.report.numbers import (
+from operator_app.report.table import Cell, Table, figures, words
+from operator_app.units.figure import ANGLE, LENGTH, Figure, Key, Quantity, quantity_of
+from operator_app.units.numbers import (
     NOT_KNOWN,
     places_needed,
     places_to_show,
-)
-from operator_app.report.table import (
-    ANGLE,
-    LENGTH,
-    Cell,
-    Figure,
-    Key,
-    Quantity,
-    Table,
-    figures,
-    quantity_of,
-    words,
 )
 from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry, DhKind, Parameter, nominal_vector

@@ -14,7 +14,7 @@ import numpy as np
 from fixtures.advice import RankedPlacement
 from fixtures.base import SetupCheck
 from operator_app.planning.preview import PlannedPose, Preview
-from operator_app.report.table import Figure, in_json
+from operator_app.units.figure import Figure, in_json
 from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
 

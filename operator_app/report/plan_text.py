@@ -14,8 +14,8 @@ from operator_app.planning.drives import names
 from operator_app.planning.preview import Preview
 from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plan_picture import coverage_lines, region_lines
-from operator_app.report.table import ANGLE, LENGTH, Figure, quantity_of
 from operator_app.report.text import WIDTH, aligned, paragraph
+from operator_app.units.figure import ANGLE, LENGTH, Figure, quantity_of
 from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
 

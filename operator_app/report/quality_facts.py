@@ -8,23 +8,22 @@ import numpy as np
 
 from operator_app.calibration.checks import FOLDS, Checks
 from operator_app.calibration.solution import Solution
-from operator_app.report.numbers import (
+from operator_app.report.table import Cell, Column, Headline, Table, figures, words
+from operator_app.units.figure import (
+    CHI2,
+    CLOSURE_ANGLE,
+    CLOSURE_LENGTH,
+    CONDITION,
+    SHARE,
+    SIGMA_ORI,
+    SIGMA_POS,
+    Figure,
+    Key,
+)
+from operator_app.units.numbers import (
     NOT_KNOWN,
     plural,
     significant,
-)
-from operator_app.report.table import (
-    CLOSURE_ANGLE,
-    CLOSURE_LENGTH,
-    SHARE,
-    Cell,
-    Column,
-    Figure,
-    Headline,
-    Key,
-    Table,
-    figures,
-    words,
 )
 from solver.estimators.estimate import Estimate
 from solver.estimators.goodness import ClosureSigmas
@@ -67,12 +66,12 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table
     rows[1:1] = [
         (
             "condition number, 1 m : 1 rad",
-            Figure(seen.condition_number, key=("condition_number",)),
+            CONDITION(seen.condition_number, key=("condition_number",)),
             "",
         )
     ]
     if (stated := solution.judgement.stated_chi2_per_dof) is not None:
-        ratio = Figure(stated, key=("stated_chi2_per_dof",))
+        ratio = CHI2(stated, key=("stated_chi2_per_dof",))
         rows.append(("chi2/dof at stated noise", ratio, "1 when all is as good as stated"))
     rows += [
         ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
@@ -183,14 +182,14 @@ def closure_row(
         JSON's name of a figure that it has in one reading only.
     """
     cells: list[Cell] = [name]
-    for symbol, quantity, both, there in (
-        ("sigma_pos_mm", CLOSURE_LENGTH, sigmas.position_m, True),
-        ("sigma_ori_mrad", CLOSURE_ANGLE, sigmas.orientation_rad, rotations > 0),
+    for symbol, kind, both, there in (
+        ("sigma_pos_mm", SIGMA_POS, sigmas.position_m, True),
+        ("sigma_ori_mrad", SIGMA_ORI, sigmas.orientation_rad, rotations > 0),
     ):
         for value, last in ((both.rms, reading or "rms"), (both.as_printed, "as_printed")):
             listed = key is not None and not (reading and last == "as_printed")
             place = (*key, symbol, last) if key is not None and listed else ()
-            cells.append(Figure(value, quantity, digits=4, key=place) if there else NOT_KNOWN)
+            cells.append(kind(value, key=place) if there else NOT_KNOWN)
     return tuple(cells)
 
 

@@ -11,9 +11,10 @@ from operator_app.calibration.solution import Solution
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.facts import Facts, facts_of
 from operator_app.report.spans import Line, line
-from operator_app.report.table import Figure, Headline, Table
+from operator_app.report.table import Headline, Table
 from operator_app.report.text import placed
 from operator_app.session.snapshot import SessionSnapshot
+from operator_app.units.figure import Figure
 
 
 def facts_on(s: SessionSnapshot) -> Facts | None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from operator_app.report.markup import Html, element, join
-from operator_app.report.numbers import typeset
+from operator_app.units.numbers import typeset
 
 OPTION = re.compile(r"--[a-z-]+(?: \d[\d,]*)?")
 

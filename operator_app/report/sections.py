@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from operator_app.report import figures
 from operator_app.report.markup import Html, element, join
-from operator_app.report.numbers import names, plural
 from operator_app.report.page_table import table_html
 from operator_app.report.section import (
     Section,
@@ -23,7 +22,9 @@ from operator_app.report.session_facts import (
     rvdt_table,
 )
 from operator_app.report.subject import Subject
-from operator_app.report.table import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure, Table
+from operator_app.report.table import Table
+from operator_app.units.figure import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure
+from operator_app.units.numbers import names, plural
 from solver.estimators.estimate import Estimate
 from solver.judging.rvdt import RvdtVerdict, Verdict
 

@@ -6,21 +6,18 @@ import math
 
 import numpy as np
 
-from operator_app.report.numbers import NOT_KNOWN
 from operator_app.report.subject import Subject
-from operator_app.report.table import (
+from operator_app.report.table import Cell, Table, figures, words
+from operator_app.units.figure import (
     ANGLE,
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
     LSB,
     NOISE_ANGLE,
     SHARE,
-    Cell,
     Figure,
-    Table,
-    figures,
-    words,
 )
+from operator_app.units.numbers import NOT_KNOWN
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 from solver.estimators.estimate import Estimate
 from solver.judging.rvdt_figures import RvdtFigures

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from operator_app.report.markup import Html, element
-from operator_app.report.numbers import fixed, significant
 from operator_app.report.svg import (
     RIGHT,
     WIDTH,
@@ -20,6 +19,7 @@ from operator_app.report.svg import (
     picture,
     segment,
 )
+from operator_app.units.numbers import fixed, significant
 
 ROW = 34.0
 NAME = 74.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from operator_app.report.markup import Html, element, join
-from operator_app.report.numbers import fixed, significant, typeset
+from operator_app.units.numbers import fixed, significant, typeset
 
 WIDTH = 360.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 22.0, 34.0

@@ -1,102 +1,12 @@
-"""Figures and tables as facts: each with its quantity, unit, digits and role. Knows no renderer.
-
-A number's unit and digits are decided here, once; text, page and screen show `Figure.shown`, JSON
-takes `Figure.in_json` under `Figure.key`.
-"""
+"""Tables of facts: figures under headers with their units. Knows no renderer and decides no digit."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from operator_app.report.numbers import NOT_KNOWN, fixed, significant
-from solver.chain.parameters import Parameter
-
-Key = tuple[str | int, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """A unit: how people read it, and `per_si` of it in one SI unit; `json_per_si` is a contract."""
-
-    unit: str
-    per_si: float = 1.0
-    json_per_si: float = 1.0
-
-
-ANGLE = Quantity("deg", 180.0 / math.pi, 180.0 / math.pi)
-LENGTH = Quantity("mm", 1e3, 1.0)
-CLOSURE_ANGLE = Quantity("mrad", 1e3, 1e3)
-CLOSURE_LENGTH = Quantity("mm", 1e3, 1e3)
-NOISE_ANGLE = Quantity("mdeg", 180e3 / math.pi)
-SHARE = Quantity("%", 100.0)
-LSB = Quantity("LSB")
-NUMBER = Quantity("")
-
-
-def quantity_of(parameter: Parameter) -> Quantity:
-    """Return how a parameter's values are given."""
-    return ANGLE if parameter.is_angle else LENGTH
-
-
-def in_json(parameter: Parameter, value: float) -> float | None:
-    """Return a parameter's value in the units of the contract, deg and m; None if it is not finite."""
-    return Figure(float(value), quantity_of(parameter)).in_json
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One number.
-
-    Attributes
-    ----------
-    value
-        SI; None or not finite where it is not known.
-    places, digits
-        Decimal places, or where these are None significant digits.
-    role
-        ``text``, ``found`` (what was asked for), ``warn``.
-    key
-        Where it stands in the JSON object; empty: nowhere.
-    """
-
-    value: float | None
-    quantity: Quantity = NUMBER
-    places: int | None = None
-    digits: int = 3
-    signed: bool = False
-    role: str = "text"
-    key: Key = ()
-
-    @property
-    def shown(self) -> str:
-        """The number as people read it, without its unit."""
-        if self.value is None:
-            return NOT_KNOWN
-        value = self.quantity.per_si * self.value
-        if self.places is None:
-            return significant(value, self.digits)
-        return fixed(value, self.places, signed=self.signed)
-
-    @property
-    def with_unit(self) -> str:
-        """The number with its unit."""
-        return f"{self.shown} {self.quantity.unit}".rstrip()
-
-    @property
-    def in_json(self) -> float | None:
-        """The number at full precision, in the units of the contract; None where it is not known."""
-        if self.value is None or not math.isfinite(self.value):
-            return None
-        # Counts stay whole.
-        return (
-            self.value
-            if self.quantity.json_per_si == 1.0
-            else self.quantity.json_per_si * self.value
-        )
-
+from operator_app.units.figure import Figure
 
 Cell = Figure | str
 

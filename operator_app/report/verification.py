@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from operator_app.calibration.verify import Verdict
-from operator_app.report.numbers import significant
 from operator_app.report.quality_facts import CLOSURE_COLUMNS, closure_row
-from operator_app.report.table import Figure, Table, keyed
+from operator_app.report.table import Table, keyed
 from operator_app.report.text import paragraph, table_text
+from operator_app.session.snapshot import Verified
+from operator_app.units.figure import CHI2, SIGMA_ORI, SIGMA_POS
+from operator_app.units.numbers import significant
 from solver.chain.poses import PoseSet
 
 WORST = 5
@@ -47,7 +49,7 @@ def verification_text(verdict: Verdict, poses: PoseSet, folder: str) -> str:
     """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
     found = verdict.verification
     per_dof, low, high = (
-        Figure(v).shown for v in (found.chi2.per_dof, found.chi2.low, found.chi2.high)
+        CHI2(v).shown for v in (found.chi2.per_dof, found.chi2.low, found.chi2.high)
     )
     head = (
         f"HOLDS: the calibration of {folder} predicts these {verdict.poses} poses as well as it "
@@ -80,4 +82,14 @@ def verification_text(verdict: Verdict, poses: PoseSet, folder: str) -> str:
             ),
             *(paragraph(f"! {notice}", indent=2) for notice in notices),
         )
+    )
+
+
+def verified_words(found: Verified) -> str:
+    """Say in one line what new poses said."""
+    ratio = CHI2(found.chi2_per_dof).shown
+    return (
+        f"{found.poses} new poses: {SIGMA_POS(found.position_m).with_unit}, "
+        f"{SIGMA_ORI(found.orientation_rad).with_unit} rms, chi2/dof {ratio}: "
+        f"{'as expected' if found.holds else 'worse than expected'}"
     )

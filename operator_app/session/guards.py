@@ -14,6 +14,7 @@ from operator_app.planning import mode_rule
 from operator_app.session.snapshot import DataState, SessionSnapshot, Task
 from operator_app.session.steps import Step
 from operator_app.session.wording import drive_words
+from operator_app.units.figure import DATA_AGE, SILENCE
 from solver.loops.closure import poses_needed
 
 Missing = tuple[str, ...]
@@ -132,11 +133,13 @@ def may_use_data(s: SessionSnapshot) -> Missing:
         return ("STOP is latched: reset it first (R)",)
     if s.data is DataState.LOST:
         return (
-            f"no data for {s.oldest_s:.1f} s: look at bus and controller, then connect again (step 1, c)",
+            f"no data for {SILENCE(s.oldest_s).with_unit}: look at bus and controller, then connect again (step 1, c)",
         )
     if s.data is DataState.STALE:
         joints = ", ".join(f"J{j}" for j in s.stale_joints)
-        return (f"the data of {joints} are {1e3 * s.oldest_s:.0f} ms old: wait for fresh ones",)
+        return (
+            f"the data of {joints} are {DATA_AGE(s.oldest_s).with_unit} old: wait for fresh ones",
+        )
     return ()
 
 

@@ -25,6 +25,7 @@ from operator_app.session.snapshot import Change, Iteration, Level, Verified, Wr
 from operator_app.session.solving import Solver, SolvingProcess
 from operator_app.session.state import CapturedPose, SessionState
 from operator_app.session.workflow import take_poses, verify
+from operator_app.units.figure import MOVED, READING_SD, SIGMA_POS
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo
@@ -149,11 +150,10 @@ class Operations:
                     f"The trial wiggle of J{joint} was stopped: {away.reason or back.reason}",
                     "Look at what is in the way before anything else moves",
                 )
-            moved = np.rad2deg(there - before)
-            followed = ", ".join(
-                f"J{j} {moved[j - 1]:+.1f}" for j in range(1, len(moved) + 1) if j != joint
-            )
-            said.append(f"J{joint} {moved[joint - 1]:+.1f} deg moved {followed} deg")
+            moved = [MOVED(v) for v in (there - before).tolist()]
+            followed = ", ".join(f"J{j} {m.shown}" for j, m in enumerate(moved, 1) if j != joint)
+            unit = MOVED.quantity.unit
+            said.append(f"J{joint} {moved[joint - 1].with_unit} moved {followed} {unit}")
         self._publisher.publish(lambda s: replace(s, wiggle="; ".join(said)))
         self._publisher.say(Level.INFO, "trial wiggle done: " + "; ".join(said))
 
@@ -180,10 +180,8 @@ class Operations:
     def captured(self, pose: CapturedPose) -> None:
         """Say what there is now."""
         self.refresh()
-        noise = float(np.rad2deg(pose.sd_rad.max()))
-        self._publisher.say(
-            Level.INFO, f"pose {pose.number} captured (noise up to {noise:.4f} deg)"
-        )
+        noise = READING_SD(float(pose.sd_rad.max())).with_unit
+        self._publisher.say(Level.INFO, f"pose {pose.number} captured (noise up to {noise})")
 
     def automatic(self) -> None:
         """Take the poses that are left, as they come or by a plan; any key ends it."""
@@ -322,7 +320,7 @@ class Operations:
         self._publisher.publish(lambda s: replace(s, verification=found))
         self._publisher.say(
             Level.INFO,
-            f"verified with {found.poses} new poses: {1e3 * found.position_m:.2f} mm rms",
+            f"verified with {found.poses} new poses: {SIGMA_POS(found.position_m).with_unit} rms",
         )
 
     # -- any time ----------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from operator_app.session.campaign_replay import (
 )
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
+from operator_app.units.figure import WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
@@ -244,7 +245,7 @@ class PlannedCapture:
             joint = int(np.argmax(off)) + 1
             raise GuardError(
                 f"the arm does not come back to where this session left it: joint {joint} is "
-                f"{np.rad2deg(off.max()):.0f} deg off"
+                f"{WHOLE_DEGREES(float(off.max())).with_unit} off"
                 + ("" if moved.reached else f" ({moved.reason})"),
                 "bring it near its home by hand, then resume again; or start a new session",
             )

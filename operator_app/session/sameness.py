@@ -21,6 +21,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.calibrated import Calibrated, recorded
 from operator_app.session.state import CheckReading, SessionState, pose_set_of
+from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, SPAN, TURNED
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder
@@ -94,7 +95,7 @@ def check_counters(arm: ArmModel, counts: Iterable[float]) -> None:
     """
     fresh = [
         f"joint {number} reads 0.000 deg, outside its range "
-        f"{np.rad2deg(joint.lower_rad):.1f} .. {np.rad2deg(joint.upper_rad):.1f} deg"
+        f"{SPAN(joint.lower_rad).shown} .. {SPAN(joint.upper_rad).with_unit}"
         for number, (joint, count) in enumerate(zip(arm.joints, counts, strict=True), 1)
         if isinstance(joint.sensor, Encoder)
         and abs(count) <= AT_ZERO_COUNTS
@@ -191,12 +192,12 @@ def check_return(state: SessionState, procedure: Procedure) -> Repeat:
     if found.joint_odds > 1.0:
         raise GuardError(
             f"pose {pose} does not read as it did: joint {found.joint} has shifted by "
-            f"{np.rad2deg(found.size_rad):+.3f} deg (sigma {np.rad2deg(found.sigma_rad):.3f} deg)",
+            f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit})",
             f"look at the coupling and the counter of joint {found.joint}; {_START_ANEW}",
         )
     raise GuardError(
         f"pose {pose} does not read as it did: the fixture has moved by about "
-        f"{1e3 * found.shifted_m:.1f} mm and {np.rad2deg(found.turned_rad):.2f} deg",
+        f"{SHIFTED(found.shifted_m).with_unit} and {TURNED(found.turned_rad).with_unit}",
         _START_ANEW,
     )
 

@@ -121,10 +121,10 @@ class Written:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffRow:
-    """One parameter: the controller's active value (None: none there), the new one, unit."""
+    """One parameter, rad or m: the controller's active value (None: none there) and the new one."""
 
     name: str
-    unit: str
+    is_angle: bool
     active: float | None
     new: float
 

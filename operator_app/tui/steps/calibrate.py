@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from textual.app import ComposeResult
 
+from operator_app.report.screen import facts_on
 from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.guards import may_calibrate
 from operator_app.session.snapshot import SessionSnapshot, TaskKind
@@ -14,6 +15,7 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.plot import Axes, Series, plot
 from operator_app.tui.widgets.residuals import by_pose
+from operator_app.units.figure import COST
 
 ABOUT = {
     "implicit": "weights every joint by its sensor's noise; the loops close exactly (default)",
@@ -54,18 +56,19 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
     running = s.task is not None and s.task.kind is TaskKind.CALIBRATE
     if running or (s.iterations and s.solution is None):
         last = s.iterations[-1] if s.iterations else None
-        text = "starting" if last is None else f"iteration {last.number}   cost {last.cost:.4e}"
+        text = (
+            "starting"
+            if last is None
+            else f"iteration {last.number}   cost {COST(last.cost).shown}"
+        )
         return [line((" Running    ", "dim"), ("◌ ", "accent"), text, ("   z cancels", "dim"))]
-    if s.solution is not None:
-        found = s.solution
-        word = "✓ accepted" if found.accepted else "▲ not accepted"
-        chi = found.estimate.chi2_per_dof
-        ratio = "" if chi is None else f"   chi2/dof {chi:.2f}"
+    if (facts := facts_on(s)) is not None:
+        glyph, role = ("✓", "bold") if facts.accepted else ("▲", "warn")
+        figures = [h.figure_text for h in facts.headlines if not h.name.startswith("sigma_")]
         return [
-            line((" Result     ", "dim"), (word, "bold" if found.accepted else "warn"),
-                 f" after {found.estimate.iterations} iterations   condition "
-                 f"{found.seen.scaled_condition_number:.1f}{ratio}"),
-        ]  # fmt: skip
+            line((" Result     ", "dim"), (f"{glyph} {facts.verdict}", role)),
+            line(("            ", "dim"), "   ".join(figures)),
+        ]
     missing = may_calibrate(s)
     if missing:
         return wrapped(" ▲ " + missing[0], width, "warn", "   ")

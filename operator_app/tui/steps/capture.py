@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -18,6 +17,14 @@ from operator_app.tui.widgets.arm_view import ArmView
 from operator_app.tui.widgets.joint_table import JointTable
 from operator_app.tui.widgets.list_panel import ListPanel
 from operator_app.tui.widgets.plot import sparkline
+from operator_app.units.figure import (
+    CONDITION,
+    JOINT_SPEED,
+    PREDICTED,
+    READING_SD,
+    SPAN,
+    TARGET,
+)
 from solver.chain.arm_model import Joint
 
 ACCEPTABLE, PAPER = 100, 28
@@ -55,7 +62,10 @@ def _target(s: SessionSnapshot) -> Line:
 
 def _angles(targets_rad: Mapping[int, float]) -> str:
     """Drive joints and where they should go."""
-    return "  ".join(f"J{j} {math.degrees(v):+.2f}" for j, v in targets_rad.items()) + " deg"
+    return (
+        "  ".join(f"J{j} {TARGET(v).shown}" for j, v in targets_rad.items())
+        + f" {TARGET.quantity.unit}"
+    )
 
 
 def _still(s: SessionSnapshot) -> Line:
@@ -64,8 +74,8 @@ def _still(s: SessionSnapshot) -> Line:
         return line((" Motion    ", "dim"), ("no fresh data", "warn"))
     if not motion.still:
         k = int(np.argmax(np.abs(motion.speed_rad_per_s)))
-        speed = math.degrees(motion.speed_rad_per_s[k])
-        return line((" Motion    ", "dim"), f"{'○' * 10} moving, J{k + 1} at {speed:+7.2f} deg/s")
+        speed = JOINT_SPEED(float(motion.speed_rad_per_s[k])).with_unit
+        return line((" Motion    ", "dim"), f"{'○' * 10} moving, J{k + 1} at {speed:>13}")
     ready = motion.held_s >= motion.needed_s
     full = 10 if ready else int(10 * motion.held_s / motion.needed_s)
     return line(
@@ -96,18 +106,19 @@ class PosesPanel(ListPanel):
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Titles."""
-        titles = line(("    #  TIME      NOISE [deg]  PRED [mm]  NOTE", "header"))
+        sd, off = READING_SD.quantity.unit, PREDICTED.quantity.unit
+        titles = line((f"    #  TIME      NOISE [{sd}]  PRED [{off}]  NOTE", "header"))
         return [titles] if s.state.poses else [titles, line(("    no pose yet", "dim"))]
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """One pose."""
         pose, here = s.state.poses[-1 - k], k == self.cursor
-        noise = math.degrees(float(pose.sd_rad.max()))
+        noise = READING_SD(float(pose.sd_rad.max())).shown
         off = s.live.predicted_m.get(pose.number) if s.live is not None else None
-        predicted = "        —" if off is None else f"{1e3 * off:9.3f}"
+        predicted = "—" if off is None else PREDICTED(off).shown
         note = "✗ excluded " if pose.excluded else ""
         back = "cursor " if here else ""
-        figures = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:11.4f}  {predicted}  "
+        figures = f"{pose.number:>4}  {pose.utc[11:19]}  {noise:>11}  {predicted:>9}  "
         return [
             line(
                 ("▌" if here else " ", back + "text"),
@@ -190,7 +201,7 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
         needed = "" if live is None else f" (from {live.needed} poses on)"
         return line((" condition ", "dim"), ("—", "text"), (needed, "dim"))
     value = live.scaled_condition_number
-    shown = f"{value:.1f}" if value < 1e4 else f"{value:.1e}"
+    shown = CONDITION(value).shown
     good = value < ACCEPTABLE
     role, word = ("bold", "ok") if good else ("warn", f"▲ over {ACCEPTABLE}")
     more = f" (limit {ACCEPTABLE}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"
@@ -208,16 +219,16 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
 def _coverage(number: int, joint: Joint, span: tuple[float, float] | None, width: int) -> Line:
     cells = max(6, width - 16)
     bar: list[str] = ["─"] * cells
-    text = "     —"
+    text = "—"
     if span is not None:
         full = joint.upper_rad - joint.lower_rad
         first = int((span[0] - joint.lower_rad) / full * cells)
         last = int((span[1] - joint.lower_rad) / full * cells)
         for k in range(max(0, first), min(cells - 1, last) + 1):
             bar[k] = "█"
-        text = f"{math.degrees(span[1] - span[0]):6.1f}"
+        text = SPAN(span[1] - span[0]).shown
     head: Span = (f" J{number} ", "dim")
-    return line(head, ("├" + "".join(bar) + "┤", "text"), f"{text} deg")
+    return line(head, ("├" + "".join(bar) + "┤", "text"), f"{text:>6} {SPAN.quantity.unit}")
 
 
 class CaptureView(StepView):

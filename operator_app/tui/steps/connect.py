@@ -13,6 +13,7 @@ from operator_app.session.steps import Step
 from operator_app.session.wording import drive_words
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
+from operator_app.units.figure import DATA_AGE
 
 
 class BusPanel(Lines):
@@ -63,8 +64,8 @@ def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
     joint = None
     if s.arm is not None and 1 <= node.node <= len(s.arm.joints):
         joint = s.arm.joints[node.node - 1]
-    heartbeat = "     —" if beat is None else f"{1e3 * beat:4.0f} ms"
-    age = "     —" if joint is None else f"{1e3 * joint.age_s:4.0f} ms"
+    heartbeat = "     —" if beat is None else f"{DATA_AGE(beat).with_unit:>7}"
+    age = "     —" if joint is None else f"{DATA_AGE(joint.age_s).with_unit:>7}"
     device = f"{node.device_name[:26]:<26} " if wide else ""
     late = beat is not None and beat > 0.35
     state = "● answers" if joint is None else f"● answers, drive {drive_words(joint.drive)}"

@@ -6,12 +6,15 @@ from collections.abc import Sequence
 
 from textual.app import ComposeResult
 
+from operator_app.report.difference import changed, difference_table
 from operator_app.report.spans import Line, clip, line
+from operator_app.report.table import Table
+from operator_app.report.verification import verified_words
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
-from operator_app.tui.widgets.list_panel import ListPanel
+from operator_app.tui.widgets.list_panel import TablePanel
 
 
 class FilePanel(Lines):
@@ -34,13 +37,14 @@ class FilePanel(Lines):
                 line((" File       ", "dim"), ("✓ ", "text"), str(s.written.parameters)),
                 line((" SHA-256    ", "dim"), s.written.sha256),
             ]
-        changed = sum(row.active is None or abs(row.new - row.active) > 5e-4 for row in s.diff)
         rows.append(line((" To         ", "dim"), f"controller {serial} over {s.bus}"))
         if s.receipt is None:
+            table = _difference(s)
+            count = 0 if table is None else changed(table)
             rows.append(
                 line(
                     (" Controller ", "dim"),
-                    f"not uploaded: {changed} of {len(s.diff)} parameters would change",
+                    f"not uploaded: {count} of {len(s.diff)} parameters would change",
                 )
             )
         else:
@@ -55,29 +59,21 @@ class FilePanel(Lines):
         return [clip(row, width) for row in rows]
 
 
-class DiffPanel(ListPanel):
+class DiffPanel(TablePanel):
     """New against active."""
 
     TITLE = "Difference from the controller's active parameters"
     HELP = (
         "Every calibrated parameter: what the controller uses now, what it would use, the change."
     )
-    MARKS = False
 
-    def count(self, s: SessionSnapshot) -> int:
-        """Parameters."""
-        return len(s.diff)
+    def table(self, s: SessionSnapshot) -> Table | None:
+        """Active and new."""
+        return _difference(s)
 
-    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Titles."""
-        return [line(("  PARAMETER          ACTIVE          NEW       CHANGE  UNIT", "header"))]
 
-    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """One parameter."""
-        row = s.diff[k]
-        active = "none" if row.active is None else f"{row.active:.4f}"
-        change = "" if row.active is None else f"{row.new - row.active:+.4f}"
-        return [line(f"  {row.name:<12} {active:>12} {row.new:12.4f} {change:>12}  {row.unit}")]
+def _difference(s: SessionSnapshot) -> Table | None:
+    return None if s.solution is None or not s.diff else difference_table(s.solution, s.diff)
 
 
 class RecordPanel(Lines):
@@ -98,14 +94,9 @@ class RecordPanel(Lines):
                 )
             ]
         else:
-            v = s.verification
-            glyph, role = ("✓ ", "text") if v.holds else ("▲ ", "warn")
-            text = (
-                f"{v.poses} new poses: {1e3 * v.position_m:.3f} mm, "
-                f"{1e3 * v.orientation_rad:.3f} mrad rms, chi2/dof {v.chi2_per_dof:.2f}"
-            )
-            words = "as expected" if v.holds else "worse than expected"
-            rows = [line((" Verified   ", "dim"), (glyph, role), (f"{text}: {words}", role))]
+            glyph, role = ("✓ ", "text") if s.verification.holds else ("▲ ", "warn")
+            words = verified_words(s.verification)
+            rows = [line((" Verified   ", "dim"), (glyph, role), (words, role))]
         where = "r writes report.html" if s.report is None else f"✓ {s.report}"
         rows.append(line((" Report     ", "dim"), where))
         rows.append(line((" Session    ", "dim"), f"{s.folder}"))

@@ -16,12 +16,26 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView
 from operator_app.tui.widgets.list_panel import ListPanel
+from operator_app.units.figure import (
+    ANGLE,
+    ANGLE_TOLERANCE,
+    CONDITION,
+    LENGTH,
+    LENGTH_TOLERANCE,
+    NOMINAL_LENGTH,
+    NOMINAL_TWIST,
+    REACH,
+)
 
 GLYPHS = {
     Severity.OK: ("✓", "text"),
     Severity.WARNING: ("▲", "warn"),
     Severity.REFUSED: ("■", "alarm"),
 }
+
+
+NEAR_END_RAD = math.radians(3.0)
+"""A joint that is predicted to come nearer to the end of its range than this is marked."""
 
 
 class PlacementPanel(Lines):
@@ -44,21 +58,21 @@ class PlacementPanel(Lines):
             p for p in loop.parameters if p.name in own and p.is_angle and "theta" not in p.name
         ]
         if lengths:
-            values = "  ".join(f"{p.name} {1e3 * p.nominal:.0f}" for p in lengths)
+            values = "  ".join(f"{p.name} {NOMINAL_LENGTH(p.nominal).shown}" for p in lengths)
             rows.append(
                 line(
                     (" Lengths    ", "dim"),
-                    f"{values} mm",
-                    (f"  ±{1e3 * spec.tolerance_m:.0f} mm", "dim"),
+                    f"{values} {LENGTH.unit}",
+                    (f"  ±{LENGTH_TOLERANCE(spec.tolerance_m).with_unit}", "dim"),
                 )
             )
         if angles:
-            values = "  ".join(f"{p.name} {math.degrees(p.nominal):.1f}" for p in angles)
+            values = "  ".join(f"{p.name} {NOMINAL_TWIST(p.nominal).shown}" for p in angles)
             rows.append(
                 line(
                     (" Twists     ", "dim"),
-                    f"{values} deg",
-                    (f"  ±{math.degrees(spec.tolerance_rad):.0f} deg", "dim"),
+                    f"{values} {ANGLE.unit}",
+                    (f"  ±{ANGLE_TOLERANCE(spec.tolerance_rad).with_unit}", "dim"),
                 )
             )
         rows.append(
@@ -93,7 +107,7 @@ class ChecksPanel(Lines):
             rows.append(
                 line(
                     " ◌ ",
-                    f"predicted condition number {s.forecast.scaled_condition_number:.0f} ",
+                    f"predicted condition number {CONDITION(s.forecast.scaled_condition_number).shown} ",
                     ("(below 100 is acceptable)", "dim"),
                 )
             )
@@ -107,11 +121,11 @@ def _ranges(s: SessionSnapshot) -> list[Line]:
         return []
     cells = []
     for k, joint in enumerate(s.procedure.arm.joints, 1):
-        low, high = (math.degrees(v) for v in s.forecast.span_rad(k, s.wanted_poses))
-        room = min(low - math.degrees(joint.lower_rad), math.degrees(joint.upper_rad) - high)
-        near = room < 3.0
-        cells.append((f" {'▲' if near else ' '} J{k} {low:+6.1f} to {high:+6.1f}", near))
-    rows = [line((" ◌ predicted ranges of the joints [deg]", "text"))]
+        low, high = s.forecast.span_rad(k, s.wanted_poses)
+        near = min(low - joint.lower_rad, joint.upper_rad - high) < NEAR_END_RAD
+        span = f"{REACH(low).shown:>6} to {REACH(high).shown:>6}"
+        cells.append((f" {'▲' if near else ' '} J{k} {span}", near))
+    rows = [line((f" ◌ predicted ranges of the joints [{REACH.quantity.unit}]", "text"))]
     for first in range(0, len(cells), 3):
         some = cells[first : first + 3]
         rows.append(tuple((text, "warn" if near else "dim") for text, near in some))

@@ -8,20 +8,21 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
 from operator_app.calibration.solution import Solution
-from operator_app.report.numbers import plural
 from operator_app.report.screen import facts_on, headline_spans, table_spans
 from operator_app.report.spans import Line, clip, line, wrapped
+from operator_app.report.table import Table
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
-from operator_app.tui.widgets.list_panel import ListPanel
+from operator_app.tui.widgets.list_panel import TablePanel
 from operator_app.tui.widgets.residuals import (
     by_joint,
     by_pose,
     rvdt_curve,
     rvdt_joints,
 )
+from operator_app.units.numbers import plural
 
 TABLES = ("causes", "dh", "hand", "budget", "closure")
 """Tables that the plots' panel shows after them, those of them that there are."""
@@ -67,7 +68,7 @@ def _in_short(notice: str) -> str:
     return f"{what}; {rest[-1]}" if rest else what
 
 
-class ParametersPanel(ListPanel):
+class ParametersPanel(TablePanel):
     """Nominal, identified, change, sigma, and what the paper's estimator found."""
 
     TITLE = "Parameters"
@@ -75,23 +76,11 @@ class ParametersPanel(ListPanel):
         "Every parameter: nominal, identified, change, standard deviation; at the right what the "
         "paper's estimator gives on the same poses. Angles in deg, lengths in mm."
     )
-    MARKS = False
 
-    def count(self, s: SessionSnapshot) -> int:
+    def table(self, s: SessionSnapshot) -> Table | None:
         """Parameters."""
-        return len(self._table(s)[1])
-
-    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Titles."""
-        return self._table(s)[0]
-
-    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """One parameter."""
-        return [self._table(s)[1][k]]
-
-    def _table(self, s: SessionSnapshot) -> tuple[Sequence[Line], Sequence[Line]]:
         facts = facts_on(s)
-        return ((), ()) if facts is None else table_spans(facts.tables[0])
+        return None if facts is None else facts.tables[0]
 
 
 class ResultsPlot(Lines):

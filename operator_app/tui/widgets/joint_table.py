@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from hardware.arm import DriveState, JointMode, JointState
 from operator_app.report.spans import Line, Span, line
 from operator_app.session.snapshot import STALE_S, DataState, SessionSnapshot
 from operator_app.tui.widgets.list_panel import ListPanel
+from operator_app.units.figure import DATA_AGE, JOINT_SPEED, JOINT_TORQUE, POSITION, WHOLE_DEGREES
 from solver.chain.arm_model import Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
@@ -85,19 +85,18 @@ class JointTable(ListPanel):
                 + ("accent" if state.mode is JointMode.POSITION and s.drives_ready else "text"),
             )
         )
-        position = math.degrees(state.position_rad)
+        position = POSITION(state.position_rad).shown
         spans.append(
-            ((("?" if stale else " ") + f"{position:+8.3f}"), back + ("warn" if stale else "text"))
+            ((("?" if stale else " ") + f"{position:>8}"), back + ("warn" if stale else "text"))
         )
         if not self.show_wanted:
-            speed = "      ?"
+            speed = "?"
             if s.motion is not None and not stale:
-                # Plus zero, lest it flickers between +0.00 and -0.00.
-                speed = f"{round(math.degrees(s.motion.speed_rad_per_s[k]), 2) + 0.0:+7.2f}"
-            spans.append((" " + speed, back + ("warn" if stale else "text")))
-        torque = "     ?" if stale else f"{state.torque_nm:+6.1f}"
+                speed = JOINT_SPEED(float(s.motion.speed_rad_per_s[k])).shown
+            spans.append((f" {speed:>7}", back + ("warn" if stale else "text")))
+        torque = "?" if stale else JOINT_TORQUE(state.torque_nm).shown
         heavy = not stale and abs(state.torque_nm) > 0.6 * joint.max_torque_nm
-        spans.append((" " + torque + " ", back + ("warn" if stale or heavy else "text")))
+        spans.append((f" {torque:>6} ", back + ("warn" if stale or heavy else "text")))
         spans.append((_bar(state.position_rad, joint, bar), back + "text"))
         if not self.show_wanted:
             text, role = _state(s, state, joint, stale=stale)
@@ -119,15 +118,15 @@ def _bar(position_rad: float, joint: Joint, cells: int) -> str:
 def _state(s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool) -> tuple[str, str]:
     if stale:
         word = "LOST" if s.data is DataState.LOST else "STALE"
-        return f"▲ {word} {1e3 * state.age_s:.0f}", "warn"
+        return f"▲ {word} {DATA_AGE(state.age_s).shown}", "warn"
     word = _DRIVES.get(state.drive, "disabled")
     if word != "ok":
         return (f"■ {word}", "alarm") if word != "disabled" else ("· off", "dim")
     span = joint.upper_rad - joint.lower_rad
     if state.position_rad < joint.lower_rad + NEAR_END * span:
-        return f"▲ LIMIT {math.degrees(joint.lower_rad):.0f}", "alarm"
+        return f"▲ LIMIT {WHOLE_DEGREES(joint.lower_rad).shown}", "alarm"
     if state.position_rad > joint.upper_rad - NEAR_END * span:
-        return f"▲ LIMIT {math.degrees(joint.upper_rad):.0f}", "alarm"
+        return f"▲ LIMIT {WHOLE_DEGREES(joint.upper_rad).shown}", "alarm"
     return "ok", "dim"
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from operator_app.report.screen import table_spans
 from operator_app.report.spans import Line, window
+from operator_app.report.table import Table
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.tui.lines import Lines
 
@@ -52,3 +54,31 @@ class ListPanel(Lines):
         rows, shown, self.cursor = window(rows, self.cursor, room)
         self._last = count - shown
         return [*head, *rows]
+
+
+class TablePanel(ListPanel):
+    """A table of facts: subclasses say which."""
+
+    MARKS = False
+
+    def table(self, s: SessionSnapshot) -> Table | None:
+        """Return what is shown; None: nothing."""
+        raise NotImplementedError
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Head, and what fits of the rows."""
+        table = self.table(s)
+        self._head, self._rows = ([], []) if table is None else table_spans(table)
+        return super().build(s, width, height)
+
+    def count(self, s: SessionSnapshot) -> int:
+        """Rows."""
+        return len(self._rows)
+
+    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
+        """Titles."""
+        return self._head
+
+    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
+        """One row."""
+        return [self._rows[k]]

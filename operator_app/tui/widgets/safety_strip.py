@@ -15,6 +15,7 @@ from operator_app.session.guards import ends_with_any_key
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.look import STOP_WIDTH
+from operator_app.units.figure import DATA_AGE
 
 HEARTBEAT_LATE_S = 0.35
 SEPARATOR: Span = (" │ ", "dim")
@@ -82,8 +83,8 @@ def _stop_words(s: SessionSnapshot) -> str:
     ago = s.now_s - report.asked_s
     if report.acknowledged_after_s is None:
         return f"sent {ago:.1f} s ago, {report.drives_stopped} of {joints} drives stopped"
-    took = 1e3 * report.acknowledged_after_s
-    return f"all {joints} drives stopped within {took:.0f} ms. R resets; nothing moves by itself"
+    took = DATA_AGE(report.acknowledged_after_s).with_unit
+    return f"all {joints} drives stopped within {took}. R resets; nothing moves by itself"
 
 
 def _where(s: SessionSnapshot, *, short: bool) -> list[Span]:
@@ -109,7 +110,7 @@ def _heartbeat(s: SessionSnapshot, *, short: bool) -> list[Span]:
     if oldest > HEARTBEAT_LATE_S:
         node = max(ages, key=lambda n: ages[n])
         return [("HB ", "dim"), (f"▲ NODE {node} LATE", "warn")]
-    return [("HB ", "dim"), ("●" if short else f"● {1e3 * oldest:3.0f} ms", "text")]
+    return [("HB ", "dim"), ("●" if short else f"● {DATA_AGE(oldest).with_unit:>6}", "text")]
 
 
 def _data(s: SessionSnapshot, *, short: bool) -> list[Span]:
@@ -117,7 +118,10 @@ def _data(s: SessionSnapshot, *, short: bool) -> list[Span]:
         case DataState.NONE:
             return [("DATA ", "dim"), ("○", "dim")]
         case DataState.FRESH:
-            return [("DATA ", "dim"), ("●" if short else f"● {1e3 * s.oldest_s:3.0f} ms", "text")]
+            return [
+                ("DATA ", "dim"),
+                ("●" if short else f"● {DATA_AGE(s.oldest_s).with_unit:>6}", "text"),
+            ]
         case DataState.STALE:
             which = f"J{s.stale_joints[0]}" if len(s.stale_joints) == 1 else "STALE"
             return [

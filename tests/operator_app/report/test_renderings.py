@@ -22,8 +22,9 @@ from operator_app.cli import main
 from operator_app.report.facts import Facts
 from operator_app.report.screen import facts_on, headline_spans, table_spans
 from operator_app.report.spans import Line
-from operator_app.report.table import Figure, Table
+from operator_app.report.table import Table
 from operator_app.session.operations import Operations
+from operator_app.units.figure import Figure
 from oracles.journalled_sessions import Quiet, opened_again
 
 NUMBER = re.compile(r"(?<![\w.])[-+\u2212]?\d+(?:\.\d+)?(?:e[-+]?\d+|·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?![\w.])")

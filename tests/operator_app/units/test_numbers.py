@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from operator_app.report.numbers import (
+from operator_app.units.numbers import (
     fixed,
     names,
     places_needed,

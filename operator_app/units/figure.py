@@ -1,0 +1,150 @@
+"""A number with its quantity, unit, digits and role, decided here once. Knows no renderer.
+
+Text, page and screen show `Figure.shown`, JSON takes `Figure.in_json` under `Figure.key`. What is
+shown in several places is a `Kind`, listed here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from operator_app.units.numbers import NOT_KNOWN, fixed, significant
+from solver.chain.parameters import Parameter
+
+Key = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A unit: how people read it, and `per_si` of it in one SI unit; `json_per_si` is a contract."""
+
+    unit: str
+    per_si: float = 1.0
+    json_per_si: float = 1.0
+
+
+ANGLE = Quantity("deg", 180.0 / math.pi, 180.0 / math.pi)
+LENGTH = Quantity("mm", 1e3, 1.0)
+CLOSURE_ANGLE = Quantity("mrad", 1e3, 1e3)
+CLOSURE_LENGTH = Quantity("mm", 1e3, 1e3)
+NOISE_ANGLE = Quantity("mdeg", 180e3 / math.pi)
+SHARE = Quantity("%", 100.0)
+LSB = Quantity("LSB")
+SPEED = Quantity("deg/s", 180.0 / math.pi)
+TORQUE = Quantity("Nm")
+TIME = Quantity("s")
+AGE = Quantity("ms", 1e3)
+NUMBER = Quantity("")
+
+
+def quantity_of(parameter: Parameter) -> Quantity:
+    """Return how a parameter's values are given."""
+    return ANGLE if parameter.is_angle else LENGTH
+
+
+def in_json(parameter: Parameter, value: float) -> float | None:
+    """Return a parameter's value in the units of the contract, deg and m; None if it is not finite."""
+    return Figure(float(value), quantity_of(parameter)).in_json
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One number.
+
+    Attributes
+    ----------
+    value
+        SI; None or not finite where it is not known.
+    places, digits
+        Decimal places, or where these are None significant digits.
+    role
+        ``text``, ``found`` (what was asked for), ``warn``.
+    key
+        Where it stands in the JSON object; empty: nowhere.
+    """
+
+    value: float | None
+    quantity: Quantity = NUMBER
+    places: int | None = None
+    digits: int = 3
+    signed: bool = False
+    role: str = "text"
+    key: Key = ()
+
+    @property
+    def shown(self) -> str:
+        """The number as people read it, without its unit."""
+        if self.value is None:
+            return NOT_KNOWN
+        value = self.quantity.per_si * self.value
+        if self.places is None:
+            return significant(value, self.digits)
+        return fixed(value, self.places, signed=self.signed)
+
+    @property
+    def with_unit(self) -> str:
+        """The number with its unit."""
+        return f"{self.shown} {self.quantity.unit}".rstrip()
+
+    @property
+    def in_json(self) -> float | None:
+        """The number at full precision, in the units of the contract; None where it is not known."""
+        if self.value is None or not math.isfinite(self.value):
+            return None
+        # Counts stay whole.
+        return (
+            self.value
+            if self.quantity.json_per_si == 1.0
+            else self.quantity.json_per_si * self.value
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What is shown alike wherever it is shown: called with a value (SI), it gives the figure."""
+
+    quantity: Quantity
+    places: int | None = None
+    digits: int = 3
+    signed: bool = False
+
+    def __call__(self, value: float | None, *, role: str = "text", key: Key = ()) -> Figure:
+        """Return the figure of one value."""
+        return Figure(
+            value, self.quantity, self.places, self.digits, signed=self.signed, role=role, key=key
+        )
+
+
+# Of a calibration.
+SIGMA_POS = Kind(CLOSURE_LENGTH, digits=4)
+SIGMA_ORI = Kind(CLOSURE_ANGLE, digits=4)
+CONDITION = Kind(NUMBER)
+CHI2 = Kind(NUMBER)
+COST = Kind(NUMBER, digits=5)
+PREDICTED = Kind(CLOSURE_LENGTH, places=3)
+"""Closure error of a pose by the estimate from those before it."""
+
+# Of the arm.
+POSITION = Kind(ANGLE, places=3, signed=True)
+TARGET = Kind(ANGLE, places=2, signed=True)
+REACH = Kind(ANGLE, places=1, signed=True)
+SPAN = Kind(ANGLE, places=1)
+WHOLE_DEGREES = Kind(ANGLE, places=0)
+MOVED = Kind(ANGLE, places=1, signed=True)
+SLIP_SIGMA = Kind(ANGLE, places=3)
+SHIFTED = Kind(LENGTH, places=1)
+TURNED = Kind(ANGLE, places=2)
+JOINT_SPEED = Kind(SPEED, places=2, signed=True)
+JOINT_TORQUE = Kind(TORQUE, places=1, signed=True)
+READING_SD = Kind(ANGLE, places=4)
+
+# Of a fixture file.
+NOMINAL_LENGTH = Kind(LENGTH, places=0)
+NOMINAL_TWIST = Kind(ANGLE, places=1)
+LENGTH_TOLERANCE = Kind(LENGTH, digits=2)
+ANGLE_TOLERANCE = Kind(ANGLE, digits=2)
+
+# Of time.
+DATA_AGE = Kind(AGE, places=0)
+SILENCE = Kind(TIME, places=1)

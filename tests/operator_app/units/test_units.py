@@ -1,0 +1,70 @@
+"""What is shown in several places has its unit and digits from one list; nobody beside it converts."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import operator_app
+from operator_app.units import figure
+from operator_app.units.figure import DATA_AGE, POSITION, READING_SD, SIGMA_ORI, SIGMA_POS, Kind
+
+ROOMS = ("tui", "headless", "commands", "session")
+ROOT = Path(operator_app.__file__).parent
+TO_A_FILE = {ROOT / "session" / "export.py", ROOT / "tui" / "widgets" / "residuals.py"}
+"""Writes a document whose keys say their units; plots scale their axes."""
+CONVERSIONS = {"degrees", "rad2deg"}
+
+
+def shows_itself(tree: ast.AST) -> Iterator[str]:
+    """Places that turn SI into what people read: a call of degrees, a factor of a thousand."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and node.attr in CONVERSIONS:
+            yield f"line {node.lineno}: {node.attr}"
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+            sides = [s.value for s in (node.left, node.right) if isinstance(s, ast.Constant)]
+            if any(value in (1e3, 1e6) for value in sides):
+                yield f"line {node.lineno}: times {sides}"
+
+
+def test_no_face_and_no_command_converts_to_units_that_people_read() -> None:
+    files = [p for room in ROOMS for p in sorted((ROOT / room).rglob("*.py"))]
+    assert len(files) > 60
+    found = {
+        str(p.relative_to(ROOT)): said
+        for p in files
+        if p not in TO_A_FILE and (said := list(shows_itself(ast.parse(p.read_text()))))
+    }
+    assert found == {}
+
+
+def test_the_scan_finds_a_conversion() -> None:
+    assert list(shows_itself(ast.parse("f'{math.degrees(x):.3f} deg'")))
+    assert list(shows_itself(ast.parse("f'{1e3 * x:.3f} mm'")))
+    assert not list(shows_itself(ast.parse("2.0 * x")))
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "shown"),
+    [
+        (POSITION, math.pi / 6.0, "+30.000 deg"),
+        (READING_SD, 1e-5, "0.0006 deg"),
+        (SIGMA_POS, 0.00063381, "0.6338 mm"),
+        (SIGMA_ORI, 0.0081984, "8.198 mrad"),
+        (DATA_AGE, 0.0124, "12 ms"),
+    ],
+)
+def test_a_kind_gives_figures_alike(kind: Kind, value: float, shown: str) -> None:
+    assert kind(value).with_unit == shown
+    assert kind(value, role="warn", key=("a",)).key == ("a",)
+    assert kind(None).shown == "n/a"
+
+
+def test_every_kind_is_of_a_quantity() -> None:
+    kinds = [k for k in vars(figure).values() if isinstance(k, Kind)]
+    assert len(kinds) > 15
+    assert all(math.isfinite(k.quantity.per_si) for k in kinds)

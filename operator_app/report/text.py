@@ -98,7 +98,8 @@ def unidentifiable_text(directions: Sequence[UnidentifiableDirection]) -> str:
         f"use a fixture in which joint {which} moves (the hinge), or leave theta_off_{which} out of "
         "the free entries of the arm file."
         if joints
-        else "take poses that differ more, or leave one parameter of each line out of the free "
+        else "take poses that differ more, or hold one parameter of each line at its nominal value: "
+        "solve --drop-unidentifiable chooses them, or leave them out of the free "
         "entries of the arm file."
     )
     lines = ["Not identifiable: these poses cannot determine every parameter."]

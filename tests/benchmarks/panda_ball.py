@@ -19,6 +19,7 @@ from solver.judging.identifiability import identifiability
 from solver.loops.placements import Placements
 from solver.search.global_start import global_start
 from tests.oracles.panda import TRAINING
+from tests.oracles.panda_prediction import scatter
 from tests.solver.estimators.test_panda import EVERYTHING, NOISE, OFFSETS, scatters, training
 
 ROWS = (
@@ -54,6 +55,13 @@ def main() -> int:
         )
         for direction in full.directions if full else ():
             print(f"{'':25} {direction}")
+    for placements in ((1, 2), (3, 4), (5, 6), (1, 2, 3, 4, 5, 6)):
+        one = scatter(placements)
+        print(
+            f"within tolerances, trained on {', '.join(map(str, placements))}: by D-H table alone "
+            f"{one.by_table[0]:.3f} and {one.by_table[1]:.3f} mm, with encoders, play and sag as found "
+            f"{one.whole[0]:.3f} and {one.whole[1]:.3f} mm"
+        )
     model, q = training(OFFSETS[1:6])
     found = estimate_implicit(model, q, NOISE)
     names = [p.name for p in found.parameters]

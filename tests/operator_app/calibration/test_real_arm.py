@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -17,7 +18,9 @@ from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
-from tests.oracles.panda import FOLDER
+from solver.chain.arm_model import ArmModel
+from tests.oracles.panda import FOLDER, TRAINING
+from tests.oracles.panda_prediction import scatter
 
 PAIRS = ((1, 2), (3, 4), (5, 6))
 """Each pair is the two sockets of one block, 50 mm apart; the block stood in three places."""
@@ -25,10 +28,11 @@ PAIRS = ((1, 2), (3, 4), (5, 6))
 SEEN = tuple(f"theta_off_{j}" for j in range(2, 7))
 
 
-def of(*placements: int) -> Solution:
+def of(*placements: int, arm: ArmModel | None = None) -> Solution:
     poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
     chosen = pick_placements(poses, placements)
-    return calibrate(load_arm("franka_panda"), load_fixture("ball").fixture, chosen, drop=True)
+    arm = load_arm("franka_panda") if arm is None else arm
+    return calibrate(arm, load_fixture("ball").fixture, chosen, drop=True)
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +44,11 @@ def test_sockets_that_nobody_measured_are_no_reason_against_it(
     of_pairs: tuple[Solution, ...],
 ) -> None:
     """The fixture's file states where one socket is: the block stood up to 0.9 m from there."""
+    # The last pair asks for more give or sag than is stated, and says so; nobody knows who held the arm.
+    assert [s.verdict for s in of_pairs[:2]] == [Class.ACCEPTED] * 2
+    assert {c.code for c in of_pairs[2].causes} <= {"FIXTURE_GIVES", "SLIP_FIXTURE", "STEP_JOINT_1"}
     for solution in of_pairs:
-        assert solution.verdict is Class.ACCEPTED
+        assert solution.accepted
         assert solution.held == ("theta_off_1", "theta_off_7")
         assert len(solution.tolerated) > 15
 
@@ -57,9 +64,31 @@ def test_offsets_of_separate_pairs_agree_within_what_they_claim(
     assert np.mean(np.abs(apart) < 1.96) >= 0.9
 
 
+def test_one_arm_serves_all_six_sockets_when_gravity_bends_it() -> None:
+    """Joint 4 carries 11 N m in the first two and 2 in the next: rigid, it seemed to slip by 0.17 deg."""
+    arm = load_arm("franka_panda")
+    assert of(*range(1, 7)).verdict is Class.ACCEPTED
+    weightless = of(*range(1, 7), arm=replace(arm, masses=None))
+    assert "STEP_JOINT_4" in {c.code for c in weightless.causes}
+
+
+def test_the_ball_stays_where_it_is_at_poses_nobody_trained_on() -> None:
+    """Better than the independent figures, 0.33 and 1.41 mm."""
+    found = scatter(TRAINING)
+    assert found.whole[0] < 0.33
+    assert found.whole[1] < 1.41
+    assert found.by_table[1] < 1.41
+
+
 def test_a_cause_names_the_placement_of_a_pose() -> None:
-    """What one pair of sockets and another do not agree on is said of placements, not of 'pose 1'."""
-    solution = of(2, 6)
+    """A joint that slipped between two placements is said of placements, not of 'pose 1'."""
+    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
+    chosen = pick_placements(poses, (2, 6))
+    q = chosen.q_rad.copy()
+    q[chosen.placement == 6, 3] += np.deg2rad(0.5)
+    solution = calibrate(
+        load_arm("franka_panda"), load_fixture("ball").fixture, replace(chosen, q_rad=q), drop=True
+    )
     assert solution.verdict is Class.NOT_ACCEPTED
     said = [c.text for c in solution.causes if c.code.startswith("STEP")]
     assert said

@@ -38,9 +38,12 @@ def complaints(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("name", "length_mm", "twist_deg"), [("sarcos_dextrous", 0.5, 0.1), ("franka_panda", 1.0, 0.2)]
+    ("name", "length_mm", "twist_deg", "sag_deg"),
+    [("sarcos_dextrous", 0.5, 0.1, 0.01), ("franka_panda", 1.0, 0.2, 0.03)],
 )
-def test_packaged_arms_state_everything(name: str, length_mm: float, twist_deg: float) -> None:
+def test_packaged_arms_state_everything(
+    name: str, length_mm: float, twist_deg: float, sag_deg: float
+) -> None:
     arm = load_arm(name)
     assert arm.assumed == ()
     np.testing.assert_allclose(arm.length_tolerance_m, length_mm / 1e3, rtol=1e-14)
@@ -49,7 +52,8 @@ def test_packaged_arms_state_everything(name: str, length_mm: float, twist_deg: 
         accuracy = math.radians(0.01) if isinstance(joint.sensor, Encoder) else 0.0
         assert arm.accuracy_rad[k] == accuracy
     np.testing.assert_array_equal(arm.backlash_rad, math.radians(0.01))
-    np.testing.assert_array_equal(arm.sag_rad, math.radians(0.01))
+    np.testing.assert_array_equal(arm.sag_rad, math.radians(sag_deg))
+    assert arm.masses is not None
 
 
 def test_a_file_without_figures_is_read_with_the_assumed_ones_and_says_so() -> None:

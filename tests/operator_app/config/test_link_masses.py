@@ -11,7 +11,8 @@ import pytest
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.json_schemas import json_schema
-from solver.chain.statics import LinkMasses
+from solver.chain.kinematics import forward
+from solver.chain.statics import LinkMasses, gravity_torque
 
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 WEIGHTLESS = re.sub(r"^(?:gravity: |links:|  - \{link: ).*\n", "", SARCOS, flags=re.MULTILINE)
@@ -32,6 +33,21 @@ def test_the_packaged_arm_weighs_something() -> None:
     assert masses.down_sd_rad == pytest.approx(np.deg2rad(3.0))
     # The centre of the upper arm lies on its own axis, half way to the elbow.
     np.testing.assert_allclose(masses.centre_m[2], [0.0, 0.0, 0.18])
+
+
+def test_the_panda_hangs_on_its_second_and_fourth_joint() -> None:
+    """Torques of the identified masses, stretched out: the maker states a payload of 3 kg at 87 N m."""
+    arm = load_arm("franka_panda")
+    assert arm.masses is not None
+    table = arm.table
+    theta = table.theta_off_rad + np.deg2rad([[0, 90, 0, 0, 0, 90, 0], [30, 0, 0, -4, 0, 0, 0]])
+    frames = forward(theta, table.s_m, table.a_m, table.alpha_rad)
+    stretched, upright = gravity_torque(frames, arm.masses)
+    np.testing.assert_allclose([stretched[0], upright[0]], 0.0, atol=1e-12)
+    assert 40.0 < stretched[1] < 60.0
+    assert -25.0 < stretched[3] < -10.0
+    assert np.abs(upright).max() < 6.0
+    assert np.abs(stretched[[4, 6]]).max() < 1.0
 
 
 def test_a_file_without_masses_is_read_as_before() -> None:

@@ -11,7 +11,9 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NoReturn
+
+from operator_app.words_out import harmless, say
 
 COMMANDS = {
     "run": "calibrate an arm from start to finish, without questions",
@@ -49,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _dispatch(sys.argv[1:] if argv is None else list(argv))
     except KeyboardInterrupt:
-        print("sarcal: interrupted.", file=sys.stderr)
+        say("sarcal: interrupted.", err=True)
         return 130
     except BrokenPipeError:
         # Whoever read our output has gone; the interpreter must not complain at exit either.
@@ -59,12 +61,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.filename is not None or error.errno != errno.ENOSPC:
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        print("sarcal: the results cannot be written: no space left. Free some.", file=sys.stderr)
+        say("sarcal: the results cannot be written: no space left. Free some.", err=True)
         return 2
 
 
 def _dispatch(argv: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="sarcal",
         description=DESCRIPTION,
         epilog=EPILOG,
@@ -90,7 +92,7 @@ def _dispatch(argv: Sequence[str]) -> int:
     try:
         code = int(command.execute(args))
     except EXPECTED_ERRORS as error:
-        print(f"sarcal: {error}", file=sys.stderr)
+        say(_in_words(error), err=True)
         return int(exit_code(error))
     # Here, where a full disk can still be said in words.
     sys.stdout.flush()
@@ -99,6 +101,21 @@ def _dispatch(argv: Sequence[str]) -> int:
 
 def _module(command: str) -> Any:
     return importlib.import_module(f"operator_app.commands.{command}")
+
+
+def _in_words(error: Exception) -> str:
+    """Return an error as lines: of a file with many problems one each, else a single one."""
+    from operator_app.config.errors import ConfigError
+
+    text = f"sarcal: {error}"
+    return text if isinstance(error, ConfigError) else harmless(text)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Repeats what was typed only as text."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(harmless(message))
 
 
 class _Version(argparse.Action):
@@ -113,7 +130,7 @@ class _Version(argparse.Action):
     ) -> None:
         from importlib.metadata import version
 
-        print(f"sarcal {version('sarcal')}")
+        say(f"sarcal {version('sarcal')}")
         parser.exit()
 
 

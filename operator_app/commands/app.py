@@ -17,6 +17,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from operator_app.session.sessions import Sessions
@@ -79,7 +80,7 @@ def execute(args: argparse.Namespace) -> int:
 def _tell(text: str) -> None:
     """Say it, if there is still a terminal to say it on."""
     try:
-        print(text, file=sys.stderr, flush=True)
+        say(text, err=True)
     except OSError:
         # What is left in the buffer must not fail once more when the interpreter ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())

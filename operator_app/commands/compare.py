@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from operator_app.commands.options import json_option, sessions_option
 from operator_app.errors import SessionError
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from operator_app.config.parameters import ParametersDocument
@@ -54,9 +55,9 @@ def execute(args: argparse.Namespace) -> int:
     except IncomparableError as error:
         raise UsageError(f"{args.a}, {args.b}: {error}") from error
     if args.json:
-        print(json.dumps(comparison_json(found), indent=2, allow_nan=False))
+        say(json.dumps(comparison_json(found), indent=2, allow_nan=False))
     else:
-        print(comparison_text(found))
+        say(comparison_text(found))
     return ExitCode.NOT_ACCEPTED if found.drifted else ExitCode.ACCEPTED
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import threading
 from pathlib import Path
 
 from operator_app.commands.options import bus_options, choices_from, scenario_options
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
 
 FAULTS = (
     "frames-lost", "frames-lost-10", "frames-doubled", "frames-reordered", "frames-flipped",
@@ -82,7 +82,7 @@ def execute(args: argparse.Namespace) -> int:
         run_controller(arm, choices, settings, slots=args.state, script=script),
     ):
         chosen = scenario_of(choices)
-        print(
+        say(
             f"Virtual {arm.name} (scenario {chosen.name}, seed {chosen.seed}) on {settings}. "
             f"In another terminal: sarcal run hinge -i {settings.interface} -c {settings.channel}"
             f"{' --scenario exact' if chosen.name == 'exact' else ''}\n"
@@ -91,8 +91,7 @@ def execute(args: argparse.Namespace) -> int:
                 for kind in args.fault
             )
             + "Ctrl-C ends it.",
-            file=sys.stderr,
-            flush=True,
+            err=True,
         )
         threading.Event().wait()
     return ExitCode.ACCEPTED

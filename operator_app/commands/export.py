@@ -15,6 +15,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode
+from operator_app.words_out import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +54,7 @@ def execute(args: argparse.Namespace) -> int:
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = read_session(opening.folder).state
     if state is None or not state.used_poses:
-        print(f"sarcal: {opening.folder} has no pose yet: nothing to export.", file=sys.stderr)
+        say(f"sarcal: {opening.folder} has no pose yet: nothing to export.", err=True)
         return ExitCode.BAD_INPUT
     procedure = carried_procedure(opening)
     chosen = choices_from(args)
@@ -62,11 +63,11 @@ def execute(args: argparse.Namespace) -> int:
     )
     solution = found.solution
     if found.solved_again:
-        print(f"sarcal: solved again: {found.solved_again}.", file=sys.stderr)
+        say(f"sarcal: solved again: {found.solved_again}.", err=True)
     forced = "" if solution.accepted else args.force.strip()
     if not solution.accepted:
         for reason in solution.reasons:
-            print(f"sarcal: not accepted: {reason}.", file=sys.stderr)
+            say(f"sarcal: not accepted: {reason}.", err=True)
         if not forced:
             return ExitCode.NOT_ACCEPTED
     receipt = None
@@ -85,11 +86,11 @@ def execute(args: argparse.Namespace) -> int:
     else:
         target = args.output or opening.folder / PARAMETERS_NAME
         write_atomically(target, data)
-        print(f"Parameters  {target}")
+        say(f"Parameters  {target}")
     if receipt is not None:
-        print(
+        say(
             f"Controller  {state.serial_number}: slot {receipt.slot} active, {receipt.length} bytes "
             f"read back, SHA-256 {receipt.sha256}",
-            file=sys.stderr if str(args.output) == "-" else sys.stdout,
+            err=str(args.output) == "-",
         )
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED

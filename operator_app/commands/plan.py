@@ -15,6 +15,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from fixtures.advice import RankedPlacement
@@ -93,7 +94,7 @@ def execute(args: argparse.Namespace) -> int:
         found = plan_json(shown, basis=basis)
         if advice is not None:
             found["advice"] = advice_json(advice, parameters)
-        print(json.dumps(found, indent=2, allow_nan=False))
+        say(json.dumps(found, indent=2, allow_nan=False))
         return _code(shown)
     title = (
         f"Plan of {procedure.name}: {procedure.arm.name} in fixture {procedure.fixture.name}, "
@@ -101,10 +102,10 @@ def execute(args: argparse.Namespace) -> int:
     )
     # A terminal that cannot show braille gets ASCII without being asked.
     plain = args.ascii or "utf" not in (sys.stdout.encoding or "").lower()
-    print(plan_text(shown, title=title, ascii_only=plain))
+    say(plan_text(shown, title=title, ascii_only=plain))
     if advice is not None:
-        print()
-        print(advice_text(advice, parameters, procedure.arm.joint_count))
+        say()
+        say(advice_text(advice, parameters, procedure.arm.joint_count))
     return _code(shown)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from operator_app.commands.options import estimator_options, parse_joints, sessions_option
 from operator_app.exit_codes import ExitCode
+from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from operator_app.report.subject import Subject
@@ -82,7 +83,7 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
     solution, facts = subject.solution, subject.facts
     if solution is None or facts is None:
         if args.text:
-            print(unidentifiable_text(subject.unidentifiable))
+            say(unidentifiable_text(subject.unidentifiable))
             return
         procedure = subject.procedure
         model = procedure.fixture.fixture.model(
@@ -94,12 +95,12 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
             poses=len(subject.used),
             folder=folder,
         )
-        print(json.dumps(blind, indent=2, allow_nan=False))
+        say(json.dumps(blind, indent=2, allow_nan=False))
     elif args.json:
         found = session_json(facts, solution.paper, folder, state)
-        print(json.dumps(found, indent=2, allow_nan=False))
+        say(json.dumps(found, indent=2, allow_nan=False))
     else:
-        print(f"{facts_text(facts)}\n\n{session_text(folder, state, accepted=solution.accepted)}")
+        say(f"{facts_text(facts)}\n\n{session_text(folder, state, accepted=solution.accepted)}")
 
 
 def _write(args: argparse.Namespace, subject: Subject, folder: Path) -> None:
@@ -113,4 +114,4 @@ def _write(args: argparse.Namespace, subject: Subject, folder: Path) -> None:
     else:
         target = args.output or folder / REPORT_NAME
         write_atomically(target, page)
-        print(f"Report      {target}")
+        say(f"Report      {target}")

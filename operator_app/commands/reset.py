@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
@@ -15,6 +14,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from operator_app.session.opening import Opening
@@ -85,19 +85,19 @@ def _report(args: argparse.Namespace, cleared: dict[int, str], stays: dict[int, 
             "cleared": [{"joint": j, "was": text} for j, text in cleared.items()],
             "left": [{"joint": j, "is": text} for j, text in stays.items()],
         }
-        print(json.dumps(facts, indent=2))
+        say(json.dumps(facts, indent=2))
         return
     for joint, text in cleared.items():
-        print(f"Joint {joint}  {text}: reset")
+        say(f"Joint {joint}  {text}: reset")
     if cleared:
-        print("The drives are off. Nothing has moved, and nothing moves before it is told to.")
+        say("The drives are off. Nothing has moved, and nothing moves before it is told to.")
     elif not stays:
-        print("No drive has tripped: nothing was reset.")
+        say("No drive has tripped: nothing was reset.")
     for joint, text in stays.items():
-        print(
+        say(
             f"sarcal: joint {joint} stays tripped: {text}. Remove the cause (release the external stop, "
             "look at the sensor and at what the joint met), then reset again.",
-            file=sys.stderr,
+            err=True,
         )
 
 

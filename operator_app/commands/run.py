@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
@@ -19,6 +18,7 @@ from operator_app.commands.options import (
     tolerance_option,
 )
 from operator_app.exit_codes import ExitCode
+from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from operator_app.headless.runner import RunResult
@@ -97,12 +97,12 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
     if args.json:
         found = session_json(facts, solution.paper, folder, state)
         found["capture"] = capture_json(result.capture, result.advice, parameters, state.used_poses)
-        print(json.dumps(found, indent=2, allow_nan=False))
+        say(json.dumps(found, indent=2, allow_nan=False))
         return
-    print(facts_text(facts))
+    say(facts_text(facts))
     if result.capture is not None:
-        print(f"\n{capture_text(result.capture, result.advice, parameters)}")
-    print(f"\n{session_text(folder, state, accepted=solution.accepted)}")
+        say(f"\n{capture_text(result.capture, result.advice, parameters)}")
+    say(f"\n{session_text(folder, state, accepted=solution.accepted)}")
 
 
 def _report_unidentifiable(
@@ -112,7 +112,7 @@ def _report_unidentifiable(
     from operator_app.report.text import unidentifiable_text
 
     if not args.json:
-        print(unidentifiable_text(error.directions), file=sys.stdout)
+        say(unidentifiable_text(error.directions))
         return
     model = session.fixture.model(session.model, unsensed_joints=session.procedure.unsensed_joints)
     found = unidentifiable_json(
@@ -121,4 +121,4 @@ def _report_unidentifiable(
         poses=len(session.state.used_poses),
         folder=session.journal.path.parent,
     )
-    print(json.dumps(found, indent=2, allow_nan=False))
+    say(json.dumps(found, indent=2, allow_nan=False))

@@ -8,6 +8,7 @@ from typing import Any
 
 from operator_app.commands.options import json_option, sessions_option
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import harmless, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,9 +56,9 @@ def execute(args: argparse.Namespace) -> int:
     if args.action == "list":
         found = [facts(entry) for entry in list_sessions(args.sessions)]
         if args.json:
-            print(json.dumps(found, indent=2))
+            say(json.dumps(found, indent=2))
         elif not found:
-            print(f"No sessions in {args.sessions}. `sarcal run hinge` makes one.")
+            say(f"No sessions in {args.sessions}. `sarcal run hinge` makes one.")
         else:
             rows = [["session", "begun (UTC)", "arm", "poses", "state"]]
             for fact in found:
@@ -78,7 +79,7 @@ def execute(args: argparse.Namespace) -> int:
                         stage,
                     ]
                 )
-            print(aligned(rows))
+            say(aligned(rows))
         return ExitCode.ACCEPTED
     if args.action == "repair":
         return _repair(args)
@@ -87,10 +88,10 @@ def execute(args: argparse.Namespace) -> int:
         raise JournalError(entry.problem, entry.remedy)
     fact = facts(entry)
     if args.json:
-        print(json.dumps(fact, indent=2))
+        say(json.dumps(fact, indent=2))
     else:
         for key, value in fact.items():
-            print(f"{key.replace('_', ' ')}: {value if value not in ('', [], {}) else '-'}")
+            say(harmless(f"{key.replace('_', ' ')}: {value if value not in ('', [], {}) else '-'}"))
     return ExitCode.ACCEPTED
 
 
@@ -102,5 +103,5 @@ def _repair(args: argparse.Namespace) -> int:
     if args.name is None:
         raise UsageError("session repair: name the session; `sarcal session list` shows them")
     found = repair(find_session(args.sessions, args.name))
-    print(json.dumps(repair_json(found), indent=2) if args.json else repair_text(found))
+    say(json.dumps(repair_json(found), indent=2) if args.json else repair_text(found))
     return ExitCode.ACCEPTED

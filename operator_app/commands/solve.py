@@ -16,6 +16,7 @@ from operator_app.commands.options import (
     tolerance_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from fixtures.base import Fixture
@@ -110,11 +111,11 @@ def execute(args: argparse.Namespace) -> int:
                 found["causes"] = [
                     {"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}
                 ]
-            print(json.dumps(found, indent=2, allow_nan=False))
+            say(json.dumps(found, indent=2, allow_nan=False))
         else:
-            print(unidentifiable_text(error.directions))
+            say(unidentifiable_text(error.directions))
             if error.note:
-                print(paragraph(f"! {error.note}", indent=2))
+                say(paragraph(f"! {error.note}", indent=2))
         return ExitCode.NOT_IDENTIFIABLE
     solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in loaded.warnings)
     checks = check(solution, arm, fixture, poses) if args.checks else None
@@ -128,11 +129,11 @@ def execute(args: argparse.Namespace) -> int:
         document = facts.json
         if tested is not None:
             document["test"] = verification_json(tested, new)
-        print(json.dumps(document, indent=2, allow_nan=False))
+        say(json.dumps(document, indent=2, allow_nan=False))
     else:
-        print(facts_text(facts))
+        say(facts_text(facts))
         if tested is not None:
-            print(f"\n{verification_text(tested, new, args.poses)}")
+            say(f"\n{verification_text(tested, new, args.poses)}")
     holds = tested is None or tested.holds
     return ExitCode.ACCEPTED if solution.accepted and holds else ExitCode.NOT_ACCEPTED
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
@@ -15,6 +14,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from operator_app.calibration.solution import Solution
@@ -74,9 +74,9 @@ def execute(args: argparse.Namespace) -> int:
     else:
         verdict, poses = _on_the_arm(opening, solution, NEW_POSES if wanted is None else wanted)
     if args.json:
-        print(json.dumps(verification_json(verdict, poses), indent=2, allow_nan=False))
+        say(json.dumps(verification_json(verdict, poses), indent=2, allow_nan=False))
     else:
-        print(verification_text(verdict, poses, str(opening.folder)))
+        say(verification_text(verdict, poses, str(opening.folder)))
     return ExitCode.ACCEPTED if verdict.holds else ExitCode.NOT_ACCEPTED
 
 
@@ -93,5 +93,5 @@ def _on_the_arm(opening: Opening, solution: Solution, count: int) -> tuple[Verdi
         connect(session, Listener())
         session.set_modes(drives_of(session))
         found = verify(session, solution, count, Listener())
-    print(f"Took {count} new poses: they are in the journal of {opening.folder}", file=sys.stderr)
+    say(f"Took {count} new poses: they are in the journal of {opening.folder}", err=True)
     return found

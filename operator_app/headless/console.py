@@ -16,6 +16,7 @@ from operator_app.planning.drives import DriveChoice, names
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.state import SessionState
+from operator_app.words_out import harmless
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
 
@@ -29,7 +30,7 @@ class ConsoleListener(Listener):
 
     def say(self, text: str) -> None:
         """Write one line of progress."""
-        self._console.print(text, markup=False)
+        self._console.print(harmless(text), markup=False)
 
     def resumed(self, session: Session) -> None:
         """Say what the session goes on with."""

@@ -20,6 +20,7 @@ from operator_app.session.sessions import Sessions
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.session.wording import EXPECTED, words
+from operator_app.words_out import harmless, lines
 
 WAIT_S = 0.1
 
@@ -88,7 +89,7 @@ class Plain:
 
     def _menu(self) -> None:
         s = self.look()
-        self._terminal.say("\n" + "\n".join(describe(self._step, s)))
+        self._terminal.say("\n" + lines(describe(self._step, s)))
         chosen = self._one_of(self._items(s), "Number: ")
         if chosen is not None:
             if chosen.missing:
@@ -101,7 +102,7 @@ class Plain:
         """List them and return the one whose number is typed."""
         for number, item in enumerate(items, 1):
             closed = f" (closed: {item.missing[0]})" if item.missing else ""
-            self._terminal.say(f"  {number} {item.label}{closed}")
+            self._terminal.say(harmless(f"  {number} {item.label}{closed}"))
         typed = self._terminal.ask(prompt).strip()
         if typed.isdecimal() and 1 <= int(typed) <= len(items):
             return items[int(typed) - 1]
@@ -158,7 +159,7 @@ class Plain:
         self._left = True
 
     def _read(self) -> None:
-        self._terminal.say("\n".join(results(self.look())))
+        self._terminal.say(lines(results(self.look())))
 
     # -- what an action may ask --------------------------------------------------------------------
 
@@ -170,12 +171,14 @@ class Plain:
         for message in s.messages:
             if message.number > self._heard:
                 self._heard = message.number
-                self._terminal.say(f"[{message.time} {message.level.value}] {message.text}")
+                self._terminal.say(
+                    harmless(f"[{message.time} {message.level.value}] {message.text}")
+                )
         return s
 
     def refuse(self, why: str) -> None:
         """Say why something is not done."""
-        self._terminal.say(f"Not done: {why}.")
+        self._terminal.say(harmless(f"Not done: {why}."))
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
         """Ask for a word, a line or a number."""

@@ -5,17 +5,20 @@ from __future__ import annotations
 import select
 import sys
 
+from operator_app.words_out import harmless, say
+
 
 class StandardTerminal:
     """Lines on stdin and stdout."""
 
     def say(self, text: str) -> None:
         """Write lines at once."""
-        print(text, flush=True)
+        say(text)
+        sys.stdout.flush()
 
     def ask(self, prompt: str) -> str:
         """Return a line."""
-        return input(prompt)
+        return input(harmless(prompt))
 
     def touched(self, timeout_s: float) -> bool:
         """Wait for a line; what a pipe already holds, and the end of the input, is no touch."""

@@ -6,15 +6,13 @@ Whatever an operator, a bus or a file put into a string, it arrives in the page 
 from __future__ import annotations
 
 import html
-import re
 from collections.abc import Iterable
+
+from operator_app.words_out import harmless
 
 VOID = frozenset({"meta", "br", "col", "link", "hr"})
 
-# Not allowed in HTML or not in UTF-8: control characters but for white space, halves of surrogates.
-_FORBIDDEN = re.compile(
-    "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]"
-)
+WHITE_SPACE = "\t\n\r"
 
 
 class Html(str):
@@ -30,7 +28,7 @@ def text(value: str) -> Html:
     """Return a string as markup: escaped, unless it is markup already."""
     if isinstance(value, Html):
         return value
-    return Html(html.escape(_FORBIDDEN.sub("\ufffd", value), quote=True))
+    return Html(html.escape(harmless(value, keep=WHITE_SPACE), quote=True))
 
 
 def element(tag: str, *children: str, **attributes: Attribute) -> Html:

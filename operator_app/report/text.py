@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from operator_app.calibration.judgement import Notice
 from operator_app.report.facts import Facts
 from operator_app.report.table import Column, Table, shown
+from operator_app.words_out import harmless
 from solver.errors import UnidentifiableDirection
 
 WIDTH = 80
@@ -52,7 +53,7 @@ def placed(table: Table, gap: str) -> tuple[list[list[str]], list[list[str]]]:
         return [], []
     columns, groups = table.columns, _groups(table.columns)
     heads = [f"{c.title} [{c.unit}]" if c.unit else c.title for c in columns]
-    body = [[shown(cell) for cell in row] for row in table.rows]
+    body = [[harmless(shown(cell)) for cell in row] for row in table.rows]
     widths = [max(map(len, column)) for column in zip(heads, *body, strict=True)]
     for first, last in groups:
         taken = sum(widths[first:last]) + len(gap) * (last - first - 1)
@@ -110,7 +111,7 @@ def unidentifiable_text(directions: Sequence[UnidentifiableDirection]) -> str:
 def aligned(rows: Sequence[Sequence[str]], gap: str = "  ") -> str:
     """Return rows as columns: the first column to the left, all others to the right."""
     count = max(len(row) for row in rows)
-    full = [[*row, *[""] * (count - len(row))] for row in rows]
+    full = [[*map(harmless, row), *[""] * (count - len(row))] for row in rows]
     widths = [max(len(row[k]) for row in full) for k in range(count)]
     lines = []
     for row in full:

@@ -16,6 +16,7 @@ from textual.widgets.option_list import Option
 
 from operator_app.session.face import OneOf, Question, Typed, YesNo
 from operator_app.tui.look import is_compact
+from operator_app.words_out import harmless
 
 
 class Dialog(ModalScreen[str | None]):
@@ -104,7 +105,7 @@ class Ask(Dialog):
 
     def body(self) -> ComposeResult:
         """An input and what is wrong with it."""
-        yield Input(value=self._value, id="answer", compact=True)
+        yield Input(value=harmless(self._value), id="answer", compact=True)
         yield Static(self._plain("Enter takes it, Esc leaves everything as it is"), id="said")
 
     def on_mount(self) -> None:

@@ -17,6 +17,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from operator_app.report.spans import Line, clip, length
+from operator_app.words_out import harmless
 
 if TYPE_CHECKING:
     from operator_app.session.snapshot import SessionSnapshot
@@ -166,7 +167,9 @@ class Lines(Widget, can_focus=True):
         base = self._base
         if row and row[0][1].startswith("cursor"):
             base += look.style("cursor")
-        segments = [Segment(look.text(text), base + look.style(role)) for text, role in row]
+        segments = [
+            Segment(look.text(harmless(text)), base + look.style(role)) for text, role in row
+        ]
         left = width - length(row)
         if left > 0:
             segments.append(Segment(" " * left, base))

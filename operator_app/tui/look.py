@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from rich.style import Style
 from textual.theme import BUILTIN_THEMES, Theme
 
+from operator_app.words_out import harmless
+
 DARK, LIGHT, NO_COLOUR = "sarcal-dark", "sarcal-light", "sarcal-no-colour"
 
 _COLOURS: Mapping[str, Mapping[str, str]] = {
@@ -65,7 +67,8 @@ class Look:
         return found
 
     def text(self, text: str) -> str:
-        """Text in the characters this terminal shows."""
+        """Text in the characters this terminal shows; line breaks stay, and nothing it would obey."""
+        text = harmless(text, keep="\n")
         if not self.ascii_only:
             return text
         plain = text.translate(ASCII)

@@ -67,4 +67,5 @@ def test_a_void_element_has_no_content() -> None:
 
 
 def test_what_people_write_cannot_turn_the_page_round() -> None:
-    assert spoken("\u202eabc") == "<bdi>\u202eabc</bdi>"
+    assert spoken("\u05d0abc") == "<bdi>\u05d0abc</bdi>"
+    assert spoken("\u202eabc") == "<bdi>\ufffdabc</bdi>"

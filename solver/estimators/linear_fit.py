@@ -194,26 +194,36 @@ class LinearFit:
             gradient=Gw + GM @ self.coefficients, information=GG - GM @ self.H_inverse @ GM.T
         )
 
-    def held_out(self, poses: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Misclosure (k r,) of `poses` (k,) less what all other poses predict, and its covariance.
+    @cached_property
+    def half(self) -> FloatArray:
+        """Root of the inverse (width, width): ``H^-1 = half half'``."""
+        from scipy.linalg import cholesky
 
-        In units of each pose's noise; no refit: with P the projector, ``P_FF^-1 (P w)_F`` is that
-        difference and ``P_FF^-1`` its covariance.
-        """
-        M, w = self._rows(poses)
-        P = np.eye(len(w)) - M @ self.H_inverse @ M.T
-        left = w + M @ self.coefficients
-        covariance = np.linalg.pinv(0.5 * (P + P.T), rcond=1e-9, hermitian=True)
-        return np.asarray(covariance @ left), np.asarray(covariance)
+        scaled = self.H_inverse * np.outer(self.scale, self.scale)
+        try:
+            return np.asarray(cholesky(scaled, lower=True) / self.scale[:, None])
+        except np.linalg.LinAlgError:
+            values, vectors = np.linalg.eigh(scaled)
+            return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) / self.scale[:, None])
 
     def held_out_chi2(self, poses: IntArray) -> tuple[float, int]:
-        """Misfit of `poses` to the prediction by all others, chi2 with so many degrees of freedom."""
+        """Misfit of `poses` (k,) to the prediction by all others, chi2 with so many degrees of freedom.
+
+        No refit: with P the projector that is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``
+        has the eigenvalues of ``I - N'N`` and ones, so that the smaller of the two tells.
+        """
         M, w = self._rows(poses)
-        P = np.eye(len(w)) - M @ self.H_inverse @ M.T
-        values, vectors = np.linalg.eigh(0.5 * (P + P.T))
-        good = values > 1e-9
-        along = vectors.T @ (w + M @ self.coefficients)
-        return float((along[good] ** 2 / values[good]).sum()), int(good.sum())
+        N, left = M @ self.half, w + M @ self.coefficients
+        few = len(w) <= self.design.width
+        share, vectors = np.linalg.eigh(N @ N.T if few else N.T @ N)
+        share = np.clip(share, 0.0, 1.0)
+        along = vectors.T @ (left if few else N.T @ left)
+        if not few:
+            along = along / np.sqrt(np.maximum(share, 1e-300))
+        told = share < 1.0 - 1e-9
+        more = np.where(told, 1.0 / np.where(told, 1.0 - share, 1.0), 0.0) - 1.0
+        more = np.where(share > 1e-12, more, 0.0)
+        return float(left @ left + more @ along**2), len(w) - int((~told).sum())
 
     def left_out_chi2(self) -> tuple[FloatArray, IntArray]:
         """The same of every single pose against all others: chi2 and degrees of freedom, (m,) each."""

@@ -8,7 +8,7 @@ has the derivation; it is the same round without effects). Knows a closure model
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from solver.estimators.effects import CHUNK, Design, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.least_squares import Progress
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.scoring import Ascent, Derivatives, derivatives, step
+from solver.estimators.scoring import Ascent, Derivatives, Step, derivatives, step
 from solver.loops.closure import ClosureModel
 
 MAX_ROUNDS = 40
@@ -129,7 +129,6 @@ def fit_mixed(
     near
         Where to start, if anything is known of it.
     """
-    variances, first = None, 0
     if estimate and len(q) > 2 * FOR_VARIANCES:
         # Evenly over the poses, which are in canonical order: the same whatever order they came in.
         some = np.linspace(0, len(q) - 1, FOR_VARIANCES).astype(np.int64)
@@ -140,19 +139,13 @@ def fit_mixed(
             ),
             x0, None, progress, None if near is None else near.at_poses(some),
         )  # fmt: skip
-        variances, x0, first = rough.fit.v, rough.x, rough.iterations
-        whole = _iterate(Design(model, q, errors, group=group), x0, variances, progress, near)
-        return _with(whole, rough.found, first)
+        x0 = rough.x
+        whole = _iterate(
+            Design(model, q, errors, group=group), x0, rough.fit.v, progress, near, rough.found
+        )
+        return replace(whole, iterations=rough.iterations + whole.iterations)
     design = Design(model, q, errors, group=group)
     return _iterate(design, x0, None if estimate else design.stated_variances(), progress, near)
-
-
-def _with(whole: MixedFit, found: Derivatives, rounds: int) -> MixedFit:
-    return MixedFit(
-        x=whole.x, corrections=whole.corrections, unsensed=whole.unsensed, shift=whole.shift,
-        give=whole.give, fit=whole.fit, found=found, iterations=whole.iterations + rounds,
-        converged=whole.converged,
-    )  # fmt: skip
 
 
 def _iterate(
@@ -161,44 +154,46 @@ def _iterate(
     variances: FloatArray | None,
     progress: Progress | None,
     near: Near | None,
+    found: Derivatives | None = None,
 ) -> MixedFit:
-    """Rounds until nothing moves; `variances` (K,) that are given stay."""
+    """Rounds until nothing moves; `variances` (K,) that are given stay, `found` where they come from."""
     v = design.start_variances() if variances is None else variances
-    held = np.full(len(v), variances is not None)
-    if near is not None and variances is None:
+    free = variances is None and len(v) > 0
+    if near is not None and free:
         v = np.array([near.variances.get(c.name, c.start) for c in design.components])
         v = np.clip(v, [c.floor for c in design.components], [c.wall for c in design.components])
     state = _start(design, x0, v, near)
-    converged, rounds, ascent = False, 0, Ascent()
+    converged, rounds, ascent, wanted = False, 0, Ascent(), Step.none(len(v))
     for rounds in range(1, MAX_ROUNDS + 1):
         system, rates = _linearise(design, state)
         try:
             fit = LinearFit(design, system, v)
         except np.linalg.LinAlgError as error:
             raise PosesDoNotFitError from error
-        if rounds == 1 and not held.any() and fit.chi2 > SURPRISE * fit.dof:
+        if rounds == 1 and free and fit.chi2 > SURPRISE * fit.dof:
             # Nothing stated explains these readings: start where much may give.
             v = np.maximum(v, [c.leap for c in design.components])
             fit = LinearFit(design, system, v)
-        found = derivatives(fit)
-        wanted = step(fit, found, held)
         moved = _advance(design, state, system, rates, fit)
         if not np.isfinite(moved):
             break
         if progress is not None:
             progress(rounds, fit.chi2)
+        if free:
+            found = derivatives(fit)
+            wanted = step(fit, found)
+            v = ascent.onward(fit, found, wanted, far=moved > FAR)
+            if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
+                # That is no reason to go on: the parameters settle under the variances as they are.
+                free, wanted, v = False, Step.none(len(v)), fit.v
         if moved < SETTLED and wanted.largest < STEADY:
             converged = True
             break
-        if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
-            # What the variances may still gain is no reason to go on: the parameters settle under these.
-            held[:] = True
-        if not held.all():
-            v = ascent.onward(fit, found, wanted, far=moved > FAR)
     shift, give = design.effects_at(fit.b, state.angle)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
-        found=found, iterations=rounds, converged=converged,
+        found=derivatives(fit) if found is None else found,
+        iterations=rounds, converged=converged,
     )  # fmt: skip
 
 

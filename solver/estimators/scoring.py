@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray
+from solver.arrays import FloatArray
 from solver.estimators.linear_fit import LinearFit
 
 FASTEST = 6.0
@@ -131,8 +131,13 @@ class Step:
     largest: float
     slope: float
 
+    @classmethod
+    def none(cls, components: int) -> Step:
+        """Return the step of variances that stay."""
+        return cls(change=np.zeros(components), largest=0.0, slope=0.0)
 
-def step(fit: LinearFit, found: Derivatives, held: BoolArray) -> Step:
+
+def step(fit: LinearFit, found: Derivatives) -> Step:
     """Newton's step of the variances, those at a bound that they would leave held there."""
     v = fit.v
     floor = np.array([c.floor for c in fit.design.components])
@@ -141,7 +146,7 @@ def step(fit: LinearFit, found: Derivatives, held: BoolArray) -> Step:
     low = np.where(leap > 0.0, floor, np.maximum(floor, v / FASTEST))
     high = np.minimum(wall, np.maximum(FASTEST * v, leap))
     size = np.sqrt(np.maximum(np.diagonal(found.information), 1e-300))
-    score, moving = found.score / size, ~held & ((v > floor) | (found.score > 0.0))
+    score, moving = found.score / size, (v > floor) | (found.score > 0.0)
     moving &= (v < wall) | (score < 0.0)
 
     def bounded(metric: FloatArray) -> FloatArray:

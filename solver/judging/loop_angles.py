@@ -13,6 +13,7 @@ from solver.arrays import FloatArray
 from solver.closing import left_inverse
 from solver.estimators.implicit import NoiseModel
 from solver.judging.pose_adjustment import adjust_poses
+from solver.judging.smooth_curve import Scatter
 from solver.loops.closure import ClosureModel
 
 
@@ -37,10 +38,11 @@ class LoopAngle:
     pose_variance: FloatArray
     by_parameters: FloatArray
 
-    def covariance(self, parameter_covariance: FloatArray) -> FloatArray:
-        """Covariance of the angles (m, m), rad^2."""
-        G = self.by_parameters
-        return np.asarray(np.diag(self.pose_variance) + G @ parameter_covariance @ G.T)
+    def scatter(self, parameter_covariance: FloatArray) -> Scatter:
+        """Covariance of the angles, rad^2."""
+        values, vectors = np.linalg.eigh(parameter_covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        return Scatter(own=self.pose_variance, common=self.by_parameters @ root)
 
 
 def loop_angles(

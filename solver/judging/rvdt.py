@@ -179,7 +179,7 @@ def _undecidable(
             f"the joint turned through {100.0 * span:.0f} % of full scale only, "
             f"{100.0 * MIN_SPAN:.0f} % are needed"
         )
-    sd = float(np.sqrt(np.mean(np.diagonal(angle.covariance(parameter_covariance)))))
+    sd = float(np.sqrt(np.mean(angle.scatter(parameter_covariance).variance)))
     if sd > 0.5 * sensor.linearity_rad:
         return (
             f"the loop measures the joint's angle to {1e3 * sd:.1f} mrad only, "

@@ -13,7 +13,7 @@ from solver.arrays import FloatArray
 from solver.chain.sensors import Rvdt
 from solver.judging.loop_angles import LoopAngle
 from solver.judging.rvdt_noise import SingleNoise
-from solver.judging.smooth_curve import SmoothCurve, fit_curve
+from solver.judging.smooth_curve import Scatter, SmoothCurve, fit_curve
 
 TABLE_POINTS = 25
 GRID_POINTS = 201
@@ -125,7 +125,8 @@ def measure(
         most = max(squares / float(chdtri(curve.dof, 0.975)) - own, 0.0)
         lsb, high = (np.sqrt(np.array([variance, most]) * samples) / sensor.resolution_rad).tolist()
         noise = SingleNoise(lsb=lsb, low=0.0, high=high, from_spread=False)
-    of_points = measured.covariance(parameter_covariance) + variance * np.eye(len(angle))
+    of_loops = measured.scatter(parameter_covariance)
+    of_points = of_loops.also_own(variance)
     # Deviation from its own best-fit line and from its own mean, as linear maps of the curve.
     ones = np.stack((np.ones_like(grid), grid - grid.mean()), axis=1)
     off_line = np.eye(len(grid)) - ones @ np.linalg.pinv(ones)
@@ -142,7 +143,7 @@ def measure(
         linearity_sd=float(np.sqrt(np.diagonal(spread).max()) / sensor.full_scale_rad),
         half_range=float(0.5 * np.ptp(curve(grid)) / sensor.full_scale_rad),
         noise=noise,
-        loop_sd_rad=_rms(np.diagonal(measured.covariance(parameter_covariance))),
+        loop_sd_rad=float(np.sqrt(np.mean(of_loops.variance))),
         line_probability=curve.line_probability,
         angle_rad=angle + constant,
         deviation_rad=deviation - constant,
@@ -170,14 +171,10 @@ def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:
     )
 
 
-def _table(curve: SmoothCurve, constant: float, of_points: FloatArray) -> FloatArray:
+def _table(curve: SmoothCurve, constant: float, of_points: Scatter) -> FloatArray:
     grid = np.linspace(curve.low, curve.high, TABLE_POINTS)
     centre = np.eye(TABLE_POINTS) - 1.0 / TABLE_POINTS
     spread = centre @ curve.covariance(grid, of_points) @ centre
     deviation = curve(grid) - constant
     sd = np.sqrt(np.maximum(np.diagonal(spread), 0.0))
     return np.stack((grid + constant + deviation, -deviation, sd), axis=1)
-
-
-def _rms(variances: FloatArray) -> float:
-    return float(np.sqrt(np.mean(variances)))

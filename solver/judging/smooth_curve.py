@@ -18,6 +18,36 @@ POINTS_PER_TERM = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Scatter:
+    """Covariance of points, ``diag(own) + common common'``: never the square of their number.
+
+    Attributes
+    ----------
+    own
+        Variance (m,) that is each point's own.
+    common
+        (m, c): what all of them share.
+    """
+
+    own: FloatArray
+    common: FloatArray
+
+    @property
+    def variance(self) -> FloatArray:
+        """Of each point (m,)."""
+        return np.asarray(self.own + (self.common**2).sum(-1))
+
+    def also_own(self, variance: float) -> Scatter:
+        """Return the same with more variance in every point."""
+        return Scatter(own=self.own + variance, common=self.common)
+
+    def of(self, H: FloatArray) -> FloatArray:
+        """Covariance (k, k) of linear combinations H (k, m) of the points."""
+        shared = H @ self.common
+        return np.asarray((H * self.own) @ H.T + shared @ shared.T)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SmoothCurve:
     """Legendre series over the covered range, fitted by least squares.
 
@@ -28,8 +58,7 @@ class SmoothCurve:
     coefficients
         (degree + 1,).
     smoother
-        (degree + 1, m): takes the points to the coefficients, so any covariance of the points
-        can be carried to the curve.
+        (degree + 1, m): takes the points to the coefficients, and so their scatter to the curve.
     residual
         (m,): points minus curve.
     dof
@@ -60,10 +89,9 @@ class SmoothCurve:
         """Value of the curve."""
         return np.asarray(self.basis(abscissa) @ self.coefficients)
 
-    def covariance(self, abscissa: FloatArray, of_points: FloatArray) -> FloatArray:
-        """Covariance of the curve at `abscissa` (k,) from that of the points (m, m)."""
-        H = self.basis(abscissa) @ self.smoother
-        return np.asarray(H @ of_points @ H.T)
+    def covariance(self, abscissa: FloatArray, of_points: Scatter) -> FloatArray:
+        """Covariance of the curve at `abscissa` (k,) from that of the points."""
+        return of_points.of(self.basis(abscissa) @ self.smoother)
 
 
 def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -> SmoothCurve:

@@ -317,15 +317,7 @@ def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanati
 
 def left_over_of(fit: LinearFit) -> LeftOver:
     """Return what a mixed model left over, its poses in the order of its system."""
-    from scipy.linalg import cholesky
-
-    design, parts = fit.design, fit.parts()
-    scaled = fit.H_inverse * np.outer(fit.scale, fit.scale)
-    try:
-        half = cholesky(scaled, lower=True) / fit.scale[:, None]
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(scaled)
-        half = vectors * np.sqrt(np.maximum(values, 0.0)) / fit.scale[:, None]
+    design, parts, half = fit.design, fit.parts(), fit.half
     size = np.ones(design.hard + len(design.soft_index))
     size[design.hard :] = design.soft_sd * fit.root[: len(design.soft_index)]
     place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))

@@ -93,10 +93,13 @@ class NodeRestarted(BusError):
 
 
 class SensorFault(HardwareError):
-    """A joint's reading cannot be true: it jumped, or it stands still while the joint moves."""
+    """A joint's reading cannot be true: it jumped, or it stands still while the joint moves.
 
-    def __init__(self, joint: int, text: str) -> None:
-        self.joint = joint
+    `at_sync` is when, where that is known.
+    """
+
+    def __init__(self, joint: int, text: str, at_sync: int | None = None) -> None:
+        self.joint, self.at_sync = joint, at_sync
         super().__init__(f"joint {joint} {text}")
 
 

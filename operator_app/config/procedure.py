@@ -162,7 +162,7 @@ class CapturePlan(StrictRecord):
     strategy: Annotated[Literal["explore", "planned"], Field(alias="plan")] = "explore"
     poses: Annotated[Count, Field(le=100_000)]
     exploration: tuple[Exploration, ...] = ()
-    speed_deg_per_s: Annotated[PositiveNumber, Field(le=360.0)]
+    speed_deg_per_s: Annotated[PositiveNumber, Field(ge=0.05, le=360.0)]
     settle: SettleRule
     samples_per_pose: Annotated[Count, Field(le=100_000)]
     seed: Annotated[Whole, Field(le=2**63 - 1)] = 0

@@ -28,6 +28,9 @@ from solver.estimators.estimate import require_enough_poses
 KINDS: tuple[Kind, Kind, Kind] = ("procedure", "arm", "fixture")
 """Order of `Procedure.sources`."""
 
+MOST_POSES = 100_000
+"""As in a procedure file."""
+
 PLANNED_POSES = 12
 """Poses of a plan when the procedure speaks of explored ones."""
 
@@ -200,6 +203,10 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
     if choices.poses is not None:
         if choices.poses < 1:
             raise SessionError(f"{choices.poses} poses were asked for", "ask for at least 1")
+        if choices.poses > MOST_POSES:
+            raise SessionError(
+                f"more than {MOST_POSES} poses were asked for", f"ask for at most {MOST_POSES}"
+            )
         procedure = replace(procedure, capture=replace(procedure.capture, poses=choices.poses))
     match choices.estimator:
         case None:

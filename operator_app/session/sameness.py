@@ -14,8 +14,9 @@ import numpy as np
 
 from fixtures.errors import FixtureError
 from hardware.arm import ArmIdentity, Reading
+from hardware.errors import SensorFault
 from operator_app.calibration.loop import loop_of_poses
-from operator_app.calibration.repeats import Repeat, compare_readings
+from operator_app.calibration.repeats import compare_readings
 from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
@@ -24,18 +25,27 @@ from operator_app.session.state import CheckReading, SessionState, pose_set_of
 from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, SPAN, TURNED
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.sensors import Encoder
+from solver.chain.sensors import Encoder, NoSensor, Rvdt
+from solver.closing import close_loops
+from solver.design.motion import chain_motion
 from solver.errors import SolverError
 from solver.estimators.implicit import estimate_implicit
+from solver.loops.closure import ClosureModel
 
 AT_ZERO_COUNTS = 2.5
 """A counter that has just begun anew, and the noise of its last bit."""
+
+REMOUNTED_M, REMOUNTED_RAD = 4e-3, float(np.deg2rad(1.0))
+"""More than a slender fixture bends (paper, section 4); less may be that, and the verdict tells."""
 
 IMPROBABLE = 1e-4
 """Chance of refusing an arm and a fixture that are the same."""
 
 WORSE = 4.0
 """Times the worst chi2 of the session's own poses: where the model is wrong, theirs is large as well."""
+
+TURNED_RAD = float(np.deg2rad(2.0))
+"""What a joint that stands still must have turned by, if the others are right."""
 
 _START_ANEW = "find out what was changed; poses before and after it do not belong together: start a new session"
 
@@ -160,8 +170,8 @@ def check_standing(state: SessionState, procedure: Procedure, reading: Reading) 
     )
 
 
-def check_return(state: SessionState, procedure: Procedure) -> Repeat:
-    """Compare the last reading of an old pose with the first one.
+def check_return(state: SessionState, procedure: Procedure) -> str:
+    """Compare the last reading of an old pose with the first one; what there is to say of it.
 
     Raises
     ------
@@ -187,7 +197,7 @@ def check_return(state: SessionState, procedure: Procedure) -> Repeat:
         give=fixture.give,
     )
     if found.chi2 <= float(chdtri(found.dof, IMPROBABLE)):
-        return found
+        return ""
     pose = last.first.number
     if found.joint_odds > 1.0:
         raise GuardError(
@@ -195,11 +205,69 @@ def check_return(state: SessionState, procedure: Procedure) -> Repeat:
             f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit})",
             f"look at the coupling and the counter of joint {found.joint}; {_START_ANEW}",
         )
-    raise GuardError(
-        f"pose {pose} does not read as it did: the fixture has moved by about "
-        f"{SHIFTED(found.shifted_m).with_unit} and {TURNED(found.turned_rad).with_unit}",
-        _START_ANEW,
+    if found.shifted_m > REMOUNTED_M or found.turned_rad > REMOUNTED_RAD:
+        raise GuardError(
+            f"pose {pose} does not read as it did: the fixture has moved by about "
+            f"{SHIFTED(found.shifted_m).with_unit} and {TURNED(found.turned_rad).with_unit}",
+            _START_ANEW,
+        )
+    return (
+        f"Pose {pose} does not read as it did, as if the fixture had moved by about "
+        f"{SHIFTED(found.shifted_m).with_unit}: it was remounted, or gives more than its file states. The "
+        "calibration will be judged by it."
     )
+
+
+def require_moving(state: SessionState, procedure: Procedure, reading: Reading) -> None:
+    """Refuse a reading in which a joint stands still to the count, though the others say that it turned.
+
+    Raises
+    ------
+    SensorFault
+    """
+    if not state.used_poses:
+        return
+    last, arm = state.used_poses[-1], procedure.arm
+    moved = reading.mean_rad - last.mean_rad
+    still = [j for j in range(1, arm.joint_count + 1) if _stands_still(arm, j, moved, reading)]
+    if not still or np.abs(moved).max() < TURNED_RAD:
+        return
+    model = procedure.fixture.fixture.model(arm)
+    x: FloatArray = np.array([p.nominal for p in model.parameters])
+    turns = [_turn(model, x, q, moved, still) for q in (last.mean_rad, reading.mean_rad)]
+    for k, joint in enumerate(still):
+        least = min((float(turn[k]) for turn in turns), key=abs)
+        if abs(least) > TURNED_RAD and all(turn[k] * least > 0.0 for turn in turns):
+            raise SensorFault(
+                joint,
+                f"reads as it did at pose {last.number}, to the count, but the others moved as if it had "
+                f"turned by about {abs(np.rad2deg(least)):.0f} deg: its sensor is stuck. The pose was not "
+                f"captured. Mend the sensor, or calibrate without it: --unsensed {joint}",
+            )
+
+
+def _stands_still(arm: ArmModel, joint: int, moved: FloatArray, reading: Reading) -> bool:
+    sensor = arm.joints[joint - 1].sensor
+    if isinstance(sensor, NoSensor):
+        return False
+    if isinstance(sensor, Rvdt) and sensor.noise_lsb > 0.0:
+        # A converter that is alive is never quite still.
+        return bool(
+            reading.sd_rad[joint - 1] == 0.0 and abs(moved[joint - 1]) < sensor.resolution_rad
+        )
+    return bool(abs(moved[joint - 1]) <= sensor.resolution_rad)
+
+
+def _turn(
+    model: ClosureModel, x: FloatArray, q_rad: FloatArray, moved: FloatArray, still: list[int]
+) -> FloatArray:
+    """Turns of joints (still,) that go with those of all others, by the chain's motions at a pose."""
+    closed = close_loops(model, x, q_rad[None])
+    tangent = chain_motion(model, x, closed.q, closed.u).tangent[0]
+    columns = [j - 1 for j in still]
+    others = np.setdiff1d(np.arange(len(moved)), columns)
+    found = np.linalg.lstsq(tangent[others], moved[others], rcond=None)[0]
+    return np.asarray(tangent[columns] @ found)
 
 
 def _fixed(state: SessionState, procedure: Procedure) -> Fixed | None:

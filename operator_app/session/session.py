@@ -8,8 +8,8 @@ refusals are `SessionError`s that say what happened and what to do. Calls come f
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Reading, Watch
-from hardware.errors import HardwareError
+from hardware.errors import HardwareError, SensorFault
 from hardware.objects import EmergencyCode
 from operator_app.calibration.checks import Checks, check
 from operator_app.calibration.record import to_dict
@@ -47,6 +47,7 @@ from operator_app.session.sameness import (
     check_identity,
     check_return,
     check_standing,
+    require_moving,
 )
 from operator_app.session.solving import Solver, solve_here
 from operator_app.session.state import (
@@ -59,6 +60,10 @@ from operator_app.session.state import (
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.estimators.least_squares import Progress
+
+STARTING_SYNCS = 20
+STANDS_STILL_RAD = float(np.deg2rad(0.2))
+"""A move that ends within a fifth of a second, this near to where it began, has not begun."""
 
 
 class Session:
@@ -90,6 +95,7 @@ class Session:
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
         self._same = False
+        self._read_until = -1
 
     # -- facts -----------------------------------------------------------------------------------
 
@@ -267,11 +273,12 @@ class Session:
                 return "ended by the operator"
             return in_range(snapshot) or (None if also is None else also(snapshot))
 
-        moved = self.arm.move(
-            targets_rad,
-            speed_rad_per_s=self.procedure.capture.speed_rad_per_s,
-            watch=watch,
-        )
+        with self._heeding_sensors():
+            moved = self.arm.move(
+                targets_rad,
+                speed_rad_per_s=self.procedure.capture.speed_rad_per_s,
+                watch=watch,
+            )
         self._raise_if_cancelled()
         return moved
 
@@ -280,7 +287,15 @@ class Session:
         before = self.arm.snapshot().positions_rad
         moved = self.go_to(targets_rad)
         if not moved.reached:
-            self.go_to({j: float(before[j - 1]) for j in targets_rad})
+            back = self.go_to({j: float(before[j - 1]) for j in targets_rad})
+            still = float(np.abs(back.positions_rad - before).max()) < STANDS_STILL_RAD
+            if not back.reached and moved.syncs <= STARTING_SYNCS and still:
+                # Not this target's affair: no other could be reached either.
+                raise GuardError(
+                    f"the arm cannot begin to move: {moved.reason}",
+                    "look at what holds or pushes it, and at that joint's drive; no waypoint was "
+                    "passed over: go on with this session then",
+                )
         return moved
 
     def visit(self, index: int) -> bool:
@@ -304,14 +319,36 @@ class Session:
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 
-    def require_same_return(self) -> None:
-        """Refuse to go on when the pose that was read again does not read as it did."""
-        check_return(self.state, self.procedure)
+    def require_same_return(self) -> str:
+        """Refuse to go on when the pose that was read again does not read as it did; what else it says."""
+        told = check_return(self.state, self.procedure)
+        self.record("return_holds", {"of": self.state.returns[-1].first.number, "told": told})
+        return told
+
+    @contextmanager
+    def _heeding_sensors(self) -> Iterator[None]:
+        """Keep what a sensor did that it should not; a pose that was read meanwhile does not count."""
+        try:
+            yield
+        except SensorFault as fault:
+            self.record("sensor_fault", {"joint": fault.joint, "text": str(fault)})
+            last = self.state.poses[-1:]
+            if fault.at_sync is not None and last and fault.at_sync <= self._read_until:
+                self.exclude(last[0].number, f"joint {fault.joint} jumped while it was read")
+            raise
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
         """Read a pose and record it."""
         self.check_modes(self.position_joints)
+        if name == "pose" and self.state.slipped:
+            raise GuardError(
+                f"no pose is captured: {self.state.slipped}",
+                "let the capture go on by itself: it reads the first pose again, and goes on if that reads "
+                "as it did; else start a new session",
+            )
         reading = self.read()
+        with self._heeding_sensors():
+            require_moving(self.state, self.procedure, reading)
         self.record(
             name,
             {
@@ -331,16 +368,20 @@ class Session:
                 "the arm does not come to rest",
                 "look for something that moves or pushes it, then capture again",
             )
-        return self.arm.capture(self.procedure.capture.samples_per_pose)
+        with self._heeding_sensors():
+            reading = self.arm.capture(self.procedure.capture.samples_per_pose)
+        self._read_until = self.arm.snapshot().sync_count
+        return reading
 
     def settle(self) -> bool:
         """Wait until it has come to rest; False if it does not. A capture insists on it, a move need not."""
         rule = self.procedure.capture.settle
-        return self.arm.settle(
-            window=rule.window_syncs,
-            spread_rad=rule.spread_rad(self.model),
-            timeout_syncs=rule.timeout_syncs,
-        )
+        with self._heeding_sensors():
+            return self.arm.settle(
+                window=rule.window_syncs,
+                spread_rad=rule.spread_rad(self.model),
+                timeout_syncs=rule.timeout_syncs,
+            )
 
     def undo(self) -> CapturedPose:
         """Take back the last pose that counts."""

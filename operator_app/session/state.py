@@ -101,6 +101,8 @@ class SessionState:
         All captured poses that were not undone, excluded ones included.
     visited
         Waypoints of the plan that are done with: captured, or passed over with a reason.
+    passed_over
+        Those of them that were: what kept the arm from them may have gone when the session is resumed.
     captured
         How many captures there were, undone ones included: the next pose is number captured + 1.
     drives, drive_sets
@@ -110,6 +112,9 @@ class SessionState:
     resumed
         Whether the session was resumed, or the arm found again, since the last of them: something may
         have slipped meanwhile.
+    slipped
+        What a joint's reading did that no motion explains: no pose counts until the first one, read
+        again, reads as it did. Empty: nothing.
     verifications
         How many times it was verified with new poses.
     campaign
@@ -132,11 +137,13 @@ class SessionState:
     modes: tuple[str, ...] = ()
     poses: tuple[CapturedPose, ...] = ()
     visited: frozenset[int] = frozenset()
+    passed_over: frozenset[int] = frozenset()
     captured: int = 0
     drives: tuple[int, ...] = ()
     drive_sets: tuple[tuple[int, ...], ...] = ()
     readings: tuple[CheckReading, ...] = ()
     resumed: bool = False
+    slipped: str = ""
     verifications: int = 0
     campaign: CampaignLog = field(default_factory=CampaignLog)
     solved: Mapping[str, Any] = field(default_factory=dict)
@@ -230,11 +237,12 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             )
         case "resumed":
             # What was chosen last is what a session goes on with.
-            return replace(state, resumed=True, settings={**state.settings, **data["settings"]})
+            settings = {**state.settings, **data["settings"]}
+            return replace(_another_try(state), resumed=True, settings=settings)
         case "connected":
             serials = {n["node"]: n["serial_number"] for n in data.get("nodes", ())}
             return replace(
-                state,
+                _another_try(state),
                 serial_number=data["serial_number"],
                 # Those that the poses were taken with.
                 node_serials=state.node_serials if state.poses else serials,
@@ -246,7 +254,12 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
         case "modes":
             return replace(state, modes=tuple(data["modes"]))
         case "waypoint_skipped":
-            return replace(state, visited=state.visited | {data["waypoint"]})
+            waypoint = data["waypoint"]
+            return replace(
+                state,
+                visited=state.visited | {waypoint},
+                passed_over=state.passed_over | {waypoint},
+            )
         case "pose":
             pose = CapturedPose(
                 number=data["number"],
@@ -326,10 +339,19 @@ def _apply_results(
         case "repaired" if data["lost"]:
             # A pose, or an exclusion, may be among what is lost: what was concluded may rest on it.
             return replace(_with_other_poses(state, state.poses), resumed=True)
+        case "sensor_fault" if state.poses:
+            return replace(state, slipped=data["text"], resumed=True)
+        case "return_holds":
+            return replace(state, slipped="")
         case "verified":
             return replace(state, verifications=state.verifications + 1)
         case _:
             return state
+
+
+def _another_try(state: SessionState) -> SessionState:
+    """State in which waypoints that were passed over are tried again."""
+    return replace(state, visited=state.visited - state.passed_over, passed_over=frozenset())
 
 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:

@@ -106,8 +106,9 @@ def _return_to_first(
     else:
         resumed = session.state.resumed
         session.look_again("return", of=first.number)
-        if resumed:
-            session.require_same_return()
+        told = session.require_same_return() if resumed else ""
+        if told:
+            listener.told(told)
     return way
 
 

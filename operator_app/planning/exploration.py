@@ -86,6 +86,14 @@ def _additive_recurrence(count: int, dimensions: int, seed: int) -> FloatArray:
     return np.asarray((shift + np.outer(np.arange(1, count + 1), steps)) % 1.0)
 
 
+def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
+    """Say which joint is near the torque at which its drive trips; empty when none is."""
+    for joint, limits in zip(snapshot.joints, arm.joints, strict=True):
+        if abs(joint.torque_nm) > 0.8 * limits.max_torque_nm:
+            return f"joint {joint.joint} needed {abs(joint.torque_nm):.0f} N m"
+    return ""
+
+
 def range_watch(arm: ArmModel) -> Watch:
     """Watch that ends a move before a joint leaves its range, runs away or is overloaded."""
     lower = arm.lower_rad + RANGE_MARGIN_RAD
@@ -101,8 +109,6 @@ def range_watch(arm: ArmModel) -> Watch:
             if abs(joint.speed_rad_per_s) > 0.8 * limits.max_speed_rad_per_s:
                 degrees = np.rad2deg(abs(joint.speed_rad_per_s))
                 return f"joint {joint.joint} ran at {degrees:.0f} deg/s: a fold is near"
-            if abs(joint.torque_nm) > 0.8 * limits.max_torque_nm:
-                return f"joint {joint.joint} needed {abs(joint.torque_nm):.0f} N m"
-        return None
+        return overload(arm, snapshot) or None
 
     return watch

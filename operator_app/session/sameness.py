@@ -22,7 +22,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.calibrated import Calibrated, recorded
 from operator_app.session.state import CheckReading, SessionState, pose_set_of
-from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, SPAN, TURNED
+from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, SPAN, TURNED, WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
@@ -241,7 +241,7 @@ def require_moving(state: SessionState, procedure: Procedure, reading: Reading) 
             raise SensorFault(
                 joint,
                 f"reads as it did at pose {last.number}, to the count, but the others moved as if it had "
-                f"turned by about {abs(np.rad2deg(least)):.0f} deg: its sensor is stuck. The pose was not "
+                f"turned by about {WHOLE_DEGREES(abs(least)).with_unit}: its sensor is stuck. The pose was not "
                 f"captured. Mend the sensor, or calibrate without it: --unsensed {joint}",
             )
 

@@ -31,7 +31,7 @@ from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError, JournalLostError
-from operator_app.planning.exploration import for_joints, range_watch, waypoints
+from operator_app.planning.exploration import for_joints, overload, range_watch, waypoints
 from operator_app.planning.mode_rule import modes_problem
 from operator_app.session.calibrated import Calibrated, recorded
 from operator_app.session.export import (
@@ -289,7 +289,8 @@ class Session:
         if not moved.reached:
             back = self.go_to({j: float(before[j - 1]) for j in targets_rad})
             still = float(np.abs(back.positions_rad - before).max()) < STANDS_STILL_RAD
-            if not back.reached and moved.syncs <= STARTING_SYNCS and still:
+            loaded = overload(self.model, self.arm.snapshot())
+            if loaded and still and not back.reached and moved.syncs <= STARTING_SYNCS:
                 # Not this target's affair: no other could be reached either.
                 raise GuardError(
                     f"the arm cannot begin to move: {moved.reason}",

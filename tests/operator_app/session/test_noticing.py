@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.arm import MoveResult, Reading, Watch
+from hardware.arm import ArmSnapshot, MoveResult, Reading, Watch
 from hardware.errors import SensorFault
 from hardware.virtual.scenarios import scenario
 from operator_app.cli import main
@@ -46,6 +46,13 @@ class Faulty(PlantArm):
             mean[at], sd[at] = self._stuck_at, 0.0
             found = replace(found, mean_rad=mean, sd_rad=sd)
         return found
+
+    def snapshot(self) -> ArmSnapshot:
+        found = super().snapshot()
+        if not self.overloaded:
+            return found
+        torques = (replace(j, torque_nm=95.0 if j.joint == 2 else 0.0) for j in found.joints)
+        return replace(found, joints=tuple(torques))
 
     def move(
         self,

@@ -51,7 +51,7 @@ SETS = 8
 SAG_COLUMNS, GIVE_COLUMNS = 3, 24
 """Columns for the twist of a joint, and for what gives in one placement."""
 
-CENTRES = 32
+CENTRES = 24
 """Poses, as far apart as there are, from which the others are interpolated."""
 
 SMALLEST = 1e-9
@@ -205,19 +205,21 @@ class _Part:
         own = error.jac_u.shape[-1] - len(lost)
         J = error.jac_q.copy()
         J[..., lost] = error.jac_u[..., own:]
-        N = error.jac_u[..., :own]
+        E = left_null_space(error.jac_u[..., :own])
         moments = _by_moment(torque_rates(self.arm(poses), self.masses.down), self.masses)
         found = []
         for driven in driven_sets(model.joint_count, J.shape[-2] - own):
             free = np.delete(np.arange(model.joint_count), driven)
-            found.append(wrench_of(J[..., free], N, moments[:, free]))
+            found.append(wrench_of(J[..., free], E, moments[:, free]))
         return np.stack(found, axis=-1)
 
     def gives(self, give: tuple[float, float], columns: int) -> tuple[FloatArray, FloatArray]:
         """Displacement (m, k, c) in units of the stated give, and the variance left out (m, k)."""
         m, k = len(self.q), self.model.components
         centres = farthest(self.q, CENTRES)
-        W = self.wrenches(centres)
+        # The wrenches of all poses at once if they are few, else of some at a time.
+        whole = self.wrenches(slice(None)) if m <= CHUNK else None
+        W = self.wrenches(centres) if whole is None else whole[centres]
         if not W.any():
             # Exact masses: whatever bends the fixture, it is not what this knows of.
             return np.zeros((m, k, columns)), np.zeros((m, k))
@@ -239,11 +241,11 @@ class _Part:
         missed = np.zeros((m, k))
         for first in range(0, m, CHUNK):
             here = np.arange(first, min(first + CHUNK, m))
-            halves = self._halves(here, self.wrenches(here) * unit[:, None], s)
-            whole = covariance(halves, there, s) @ root
-            whole = whole.reshape(len(here), k, -1)[..., ::-1] * scale[:, None]
-            kept = min(columns, whole.shape[-1])
-            found[here, :, :kept] = whole[..., :kept]
+            W = self.wrenches(here) if whole is None else whole
+            halves = self._halves(here, W * unit[:, None], s)
+            moved = (covariance(halves, there, s) @ root).reshape(len(here), k, -1)
+            kept = min(columns, moved.shape[-1])
+            found[here, :, :kept] = moved[..., ::-1][..., :kept] * scale[:, None]
             total = variance(halves, s).reshape(len(here), k) * scale**2
             missed[here] = np.maximum(total - (found[here] ** 2).sum(-1), 0.0)
         return found, missed
@@ -262,15 +264,16 @@ class _Part:
         return halves
 
 
-def wrench_of(J: FloatArray, N: FloatArray, torque: FloatArray, rub: float = RUB_M) -> FloatArray:
+def wrench_of(J: FloatArray, E: FloatArray, torque: FloatArray, rub: float = RUB_M) -> FloatArray:
     """Fixture's wrench (m, k, c) that keeps free joints at rest under torques (m, f, c).
 
     Parameters
     ----------
-    J, N
-        Columns of the free joints (m, k, f) and of the fixture's own freedoms (m, k, U).
+    J
+        Columns of the free joints (m, k, f).
+    E
+        Left null space (m, k, r) of the fixture's own freedoms.
     """
-    E = left_null_space(N)
     K = np.swapaxes(E, -1, -2) @ J
     held = K @ np.swapaxes(K, -1, -2) + rub**2 * np.eye(K.shape[-2])
     return np.asarray(-(E @ np.linalg.solve(held, K @ torque)))

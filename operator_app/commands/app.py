@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NoReturn
 from operator_app.commands.options import (
     bus_options,
     choices_from,
+    pose_count,
     scenario_options,
     sessions_option,
 )
@@ -29,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--procedure", default="hinge", help="procedure file or built-in name (hinge)"
     )
-    group.add_argument("--poses", type=int, metavar="N", help="how many poses to capture")
+    group.add_argument("--poses", type=pose_count, metavar="N", help="how many poses to capture")
     group.add_argument(
         "--resume", metavar="SESSION", help="go on with a session: folder, name or latest"
     )
@@ -52,8 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run until the operator leaves."""
-    if not 0.0 < args.speed <= 50.0:
-        raise UsageError("--speed: between 0 and 50 times real time")
+    if not 0.01 <= args.speed <= 50.0:
+        raise UsageError("--speed: between 0.01 and 50 times real time")
     if not args.plain and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError("the terminal app needs a terminal: use --plain, or `sarcal run`")
     made: list[Sessions] = []

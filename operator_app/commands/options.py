@@ -14,6 +14,18 @@ if TYPE_CHECKING:
     from operator_app.session.opening import Choices
 
 
+MOST_POSES = 100_000
+"""As a poses file and a procedure may hold."""
+
+
+def pose_count(text: str) -> int:
+    """Read the value of ``--poses``; that at least one is needed is said where it is."""
+    found = int(text) if re.fullmatch(r"[-+]?\d{1,18}", text) else MOST_POSES + 1
+    if found > MOST_POSES:
+        raise argparse.ArgumentTypeError(f"{text} is no whole number up to {MOST_POSES}")
+    return found
+
+
 def json_option(parser: argparse.ArgumentParser) -> None:
     """``--json``: one JSON object on stdout."""
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
@@ -116,6 +128,8 @@ def choices_from(args: argparse.Namespace) -> Choices:
 
     if args.seed is not None and args.seed < 0:
         raise UsageError("--seed: a seed is a whole number from zero")
+    if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):
+        raise UsageError("--channel: a bus is named by at most 255 printable characters, e.g. can0")
     return Choices(
         poses=getattr(args, "poses", None),
         plan=getattr(args, "plan", None),

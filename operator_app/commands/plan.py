@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from operator_app.commands.options import (
     json_option,
     parse_joints,
+    pose_count,
     require_joints,
     sessions_option,
 )
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fixture", help="another fixture file or built-in name than the procedure's"
     )
     parser.add_argument(
-        "--poses", type=int, metavar="N", help=f"how many poses to plan (default {POSES})"
+        "--poses", type=pose_count, metavar="N", help=f"how many poses to plan (default {POSES})"
     )
     parser.add_argument(
         "--unsensed",

@@ -13,6 +13,7 @@ from operator_app.commands.options import (
     force_option,
     json_option,
     plan_option,
+    pose_count,
     scenario_options,
     sessions_option,
     tolerance_option,
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "procedure", nargs="?", default="hinge", help="procedure file or built-in name (hinge)"
     )
-    parser.add_argument("--poses", type=int, metavar="N", help="how many poses to capture")
+    parser.add_argument("--poses", type=pose_count, metavar="N", help="how many poses to capture")
     parser.add_argument(
         "--resume", metavar="SESSION", help="go on with a session: its folder, its name or latest"
     )

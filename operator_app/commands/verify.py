@@ -10,6 +10,7 @@ from operator_app.commands.options import (
     bus_options,
     choices_from,
     json_option,
+    pose_count,
     scenario_options,
     sessions_option,
 )
@@ -36,7 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="new poses; without it the arm takes new ones, elsewhere than the session did",
     )
     parser.add_argument(
-        "--poses", type=int, metavar="N", help=f"how many new poses to take (default {NEW_POSES})"
+        "--poses",
+        type=pose_count,
+        metavar="N",
+        help=f"how many new poses to take (default {NEW_POSES})",
     )
     sessions_option(parser)
     bus_options(parser)

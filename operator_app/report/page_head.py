@@ -18,7 +18,7 @@ def banner(subject: Subject) -> Html:
     """Say that the arm was a simulated one; nothing for a real one."""
     if not subject.simulated:
         return Html("")
-    scenario = subject.settings.get("scenario")
+    scenario = subject.state.settings.get("scenario")
     words = "SIMULATED: the drives said that they are virtual"
     return element("p", f"{words}; scenario {scenario}" if scenario else words, class_="simulated")
 
@@ -27,7 +27,7 @@ def verdict(subject: Subject) -> Html:
     """Return the verdict, which arm it is about, and why it is not better."""
     facts = subject.facts
     good = facts is not None and facts.accepted
-    when = subject.opened_utc[:16].replace("T", " ")
+    when = subject.state.opened_utc[:16].replace("T", " ")
     said: list[str] = [
         element(
             "h1",

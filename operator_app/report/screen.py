@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
-from operator_app.calibration.checks import Checks
-from operator_app.calibration.solution import Solution
-from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.facts import Facts, facts_of
 from operator_app.report.spans import Line, line
+from operator_app.report.subject import Subject
 from operator_app.report.table import Headline, Table
 from operator_app.report.text import placed
 from operator_app.session.snapshot import SessionSnapshot
@@ -19,33 +16,50 @@ from operator_app.units.figure import Figure
 
 def facts_on(s: SessionSnapshot) -> Facts | None:
     """Return the facts of the calibration on a snapshot; None where there is none."""
-    if s.solution is None:
-        return None
-    return _facts(_Same(s.solution, s.checks_of_it, s.procedure.acceptance, len(s.state.poses)))
+    return None if s.solution is None else _facts(_Same(s))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+def subject_on(s: SessionSnapshot) -> Subject | None:
+    """Return what a report of a snapshot's calibration is about; None where there is none."""
+    return None if s.solution is None else _subject(_Same(s))
+
+
 class _Same:
-    """What facts are made of, known again by being the same objects: pictures come often."""
+    """A snapshot, known again by the calibration that is on it: pictures come often."""
 
-    solution: Solution
-    checks: Checks | None
-    limits: AcceptanceLimits
-    captured: int
+    def __init__(self, s: SessionSnapshot) -> None:
+        self.s = s
+        self._parts = s.solution, s.checks_of_it, s.state.poses, s.state.modes
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self._parts() == other._parts()
+        return isinstance(other, _Same) and all(
+            one is another for one, another in zip(self._parts, other._parts, strict=True)
+        )
 
     def __hash__(self) -> int:
-        return hash(self._parts())
-
-    def _parts(self) -> tuple[int, int, AcceptanceLimits, int]:
-        return id(self.solution), id(self.checks), self.limits, self.captured
+        return id(self.s.solution)
 
 
 @lru_cache(maxsize=2)
-def _facts(of: _Same) -> Facts:
-    return facts_of(of.solution, checks=of.checks, limits=of.limits, captured=of.captured)
+def _facts(of: _Same) -> Facts | None:
+    s = of.s
+    if s.solution is None:
+        return None
+    limits, captured = s.procedure.acceptance, len(s.state.poses)
+    return facts_of(s.solution, checks=s.checks_of_it, limits=limits, captured=captured)
+
+
+@lru_cache(maxsize=2)
+def _subject(of: _Same) -> Subject:
+    s = of.s
+    return Subject(
+        name=s.folder.name,
+        procedure=s.procedure,
+        state=s.state,
+        solution=s.solution,
+        checks=s.checks_of_it,
+        simulated=s.simulated,
+    )
 
 
 ROLES = {"found": "bold"}

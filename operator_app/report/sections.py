@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from operator_app.report import figures
+from operator_app.report import figures, pictures
 from operator_app.report.markup import Html, element, join
 from operator_app.report.page_table import table_html
 from operator_app.report.section import (
@@ -107,7 +107,11 @@ def _of_table(subject: Subject, estimate: Estimate, table: Table) -> Section:
         case "parameters":
             content.append(remark(_about_sigmas(subject, estimate)))
         case "closure":
-            content += [remark(CLOSURE_WORDS), plots(figures.closure_by_pose(subject, estimate))]
+            shown = (
+                *pictures.closure_by_pose(subject, estimate),
+                pictures.misses(subject, estimate),
+            )
+            content += [remark(CLOSURE_WORDS), plots(map(figures.drawn, shown))]
     title = HEADINGS.get(table.ident, table.title)
     return Section(ident=table.ident, title=title, content=tuple(content))
 
@@ -162,15 +166,16 @@ def _rvdt(subject: Subject) -> Section | None:
     ]
     if table := rvdt_table(subject):
         measured = [(v.joint, v.figures) for v in verdicts if v.figures is not None]
-        drawn = (figures.rvdt_deviations(subject, joint, f) for joint, f in measured)
-        content += [table_html(table), plots(drawn)]
+        shown = (pictures.rvdt_deviations(subject, joint, f) for joint, f in measured)
+        content += [table_html(table), plots(map(figures.drawn, shown))]
     used = [j for j in joints if j not in subject.unsensed_joints]
     if len(used) < len(joints):
         unused = _numbered([j for j in joints if j not in used])
         content.append(remark(f"The readings of {unused} were not used."))
     if used and estimate is not None and estimate.corrections is not None:
         content.append(remark(CURVE_WORDS.format(joints=_numbered(used))))
-        content.append(plots(figures.rvdt_corrections(subject, estimate, j) for j in used))
+        shown = (pictures.rvdt_corrections(subject, estimate, j) for j in used)
+        content.append(plots(map(figures.drawn, shown)))
     tables = [
         table_html(correction_table(v.joint, v.figures))
         for v in verdicts
@@ -213,10 +218,12 @@ def _what(subject: Subject) -> Section:
     position = [j for j, mode in enumerate(subject.modes, 1) if mode == "position"]
     chosen = ", ".join(
         f"{key.replace('_', ' ')} {names(v) if isinstance(v, list | tuple) else v}"
-        for key, v in subject.settings.items()
+        for key, v in subject.state.settings.items()
         if v is not None
     )
-    opened, last = (utc[:19].replace("T", " ") for utc in (subject.opened_utc, subject.last_utc))
+    opened, last = (
+        utc[:19].replace("T", " ") for utc in (subject.state.opened_utc, subject.last_utc)
+    )
     rows: list[tuple[str, str]] = [
         ("Arm", f"{procedure.arm.name}, {plural(procedure.arm.joint_count, 'joint')}"),
         ("Serial number", subject.serial_number or "not known"),
@@ -230,7 +237,7 @@ def _what(subject: Subject) -> Section:
         ("Session", subject.name),
         ("First, last event (UTC)", f"{opened}, {last}"),
         ("Software", f"sarcal {subject.software_version}"),
-        ("Pose set, SHA-256", element("span", subject.pose_set_sha256, class_="mono")),
+        ("Pose set, SHA-256", element("span", subject.state.pose_set().sha256(), class_="mono")),
     ]
     return Section(ident="what", title="What was calibrated", content=(definitions(rows),))
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from operator_app.report.subject import Subject
-from operator_app.report.table import Cell, Table, figures, words
+from operator_app.report.table import Cell, Column, Table, figures, words
 from operator_app.units.figure import (
     ANGLE,
     CLOSURE_ANGLE,
@@ -73,7 +73,8 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
         ident="joint-table",
         title="Joints: sensors, corrections that close the loops, coverage",
         columns=(
-            *words("joint", "sensor", "mode"),
+            *words("joint"),
+            *(Column(title, words=True, detail=True) for title in ("sensor", "mode")),
             *figures("noise stated", "correction rms", unit="mrad"),
             *figures("times noise"),
             *figures("poses from", "to", unit="deg"),

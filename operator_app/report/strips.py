@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from operator_app.report.markup import Html, element
+from operator_app.report.picture import Axis
 from operator_app.report.svg import (
     RIGHT,
     WIDTH,
-    Axis,
     label,
     mark,
     picture,

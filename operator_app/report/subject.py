@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from importlib.metadata import version
 
 import numpy as np
@@ -15,7 +15,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.report.facts import Facts, facts_of
 from operator_app.session.calibrated import Calibrated
 from operator_app.session.journal_lines import Event
-from operator_app.session.state import CapturedPose, replay
+from operator_app.session.state import CapturedPose, SessionState, replay
 from solver.arrays import FloatArray
 from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate
@@ -31,43 +31,47 @@ class Subject:
         Of the session folder.
     procedure
         With the arm that was really there.
-    opened_utc, last_utc
-        First and last event of the journal.
-    events
-        How many events the journal holds.
-    simulated
-        Whether the drives said that they are virtual.
-    settings
-        What was chosen beside the procedure file.
-    poses
-        All captured poses, excluded ones included.
-    pose_set_sha256
-        Digest of the poses that were used.
+    state
+        What was decided and measured.
     solution
         None when the poses cannot determine every parameter; `unidentifiable` says which, then.
     checks
         Second opinions on the solution; None where nobody asked for them.
     solved_again
         Why the solution is not the one of the journal; empty when it is.
+    last_utc, events, torn
+        Last event of the journal, how many it holds, and what was dropped from its end.
+    simulated
+        Whether the drives said that they are virtual.
     """
 
     name: str
     procedure: Procedure
-    serial_number: str
-    opened_utc: str
-    last_utc: str
-    events: int
-    torn: str
-    simulated: bool
-    settings: Mapping[str, object]
-    modes: tuple[str, ...]
-    poses: tuple[CapturedPose, ...]
-    pose_set_sha256: str
-    software_version: str
+    state: SessionState
     solution: Solution | None
-    unidentifiable: tuple[UnidentifiableDirection, ...]
     checks: Checks | None
-    solved_again: str
+    unidentifiable: tuple[UnidentifiableDirection, ...] = ()
+    solved_again: str = ""
+    last_utc: str = ""
+    events: int = 0
+    torn: str = ""
+    simulated: bool = False
+    software_version: str = field(default_factory=lambda: version("sarcal"))
+
+    @property
+    def serial_number(self) -> str:
+        """Of the arm; empty where none was connected."""
+        return self.state.serial_number
+
+    @property
+    def poses(self) -> tuple[CapturedPose, ...]:
+        """All captured poses, excluded ones included."""
+        return self.state.poses
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """Of the joints, as last confirmed."""
+        return self.state.modes
 
     @property
     def facts(self) -> Facts | None:
@@ -163,25 +167,18 @@ def subject_of_session(
     unidentifiable
         Which they cannot, then.
     """
-    state = replay((e.name, e.data, e.utc) for e in events)
     return Subject(
         name=name,
         procedure=procedure,
-        serial_number=state.serial_number,
-        opened_utc=state.opened_utc,
+        state=replay((e.name, e.data, e.utc) for e in events),
+        solution=None if found is None else found.solution,
+        checks=None if found is None else found.checks,
+        unidentifiable=unidentifiable,
+        solved_again="" if found is None else found.solved_again,
         last_utc=events[-1].utc,
         events=len(events),
         torn=torn,
         simulated=_simulated(events),
-        settings=state.settings,
-        modes=state.modes,
-        poses=state.poses,
-        pose_set_sha256=state.pose_set().sha256(),
-        software_version=version("sarcal"),
-        solution=None if found is None else found.solution,
-        unidentifiable=unidentifiable,
-        checks=None if found is None else found.checks,
-        solved_again="" if found is None else found.solved_again,
     )
 
 

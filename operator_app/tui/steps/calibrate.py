@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 from textual.app import ComposeResult
 
-from operator_app.report.screen import facts_on
+from operator_app.report.pictures import costs, misses
+from operator_app.report.screen import facts_on, subject_on
 from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.guards import may_calibrate
 from operator_app.session.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
-from operator_app.tui.widgets.plot import Axes, Series, plot
-from operator_app.tui.widgets.residuals import by_pose
+from operator_app.tui.widgets.plot import plot
 from operator_app.units.figure import COST
 
 ABOUT = {
@@ -87,16 +87,14 @@ class CalibratePlot(Lines):
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """One of the two."""
         ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
-        if s.solution is not None:
+        if (subject := subject_on(s)) is not None and s.solution is not None:
             self.retitle("Residual of each pose")
-            return by_pose(s, width, height, ascii_only=ascii_only)
+            picture = misses(subject, s.solution.identified)
+            return plot(picture, width, height, ascii_only=ascii_only)
         if len(s.iterations) >= 2:
             self.retitle("Cost by iteration")
-            one = Series(
-                x=[float(i.number) for i in s.iterations], y=[i.cost for i in s.iterations]
-            )
-            axes = Axes(x_label="iteration", y_label="cost", levels=(), logarithmic=True)
-            return plot([one], axes, width, height, ascii_only=ascii_only)
+            picture = costs([(i.number, i.cost) for i in s.iterations])
+            return plot(picture, width, height, ascii_only=ascii_only)
         return [(), line((" nothing solved yet", "dim"))]
 
 

@@ -8,21 +8,20 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
 from operator_app.calibration.solution import Solution
-from operator_app.report.screen import facts_on, headline_spans, table_spans
+from operator_app.report.pictures import misses, rvdt_deviations
+from operator_app.report.screen import facts_on, headline_spans, subject_on, table_spans
+from operator_app.report.session_facts import joint_table
 from operator_app.report.spans import Line, clip, line, wrapped
+from operator_app.report.subject import Subject
 from operator_app.report.table import Table
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
-from operator_app.tui.widgets.residuals import (
-    by_joint,
-    by_pose,
-    rvdt_curve,
-    rvdt_joints,
-)
+from operator_app.tui.widgets.plot import plot
 from operator_app.units.numbers import plural
+from solver.judging.rvdt import RvdtVerdict
 
 TABLES = ("causes", "dh", "hand", "budget", "closure")
 """Tables that the plots' panel shows after them, those of them that there are."""
@@ -90,8 +89,8 @@ class ResultsPlot(Lines):
     HELP = (
         "v turns over: residual of each pose, corrections by joint, the curve of each RVDT as the "
         "loops see it, the warnings in full, then tables: what may be wrong, D-H, how far off the "
-        "hand may be, uncertainty budget, closure on poses held out. A curve inside the dashed lines "
-        "is within the sensor's specification."
+        "hand may be, uncertainty budget, closure on poses held out. The first line of an RVDT's "
+        "plot says what its specification allows."
     )
     page = 0
     count = 1
@@ -101,31 +100,42 @@ class ResultsPlot(Lines):
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """The present page."""
         ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
-        if s.solution is None:
+        subject, facts = subject_on(s), facts_on(s)
+        if s.solution is None or subject is None or facts is None:
             return []
-        joints, facts = rvdt_joints(s), facts_on(s)
-        listed = [] if facts is None else [facts.table(ident) for ident in TABLES]
-        tables = [table for table in listed if table is not None]
-        self.words_from = 2 + len(joints)
-        self.count = 1 + self.words_from + len(tables)
+        verdicts = s.solution.rvdt
+        tables = [table for ident in TABLES if (table := facts.table(ident)) is not None]
+        tables = [joint_table(subject, subject.implicit), *tables]
+        self.words_from = 1 + len(verdicts)
+        self.count = self.words_from + 1 + len(tables)
         page = self.page % self.count
         if page == 0:
+            picture = misses(subject, s.solution.identified)
             self.retitle("Residuals (v: next)")
-            return by_pose(s, width, height, ascii_only=ascii_only)
-        if page <= len(joints):
-            joint = joints[page - 1]
-            self.retitle(f"RVDT of J{joint} (v: next)")
-            return rvdt_curve(s, joint, width, height, ascii_only=ascii_only)
-        if page == len(joints) + 1:
-            self.retitle("By joint (v: next)")
-            return by_joint(s, width)
-        if page == len(joints) + 2:
+            return plot(picture, width, height, ascii_only=ascii_only)
+        if page < self.words_from:
+            verdict = verdicts[page - 1]
+            self.retitle(f"RVDT of J{verdict.joint} (v: next)")
+            return _of_rvdt(subject, verdict, width, height, ascii_only=ascii_only)
+        if page == self.words_from:
             self.retitle("Warnings in full (v: next)")
             return _in_full(s.solution, width)
-        table = tables[page - len(joints) - 3]
+        table = tables[page - self.words_from - 1]
         self.retitle(f"{table.title} (v: next)")
         head, rows = table_spans(table)
         return [*head, *rows, (), *wrapped(f" {table.note}", width, "dim", " ")]
+
+
+def _of_rvdt(
+    subject: Subject, verdict: RvdtVerdict, width: int, height: int, *, ascii_only: bool
+) -> Sequence[Line]:
+    """What the loops say of an RVDT: its curve against what is allowed, then in words."""
+    words = wrapped(f" {verdict.text}", width, "warn" if verdict.treat_as_unsensed else "text", " ")
+    if verdict.figures is None:
+        return words
+    picture = rvdt_deviations(subject, verdict.joint, verdict.figures)
+    rows = plot(picture, width, max(8, height - len(words)), ascii_only=ascii_only)
+    return [*rows, *words[: height - len(rows)]]
 
 
 def _in_full(found: Solution, width: int) -> list[Line]:

@@ -1,102 +1,83 @@
-"""Points over an axis, in braille: residuals by pose, by joint, a sensor's curve. Knows numbers only."""
+"""A picture in braille, and a row of bars. Knows pictures and numbers only."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import pairwise
 
 from operator_app.report.braille import Canvas
-from operator_app.report.spans import Line, Span
+from operator_app.report.picture import Axis, Band, Line, Marks, Picture
+from operator_app.report.spans import Line as Row
+from operator_app.report.spans import Span
 
 LABEL = 9
 """Cells of the vertical axis and its numbers."""
+ROLES = {"a": "text", "b": "accent", "c": "warn", "d": "dim"}
+"""Roles of the classes of lines and marks."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Series:
-    """Points of one kind, in one role."""
-
-    x: Sequence[float]
-    y: Sequence[float]
-    role: str = "text"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Axes:
-    """What the axes say: quantities with units, and horizontal lines worth drawing."""
-
-    x_label: str
-    y_label: str
-    levels: tuple[float, ...] = (0.0,)
-    logarithmic: bool = False
-
-
-def plot(
-    series: Sequence[Series], axes: Axes, width: int, height: int, *, ascii_only: bool
-) -> list[Line]:
-    """Return a plot of `height` lines; empty when it would not fit."""
-    xs = [v for s in series for v in s.x]
-    ys = [_scaled(v, axes) for s in series for v in s.y]
-    if not xs or width < LABEL + 10 or height < 6:
+def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Row]:
+    """Return a picture of `height` lines; empty when it would not fit."""
+    if width < LABEL + 10 or height < 6:
         return []
-    levels = [_scaled(v, axes) for v in axes.levels]
-    low, high = min([*ys, *levels]), max([*ys, *levels])
-    pad = 0.05 * (high - low) or max(abs(high), 1e-12) * 0.1
-    low, high = (low if low == 0.0 else low - pad), high + pad
-    x_low, x_high = min(xs), max(xs)
-    if x_high == x_low:
-        x_low, x_high = x_low - 0.5, x_high + 0.5
+    x, y = of.x, of.y
     canvas = Canvas(width - LABEL - 1, height - 3, ascii_only=ascii_only)
-
-    def place(x: float, y: float) -> tuple[float, float]:
-        return (
-            1 + (x - x_low) / (x_high - x_low) * (canvas.width - 4),
-            (high - y) / (high - low) * (canvas.height - 1),
-        )
-
-    for level in levels:
-        _, y = place(x_low, level)
-        canvas.segment(0, y, canvas.width - 1, y, "dim", every=3)
-    for one in series:
-        for x, y in zip(one.x, one.y, strict=True):
-            canvas.blob(*place(x, _scaled(y, axes)), one.role)
-    rows: list[Line] = [((f" {axes.y_label}"[:width], "dim"),)]
-    picture = canvas.lines()
-    last = len(picture) - 1
-    labels = {
-        k: 10**value if axes.logarithmic else value
-        for k in (0, last // 2, last)
-        for value in [high - (k + 0.5) / len(picture) * (high - low)]
-    }
-    # A line that is drawn says its own value, and no other number stands next to it.
-    for level, value in zip(levels, axes.levels, strict=True):
-        row_of = min(last, max(0, int(place(x_low, level)[1] // 4)))
-        labels = {k: v for k, v in labels.items() if abs(k - row_of) > 1 or v in axes.levels}
-        labels[row_of] = value
-    for k, row in enumerate(picture):
-        label = _number(labels[k]) if k in labels else ""
-        rows.append(((f"{label:>{LABEL - 1}} │", "dim"), *row))
-    rows.append(((" " * LABEL + "└" + "─" * (width - LABEL - 1), "dim"),))
-    left, right = _number(x_low), _number(x_high)
-    middle = axes.x_label
-    room = width - LABEL - 1 - len(left) - len(right)
-    rows.append(
-        ((" " * (LABEL + 1) + left + middle.center(max(room, 0))[: max(room, 0)] + right, "dim"),)
+    left, right, top, bottom = 1.0, canvas.width - 3.0, 0.0, canvas.height - 1.0
+    bands = [layer for layer in of.layers if isinstance(layer, Band)]
+    for level in (0.0, *(v for band in bands for v in (band.low, band.high))):
+        if y.low <= level <= y.high:
+            at = y.place(level, bottom, top)
+            canvas.segment(0, at, canvas.width - 1, at, "dim", every=3)
+    for layer in of.layers:
+        if isinstance(layer, Band):
+            continue
+        places = [
+            (x.place(a, left, right), y.place(b, bottom, top))
+            for a, b in zip(layer.x, layer.y, strict=True)
+            if math.isfinite(a) and math.isfinite(b)
+        ]
+        if isinstance(layer, Line):
+            for one, other in pairwise(places):
+                canvas.segment(*one, *other, ROLES.get(layer.class_, "text"))
+        if isinstance(layer, Marks):
+            for place in places:
+                canvas.blob(*place, ROLES[layer.class_])
+    named = "".join(
+        f", {'-- ' if band.high <= y.high else ''}{band.label}" for band in bands if band.label
     )
-    return rows
+    picture, labels = canvas.lines(), _ticks(y, canvas.rows)
+    return [
+        ((f" {y.title}{named}"[:width], "dim"),),
+        *(((f"{labels.get(k, ''):>{LABEL - 1}} │", "dim"), *row) for k, row in enumerate(picture)),
+        ((" " * LABEL + "└" + "─" * (width - LABEL - 1), "dim"),),
+        ((_below(x, width), "dim"),),
+    ]
 
 
-def _scaled(value: float, axes: Axes) -> float:
-    return math.log10(max(value, 1e-30)) if axes.logarithmic else value
+def _ticks(y: Axis, rows: int) -> dict[int, str]:
+    """Texts of the ticks by row, none directly below another."""
+    found: dict[int, str] = {}
+    for value, text in zip(y.ticks, y.tick_texts, strict=True):
+        row = min(rows - 1, max(0, int(y.place(value, rows - 0.5, 0.5))))
+        if not {row - 1, row, row + 1} & found.keys():
+            found[row] = text
+    return found
 
 
-def _number(value: float) -> str:
-    """At most seven characters."""
-    size = abs(value)
-    if size >= 1e5 or (0.0 < size < 1e-3):
-        return f"{value:.0e}"
-    return f"{value:.0f}" if size >= 100 else f"{value:.3g}"
+def _below(x: Axis, width: int) -> str:
+    """First and last tick where they belong, the axis' title between them."""
+    room = width - LABEL - 1
+    cells = [" "] * room
+    first, last = x.tick_texts[0], x.tick_texts[-1]
+    begin = int(x.place(x.ticks[0], 0, room - 1))
+    end = min(room, max(begin + len(first) + 1 + len(last), int(x.place(x.ticks[-1], 0, room)) + 1))
+    cells[begin : begin + len(first)] = first
+    cells[end - len(last) : end] = last
+    free = max(0, end - len(last) - begin - len(first))
+    title = x.title if len(x.title) + 2 <= free else f"[{x.unit}]" if x.unit else ""
+    cells[begin + len(first) : end - len(last)] = title.center(free)[:free]
+    return " " * (LABEL + 1) + "".join(cells)[:room]
 
 
 SPARKS = "▁▂▃▄▅▆▇█"

@@ -122,7 +122,8 @@ def test_notes_stay_text(page: object, subject: Subject) -> None:
 
 def test_a_note_that_no_text_can_hold_is_marked(subject: Subject) -> None:
     poses = tuple(replace(p, note=HOSTILE) for p in subject.poses)
-    assert "\ufffd" in report_html(replace(subject, poses=poses)).decode()
+    other = replace(subject, state=replace(subject.state, poses=poses))
+    assert "\ufffd" in report_html(other).decode()
 
 
 def test_the_same_journal_gives_the_same_page(folder: Path, subject: Subject) -> None:
@@ -156,7 +157,7 @@ def test_the_verdict_comes_first_with_arm_serial_fixture_and_time(
     for words in (
         "Accepted",
         "sarcos_dextrous, serial SDA-0001, in fixture hinge, 2026-01-31 12:00 UTC",
-        subject.pose_set_sha256,
+        subject.state.pose_set().sha256(),
         f"sarcal {subject.software_version}",
     ):
         assert words in page.text
@@ -272,7 +273,8 @@ def test_second_opinions_that_nobody_asked_for_are_said_to_be_missing(
 
 def test_simulated_is_said_and_real_is_not(subject: Subject, take_apart: type) -> None:
     assert "SIMULATED" not in take_apart(report_html(subject).decode()).text
-    told = report_html(replace(subject, simulated=True, settings={"scenario": "wild"})).decode()
+    state = replace(subject.state, settings={"scenario": "wild"})
+    told = report_html(replace(subject, simulated=True, state=state)).decode()
     text = take_apart(told).text
     assert text.index("SIMULATED") < text.index("Accepted")
     assert "scenario wild" in text

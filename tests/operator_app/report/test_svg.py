@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from operator_app.report.picture import Band, Line, Marks, Picture, axis
 from operator_app.report.strips import Range, Strip, ranges, strips
-from operator_app.report.svg import Band, Line, Marks, axis, plot
+from operator_app.report.svg import plot
 
 NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda v: v == 0.0 or abs(v) > 1e-9)
 
@@ -57,7 +58,7 @@ def example(**changes: object) -> ET.Element:
             Marks(x=[1.0, 2.0, 3.0], y=[-2.0, math.nan, 2.0], label="x", tips=["a", "b", "<c>"]),
         ],
     }
-    return parse(plot(**(settings | changes)))  # type: ignore[arg-type]
+    return parse(plot(Picture(**(settings | changes))))  # type: ignore[arg-type]
 
 
 def test_a_plot_is_named_and_described() -> None:

@@ -15,8 +15,8 @@ from operator_app.units.figure import DATA_AGE, POSITION, READING_SD, SIGMA_ORI,
 
 ROOMS = ("tui", "headless", "commands", "session")
 ROOT = Path(operator_app.__file__).parent
-TO_A_FILE = {ROOT / "session" / "export.py", ROOT / "tui" / "widgets" / "residuals.py"}
-"""Writes a document whose keys say their units; plots scale their axes."""
+TO_A_FILE = {ROOT / "session" / "export.py"}
+"""Writes a document whose keys say their units."""
 CONVERSIONS = {"degrees", "rad2deg"}
 
 

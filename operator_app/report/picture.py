@@ -1,0 +1,125 @@
+"""What a plot shows: axes with units and round ticks, bands, lines and marks. Knows no renderer and no calibration.
+
+Values are in the units of their axes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from operator_app.units.numbers import fixed, significant
+
+Shape = Literal["dot", "square", "triangle"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """A linear axis from `low` to `high` with its round `ticks`."""
+
+    label: str
+    unit: str
+    low: float
+    high: float
+    ticks: tuple[float, ...]
+
+    def place(self, value: float, start: float, end: float) -> float:
+        """Where a value lies between the coordinates `start` (of low) and `end` (of high)."""
+        return start + (value - self.low) / (self.high - self.low) * (end - start)
+
+    @property
+    def title(self) -> str:
+        """Label with unit."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    @property
+    def tick_texts(self) -> tuple[str, ...]:
+        """All ticks with the same number of places."""
+        step = self.ticks[1] - self.ticks[0] if len(self.ticks) > 1 else 1.0
+        largest = max(abs(t) for t in self.ticks)
+        if largest >= 1e5 or step < 1e-4:
+            return tuple(significant(t, 2) for t in self.ticks)
+        places = max(0, -math.floor(math.log10(step) + 1e-9))
+        return tuple(fixed(t, places) for t in self.ticks)
+
+
+def axis(
+    label: str,
+    values: Iterable[float],
+    *,
+    unit: str = "",
+    ticks: int = 5,
+    whole: bool = False,
+    symmetric: bool = False,
+) -> Axis:
+    """Return an axis that holds all finite `values` with a little room and about so many ticks."""
+    finite = [v for v in values if math.isfinite(v)]
+    low, high = (min(finite), max(finite)) if finite else (0.0, 1.0)
+    if symmetric:
+        high = max(abs(low), abs(high))
+        low = -high
+    if high - low <= 1e-12 * max(abs(low), abs(high)) or high == low:
+        margin = 0.0 if whole else max(0.5 * abs(high), 1e-9)
+        low, high = low - margin, high + margin
+    room = 0.5 if whole else 0.06 * (high - low)
+    low, high = low - room, high + room
+    step = _round_step((high - low) / ticks, whole=whole)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    marks = tuple(k * step + 0.0 for k in range(first, last + 1))
+    return Axis(label=label, unit=unit, low=low, high=high, ticks=marks)
+
+
+def _round_step(rough: float, *, whole: bool) -> float:
+    """Return the 1, 2 or 5 times a power of ten next above `rough`."""
+    if whole and rough <= 1.0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(rough))
+    return next(m * power for m in (1.0, 2.0, 5.0, 10.0) if rough <= m * power * (1.0 + 1e-9))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Band:
+    """Shaded strip between two values of y."""
+
+    low: float
+    high: float
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """Points joined by a line. `class_` is a line style: ``a``, ``b``, ``dashed``."""
+
+    x: Sequence[float]
+    y: Sequence[float]
+    class_: str = "a"
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Marks:
+    """Points. `class_` is a colour: ``a``, ``b``, ``c``; `tips` say what each point is."""
+
+    x: Sequence[float]
+    y: Sequence[float]
+    shape: Shape = "dot"
+    class_: str = "a"
+    label: str = ""
+    tips: Sequence[str] = ()
+
+
+Layer = Band | Line | Marks
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A plot: its name, what it shows in words, axes, and layers, the first ones below."""
+
+    ident: str
+    title: str
+    description: str
+    x: Axis
+    y: Axis
+    layers: Sequence[Layer]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from hardware.arm import DriveState, JointMode
 from hardware.cia402 import CONTROLWORD_ENABLE_OPERATION
-from hardware.cyclic import Command, Commands, Sample
+from hardware.cyclic import Sample, Setpoint, Setpoints
 from hardware.errors import CommandRefused, Stopped
 from hardware.limits import (
     JointLimits,
@@ -29,8 +29,8 @@ def admit(
     in_control: bool,
     stopped: bool,
     sample: Sample,
-    before: Commands | None,
-    commands: Commands,
+    before: Setpoints | None,
+    commands: Setpoints,
 ) -> None:
     """Let commands pass or say why not.
 
@@ -124,8 +124,8 @@ def admit_modes(sample: Sample) -> None:
 def _refusal(
     limits: JointLimits,
     situation: Situation,
-    command: Command,
-    last: Command | None,
+    command: Setpoint,
+    last: Setpoint | None,
     measured_counts: int,
 ) -> Refusal | None:
     target = command.target_counts

@@ -20,7 +20,7 @@ from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode
 from hardware.buses import BusSettings, open_bus, open_sender
 from hardware.continuity import ENCODER_COUNTS, RVDT_COUNTS
 from hardware.control_loop import ControlLoop, Pace, Timing
-from hardware.cyclic import Commands, Sample
+from hardware.cyclic import Sample, Setpoints
 from hardware.description import ArmDescription, EncoderDescription
 from hardware.errors import BusError, ControlDenied, DriveFault, NodeMissing, Stopped, TwoDevices
 from hardware.limits import joint_limits
@@ -177,7 +177,7 @@ class Connection:
         }
         nodes = self.loop.nodes
 
-        def note() -> Generator[Commands | None, Sample, None]:
+        def note() -> Generator[Setpoints | None, Sample, None]:
             for joint, code in codes.items():
                 nodes.assume_fault(joint_node(joint), code, first.sync_count)
             yield from ()
@@ -240,7 +240,7 @@ class Connection:
             attention=self.loop.attention,
         )
 
-    def _allow(self, sample: Sample, before: Commands | None, commands: Commands) -> None:
+    def _allow(self, sample: Sample, before: Setpoints | None, commands: Setpoints) -> None:
         admit(
             self.limits,
             self.modes,

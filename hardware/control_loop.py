@@ -28,7 +28,7 @@ from typing import Any, Protocol
 from hardware.alarms import Seen, find_alarm
 from hardware.attention import Attention
 from hardware.continuity import Continuity, Jump
-from hardware.cyclic import Abandoned, Command, Commands, Sample
+from hardware.cyclic import Abandoned, Sample, Setpoint, Setpoints
 from hardware.errors import BusError, HardwareError
 from hardware.node_watch import NodeWatch
 from hardware.objects import (
@@ -162,14 +162,14 @@ class ControlLoop:
         joints: int,
         pace: Pace,
         on_sdo: Callable[[int, bytes], None],
-        allow: Callable[[Sample, Commands | None, Commands], None],
+        allow: Callable[[Sample, Setpoints | None, Setpoints], None],
         quick_stop: Callable[[], None],
         timing: Timing,
         allowed_counts: Sequence[float] = (),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.nodes = NodeWatch((*range(1, joints + 1), SUPERVISOR_NODE))
-        self.commands: Commands | None = None
+        self.commands: Setpoints | None = None
         self.latch = StopLatch()
         self.moving = False
         self.failure: HardwareError | None = None
@@ -183,7 +183,7 @@ class ControlLoop:
         self.attention = Attention(clock)
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(joints, patience=timing.misses(pace), now_s=clock())
-        self._sent: list[Command | None] = [None] * joints
+        self._sent: list[Setpoint | None] = [None] * joints
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
         self._tasks = TaskQueue(self._thread.is_alive, self._gone)
         self._syncing = False

@@ -1,4 +1,4 @@
-"""What travels every SYNC as the operator sees it: a command out, a sample in. Knows no thread and no bus."""
+"""What travels every SYNC as the operator sees it: setpoints out, a sample in. Knows no thread and no bus."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hardware.objects import EMCY, RPDO1, TPDO1
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class Setpoint:
     """RPDO1 of one joint: 6040h, 607Ah, 6060h."""
 
     controlword: int
@@ -21,8 +21,8 @@ class Command:
         return RPDO1.pack(self.controlword, self.target_counts, self.mode)
 
 
-Commands = tuple[Command, ...]
-"""One command for each joint 1..n."""
+Setpoints = tuple[Setpoint, ...]
+"""One for each joint 1..n."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from collections.abc import Generator, Sequence
 import numpy as np
 
 from hardware.arm import Reading
-from hardware.cyclic import Commands, Sample
+from hardware.cyclic import Sample, Setpoints
 from hardware.scale import JointScale
 from hardware.steps import Desk, incomplete_samples, raise_alarm
 
@@ -26,7 +26,7 @@ def settle(
     window: int,
     spread_rad: Sequence[float],
     timeout_syncs: int,
-) -> Generator[Commands | None, Sample, bool]:
+) -> Generator[Setpoints | None, Sample, bool]:
     """Wait until no joint spread more than `spread_rad` over the last `window` complete samples."""
     bounds = np.array(
         [s * scale.counts_per_rad for s, scale in zip(spread_rad, scales, strict=True)]
@@ -44,7 +44,7 @@ def settle(
 
 def capture(
     desk: Desk, scales: Sequence[JointScale], *, samples: int
-) -> Generator[Commands | None, Sample, Reading]:
+) -> Generator[Setpoints | None, Sample, Reading]:
     """Collect complete samples: every one has all joints latched on the same SYNC."""
     rows: list[tuple[int, ...]] = []
     first = 0

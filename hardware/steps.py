@@ -22,7 +22,7 @@ from hardware.cia402 import (
     next_controlword,
     reached,
 )
-from hardware.cyclic import Command, Commands, Sample
+from hardware.cyclic import Sample, Setpoint, Setpoints
 from hardware.errors import BusError, CommandRefused, DriveFault, HardwareError, Stopped
 from hardware.objects import CYCLIC_POSITION, MODE_CODE
 from hardware.scale import JointScale
@@ -39,7 +39,7 @@ TRANSITION_SYNCS = 50
 class Desk(Protocol):
     """What steps see of the control loop."""
 
-    commands: Commands | None
+    commands: Setpoints | None
     latch: StopLatch
     moving: bool
 
@@ -66,7 +66,7 @@ def follows_command(statusword: int) -> bool:
     return bool(statusword & StatusBit.FOLLOWS_COMMAND)
 
 
-def look(desk: Desk, *, syncs: int) -> Generator[Commands | None, Sample, Sample]:
+def look(desk: Desk, *, syncs: int) -> Generator[Setpoints | None, Sample, Sample]:
     """Exchange a few SYNCs without a command and return the last sample."""
     sample = desk.sample
     for _ in range(syncs):
@@ -75,7 +75,7 @@ def look(desk: Desk, *, syncs: int) -> Generator[Commands | None, Sample, Sample
     return sample
 
 
-def drive_to(desk: Desk, wish: Wish) -> Generator[Commands | None, Sample, tuple[int, ...]]:
+def drive_to(desk: Desk, wish: Wish) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Bring all drives to a state, in position mode, the target being where each one is now.
 
     Returns
@@ -92,7 +92,7 @@ def drive_to(desk: Desk, wish: Wish) -> Generator[Commands | None, Sample, tuple
             for status, word in zip(sample.statuswords, words, strict=True)
         ]
         sample = yield tuple(
-            Command(word, target, CYCLIC_POSITION)
+            Setpoint(word, target, CYCLIC_POSITION)
             for word, target in zip(words, targets, strict=True)
         )
         if not _lagging(sample, wish):
@@ -102,7 +102,7 @@ def drive_to(desk: Desk, wish: Wish) -> Generator[Commands | None, Sample, tuple
 
 def reset(
     desk: Desk, clear: Callable[[], None], *, press: object | None
-) -> Generator[Commands | None, Sample, tuple[int, ...]]:
+) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Release the STOP latch and clear drive faults; the drives end disabled.
 
     `clear` forgets the emergencies known so far; `press` is the STOP to be lifted. Returns the
@@ -122,7 +122,7 @@ def reset(
 
 def change_modes(
     desk: Desk, modes: Sequence[JointMode], *, syncs: int
-) -> Generator[Commands | None, Sample, None]:
+) -> Generator[Setpoints | None, Sample, None]:
     """Ask for one mode per joint, and give the drives `syncs` SYNCs to follow.
 
     A joint that enters position mode is given the position it has until its drive says that it
@@ -139,7 +139,7 @@ def change_modes(
         commands = list(_given(desk))
         for at, (command, mode) in enumerate(zip(commands, wanted, strict=True)):
             if mode != CYCLIC_POSITION:
-                commands[at] = Command(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
+                commands[at] = Setpoint(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
             elif entering[at] and not follows_command(sample.statuswords[at]):
                 commands[at] = replace(command, target_counts=sample.counts[at], mode=mode)
         sample = yield tuple(commands)
@@ -156,7 +156,7 @@ def move(
     period_s: float,
     watch: Watch | None,
     snapshot: Callable[[], ArmSnapshot],
-) -> Generator[Commands | None, Sample, MoveResult]:
+) -> Generator[Setpoints | None, Sample, MoveResult]:
     """Move joints in step along a straight line in joint space.
 
     A watch's sentence ends the move with that reason. Any alarm but STOP first brings the joints to
@@ -225,7 +225,7 @@ def incomplete_samples(sample: Sample) -> BusError:
     )
 
 
-def hold_where_it_is(desk: Desk) -> Generator[Commands | None, Sample, None]:
+def hold_where_it_is(desk: Desk) -> Generator[Setpoints | None, Sample, None]:
     """All joints to position mode now: free ones where they are, the others on their target."""
     sample = yield None
     yield tuple(
@@ -243,7 +243,7 @@ def raise_alarm(desk: Desk) -> None:
         raise found
 
 
-def _given(desk: Desk) -> Commands:
+def _given(desk: Desk) -> Setpoints:
     """Return the commands sent last."""
     if desk.commands is None:
         raise CommandRefused("the drives are not enabled: take control first")
@@ -273,7 +273,7 @@ def _more_urgent(found: HardwareError | None, ending: Exception | None) -> Excep
     return ending
 
 
-def _with_target(commands: Commands, joint: int, counts: int) -> Commands:
+def _with_target(commands: Setpoints, joint: int, counts: int) -> Setpoints:
     changed = replace(commands[joint - 1], target_counts=counts)
     return (*commands[: joint - 1], changed, *commands[joint:])
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import can
 
 from hardware.cia402 import CONTROLWORD_QUICK_STOP
-from hardware.cyclic import Command, Commands
+from hardware.cyclic import Setpoint, Setpoints
 from hardware.errors import BusError
 from hardware.objects import COB_RPDO1, CYCLIC_POSITION, joint_node
 from hardware.wire import Wire
@@ -61,13 +61,13 @@ class StopLine:
     def __init__(self, bus: can.BusABC | None, spare: Wire) -> None:
         self._bus, self._spare = bus, spare
 
-    def send(self, given: Commands | None, counts: Sequence[int]) -> None:
+    def send(self, given: Setpoints | None, counts: Sequence[int]) -> None:
         """Quick stop to every drive; target and mode stay what they were.
 
         Parameters
         ----------
         given
-            Commands sent last, None if there were none.
+            Setpoints sent last, None if there were none.
         counts
             Positions, one for each joint.
 
@@ -83,7 +83,7 @@ class StopLine:
             mode = given[at].mode if given else CYCLIC_POSITION
             message = can.Message(
                 arbitration_id=COB_RPDO1 + joint_node(at + 1),
-                data=Command(CONTROLWORD_QUICK_STOP, target, mode).pack(),
+                data=Setpoint(CONTROLWORD_QUICK_STOP, target, mode).pack(),
                 is_extended_id=False,
             )
             try:

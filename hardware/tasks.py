@@ -8,10 +8,10 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import Any
 
-from hardware.cyclic import Commands, Sample
+from hardware.cyclic import Sample, Setpoints
 from hardware.errors import HardwareError
 
-Steps = Generator[Commands | None, Sample, Any]
+Steps = Generator[Setpoints | None, Sample, Any]
 """Yields commands for the next SYNC (None: as before), is sent its sample, returns its result."""
 
 _LOOK_S = 0.2
@@ -38,7 +38,7 @@ class Task:
     _result: Any = None
     _error: BaseException | None = None
 
-    def advance(self, sample: Sample) -> Commands | None:
+    def advance(self, sample: Sample) -> Setpoints | None:
         """Run the steps to their next SYNC; StopIteration at their end."""
         if self._started:
             return self.steps.send(sample)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.hand_error import TipSigma
 from operator_app.calibration.judgement import Notice
-from operator_app.calibration.verdict import Class, Judgement
+from operator_app.calibration.verdict import Judgement, Verdict
 from solver.estimators.estimate import Estimate
 from solver.estimators.goodness import ClosureSigmas
 from solver.estimators.variance_components import VarianceComponents
@@ -91,10 +91,10 @@ class Solution:
         return not self.reasons
 
     @property
-    def verdict(self) -> Class:
+    def verdict(self) -> Verdict:
         """Which of the three classes it is of."""
         if not self.accepted:
-            return Class.NOT_ACCEPTED
+            return Verdict.NOT_ACCEPTED
         return self.judgement.verdict
 
     @property

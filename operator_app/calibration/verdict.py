@@ -43,7 +43,7 @@ FEW_DOF, LEAST_DOF = 30, 10
 hold: 82 % of the 95 % intervals of four poses, measured on sound arms."""
 
 
-class Class(Enum):
+class Verdict(Enum):
     """The three verdicts; only the first two upload."""
 
     ACCEPTED = "accepted"
@@ -75,11 +75,11 @@ class Judgement:
     stated_chi2_per_dof: float | None = None
 
     @property
-    def verdict(self) -> Class:
+    def verdict(self) -> Verdict:
         """Not accepted as soon as one cause refuses."""
         if any(cause.refuses for cause in self.causes):
-            return Class.NOT_ACCEPTED
-        return Class.WITH_WARNINGS if self.causes else Class.ACCEPTED
+            return Verdict.NOT_ACCEPTED
+        return Verdict.WITH_WARNINGS if self.causes else Verdict.ACCEPTED
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ class Fixed:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class Prediction:
     """What new poses say of a calibration.
 
     Attributes
@@ -121,7 +121,7 @@ def judge_poses(
     fixed: Fixed,
     *,
     calibrated: tuple[int, ...] | None = None,
-) -> Verdict:
+) -> Prediction:
     """Judge new poses of the same arm in the same fixture, at the same placement.
 
     Parameters
@@ -152,7 +152,7 @@ def judge_poses(
         found = replace(found, chi2=chi2_test(chi2.per_dof * chi2.dof, left))
     at_nominal = closure_at_readings(model, nominal_vector(model.parameters), poses.q_rad)
     odd = np.flatnonzero((found.pose_probability < IMPROBABLE / len(poses)) | ~found.closed)
-    return Verdict(
+    return Prediction(
         verification=found,
         nominal=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
         odd_poses=tuple(int(k) for k in odd[np.argsort(found.pose_probability[odd])]),

@@ -29,7 +29,7 @@ from solver.chain.poses import PoseSet
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import Calibrated
 from solver.judging.ranges import Fault, RangeFinding
-from solver.judging.rvdt import RvdtVerdict, Verdict
+from solver.judging.rvdt import RvdtVerdict, Soundness
 from solver.judging.trial import Trial, judge
 from solver.search.global_start import GlobalStart
 
@@ -219,7 +219,7 @@ def _of_rvdts(verdicts: tuple[RvdtVerdict, ...]) -> tuple[NamedCause, ...]:
             refuses=False,
         )
         for v in verdicts
-        if v.verdict is Verdict.OUT_OF_SPECIFICATION
+        if v.verdict is Soundness.OUT_OF_SPECIFICATION
     )
 
 

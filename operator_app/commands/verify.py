@@ -19,7 +19,7 @@ from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from operator_app.calibration.solution import Solution
-    from operator_app.calibration.verify import Verdict
+    from operator_app.calibration.verify import Prediction
     from operator_app.session.opening import Opening
     from solver.chain.poses import PoseSet
 
@@ -84,7 +84,7 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if verdict.holds else ExitCode.NOT_ACCEPTED
 
 
-def _on_the_arm(opening: Opening, solution: Solution, count: int) -> tuple[Verdict, PoseSet]:
+def _on_the_arm(opening: Opening, solution: Solution, count: int) -> tuple[Prediction, PoseSet]:
     """Take `count` poses in the session, elsewhere than it did."""
     from operator_app.composition import unattended
     from operator_app.session.drives import drives_of

@@ -26,7 +26,7 @@ from operator_app.report.table import Table
 from operator_app.units.figure import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure
 from operator_app.units.numbers import names, plural
 from solver.estimators.estimate import Estimate
-from solver.judging.rvdt import RvdtVerdict, Verdict
+from solver.judging.rvdt import RvdtVerdict, Soundness
 
 CURVE_WORDS = (
     "With the readings of {joints} used, these corrections close the loops. A bow or an S is the "
@@ -179,7 +179,7 @@ def _rvdt(subject: Subject) -> Section | None:
     tables = [
         table_html(correction_table(v.joint, v.figures))
         for v in verdicts
-        if v.figures is not None and v.verdict is not Verdict.SOUND
+        if v.figures is not None and v.verdict is not Soundness.SOUND
     ]
     if tables:
         content += [remark(prose(TABLE_WORDS)), plots(tables)]
@@ -192,7 +192,7 @@ def _numbered(joints: list[int]) -> str:
 
 def _judged(verdict: RvdtVerdict) -> Html:
     words = prose(verdict.text + ".")
-    if verdict.verdict in (Verdict.SOUND, Verdict.CANNOT_DECIDE):
+    if verdict.verdict in (Soundness.SOUND, Soundness.CANNOT_DECIDE):
         return words
     return join((element("span", "▲ ", class_="warn", aria_hidden="true"), words))
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.calibration.verify import Verdict
+from operator_app.calibration.verify import Prediction
 from operator_app.report.quality_facts import CLOSURE_COLUMNS, closure_row
 from operator_app.report.table import Table, keyed
 from operator_app.report.text import paragraph, table_text
@@ -19,7 +19,7 @@ WORST = 5
 """Odd poses that are named."""
 
 
-def closure(verdict: Verdict) -> Table:
+def closure(verdict: Prediction) -> Table:
     """Closure of the new poses at the nominal parameters and at those that are judged."""
     return Table(
         ident="closure",
@@ -32,7 +32,7 @@ def closure(verdict: Verdict) -> Table:
     )
 
 
-def verification_json(verdict: Verdict, poses: PoseSet) -> dict[str, Any]:
+def verification_json(verdict: Prediction, poses: PoseSet) -> dict[str, Any]:
     """Return the object of `sarcal verify --json`."""
     chi2 = verdict.verification.chi2
     return {
@@ -45,7 +45,7 @@ def verification_json(verdict: Verdict, poses: PoseSet) -> dict[str, Any]:
     }
 
 
-def verification_text(verdict: Verdict, poses: PoseSet, folder: str) -> str:
+def verification_text(verdict: Prediction, poses: PoseSet, folder: str) -> str:
     """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
     found = verdict.verification
     per_dof, low, high = (

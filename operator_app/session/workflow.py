@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from hardware.arm import ArmIdentity
 from operator_app.calibration.solution import Solution
-from operator_app.calibration.verify import Verdict, fixed_by, judge_poses
+from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
 from operator_app.errors import GuardError
 from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, Stop
@@ -148,7 +148,7 @@ def _explore(session: Session, listener: Listener) -> None:
 
 def verify(
     session: Session, solution: Solution, poses: int, listener: Listener
-) -> tuple[Verdict, PoseSet]:
+) -> tuple[Prediction, PoseSet]:
     """Take new poses, elsewhere than the session did, and judge them by a calibration as it is.
 
     The modes are set. Readings and verdict are in the journal; the poses are no part of the
@@ -172,7 +172,7 @@ def verify(
     return verdict, taken
 
 
-def _summary(verdict: Verdict, taken: PoseSet) -> Mapping[str, object]:
+def _summary(verdict: Prediction, taken: PoseSet) -> Mapping[str, object]:
     found = verdict.verification
     return {
         "poses": verdict.poses,

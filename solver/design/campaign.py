@@ -20,7 +20,7 @@ from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
 from solver.design.paths import Route
 from solver.design.plan import Plan, PlanningTask, information_of, make_plan
-from solver.design.stop_rule import Progress, StopDecision, judge_progress
+from solver.design.stop_rule import Standing, StopDecision, judge_standing
 from solver.errors import SolverError
 from solver.loops.closure import poses_needed
 
@@ -273,7 +273,7 @@ class Campaign:
             return
         decision = self._judge()
         if decision is not None and decision.stop:
-            reached = decision.progress is Progress.REACHED
+            reached = decision.standing is Standing.REACHED
             self._finish(decision.text, complete=reached, decision=decision)
             return
         plan, estimate = self.plan, self.estimate
@@ -363,7 +363,7 @@ class Campaign:
         if not self.settings.requested or self.plan is None:
             return None
         task = self.task if self.estimate is None else replace(self.task, noise=self.estimate.noise)
-        return judge_progress(
+        return judge_standing(
             information_of(task, self.plan.x, self.readings_rad),
             self.plan.information,
             self.settings.requested,

@@ -21,7 +21,7 @@ BLIND = 1e-13
 """Directions whose scaled information is below this share of the largest are not determined."""
 
 
-class Progress(Enum):
+class Standing(Enum):
     """Where a pose set stands against the precision asked for."""
 
     REACHED = "reached"
@@ -55,8 +55,8 @@ class StopDecision:
 
     Attributes
     ----------
-    progress
-        The verdict.
+    standing
+        Where it stands.
     weak
         Parameters short of the request, the worst (largest sigma over request) first.
     poses_needed
@@ -65,7 +65,7 @@ class StopDecision:
         One sentence.
     """
 
-    progress: Progress
+    standing: Standing
     weak: tuple[WeakParameter, ...]
     poses_needed: int | None
     text: str
@@ -73,7 +73,7 @@ class StopDecision:
     @property
     def stop(self) -> bool:
         """Whether there is a reason to stop."""
-        return self.progress is not Progress.GOING_ON
+        return self.standing is not Standing.GOING_ON
 
 
 def standard_deviations(information: FloatArray) -> FloatArray:
@@ -87,7 +87,7 @@ def standard_deviations(information: FloatArray) -> FloatArray:
     return np.asarray(np.where(touched, np.inf, np.sqrt(variance) / d))
 
 
-def judge_progress(
+def judge_standing(
     information: FloatArray,
     candidates: PoseInformation,
     requested: Mapping[str, float],
@@ -121,7 +121,7 @@ def judge_progress(
     now = standard_deviations(information)[columns]
     if np.all(now <= goal):
         return StopDecision(
-            progress=Progress.REACHED,
+            standing=Standing.REACHED,
             weak=(),
             poses_needed=0,
             text="every parameter is known as well as requested",
@@ -141,7 +141,7 @@ def judge_progress(
     )
     if needed is not None:
         text = f"about {needed} more poses to reach the request; {weak[0].name} is weakest"
-        return StopDecision(progress=Progress.GOING_ON, weak=weak, poses_needed=needed, text=text)
+        return StopDecision(standing=Standing.GOING_ON, weak=weak, poses_needed=needed, text=text)
     short = [w.name for w in weak if w.forecast > w.requested] or [weak[0].name]
     worst = max(weak, key=lambda w: w.forecast / w.requested)
     named = ", ".join(short[:3]) + (f" and {len(short) - 3} others" if len(short) > 3 else "")
@@ -154,7 +154,7 @@ def judge_progress(
     )
     nearer = float(_ratio(later, goal).max()) < (1.0 - worthwhile) * float(_ratio(now, goal).max())
     return StopDecision(
-        progress=Progress.GOING_ON if nearer else Progress.HOPELESS,
+        standing=Standing.GOING_ON if nearer else Standing.HOPELESS,
         weak=weak,
         poses_needed=None,
         text=text,

@@ -45,7 +45,7 @@ HARMFUL = 3.0
 """A curve this many times the sensor's noise spoils what the other joints' encoders know."""
 
 
-class Verdict(Enum):
+class Soundness(Enum):
     """What the loop says of an RVDT."""
 
     SOUND = "sound"
@@ -77,7 +77,7 @@ class RvdtVerdict:
     """
 
     joint: int
-    verdict: Verdict
+    verdict: Soundness
     text: str
     treat_as_unsensed: bool
     share: float
@@ -191,7 +191,7 @@ def _undecidable(
 def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) -> RvdtVerdict:
     """Say why the poses cannot decide on the sensor's curve, and what is known of its noise."""
     noisy = noise is not None and _too_noisy(noise, sensor)
-    verdict = Verdict.OUT_OF_SPECIFICATION if noisy else Verdict.CANNOT_DECIDE
+    verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
     words = [] if noise is None else _noise_words(noise, sensor)
     curve = f"cannot decide on its curve: {reason}"
     return RvdtVerdict(
@@ -219,11 +219,11 @@ def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> Rvdt
     # The loop must know the angle better than the sensor reads it, or there is nothing to gain.
     harmful = (curved or too_noisy) and rms > HARMFUL * max(sensor.sigma_rad, figures.loop_sd_rad)
     if too_curved or too_noisy:
-        verdict = Verdict.OUT_OF_SPECIFICATION
+        verdict = Soundness.OUT_OF_SPECIFICATION
     elif curved:
-        verdict = Verdict.CURVED
+        verdict = Soundness.CURVED
     else:
-        verdict = Verdict.SOUND
+        verdict = Soundness.SOUND
     return RvdtVerdict(
         joint=joint,
         verdict=verdict,
@@ -240,7 +240,7 @@ def _words(
     sensor: Rvdt,
     figures: RvdtFigures,
     share: float,
-    verdict: Verdict,
+    verdict: Soundness,
     *,
     harmful: bool,
 ) -> str:
@@ -252,7 +252,7 @@ def _words(
         f"gain {figures.gain:.4f}",
     ]
     parts += _noise_words(figures.noise, sensor)
-    if verdict is not Verdict.SOUND and share > 0.0:
+    if verdict is not Soundness.SOUND and share > 0.0:
         parts.append(f"explains {100.0 * share:.0f} % of the squared closure error")
     if harmful:
         parts.append(f"treat joint {joint} as unsensed, or correct its readings by the table")

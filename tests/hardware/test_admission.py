@@ -8,7 +8,7 @@ import pytest
 
 from hardware.admission import admit, admit_modes
 from hardware.arm import JointMode
-from hardware.cyclic import Command, Sample
+from hardware.cyclic import Sample, Setpoint
 from hardware.errors import CommandRefused, Stopped
 from hardware.limits import JointLimits
 
@@ -23,8 +23,8 @@ CSP, CST = 8, 10
 
 
 def try_to_send(
-    before: Command | None,
-    command: Command,
+    before: Setpoint | None,
+    command: Setpoint,
     *,
     measured: int = 100,
     status: int = ENABLED,
@@ -45,19 +45,19 @@ def try_to_send(
 
 @pytest.mark.parametrize("step", [-10, -1, 0, 1, 10])
 def test_a_step_within_the_limit_passes(step: int) -> None:
-    try_to_send(Command(GO, 100, CSP), Command(GO, 100 + step, CSP))
+    try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 100 + step, CSP))
 
 
 @pytest.mark.parametrize("step", [-11, 11, 100_000])
 def test_a_larger_step_is_refused(step: int) -> None:
     with pytest.raises(CommandRefused, match="step"):
-        try_to_send(Command(GO, 100, CSP), Command(GO, 100 + step, CSP))
+        try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 100 + step, CSP))
 
 
 def test_the_range_ends_at_its_ends() -> None:
-    try_to_send(Command(GO, 495, CSP), Command(GO, 500, CSP))
+    try_to_send(Setpoint(GO, 495, CSP), Setpoint(GO, 500, CSP))
     with pytest.raises(CommandRefused, match="outside"):
-        try_to_send(Command(GO, 495, CSP), Command(GO, 501, CSP))
+        try_to_send(Setpoint(GO, 495, CSP), Setpoint(GO, 501, CSP))
 
 
 @pytest.mark.parametrize(
@@ -71,33 +71,33 @@ def test_the_range_ends_at_its_ends() -> None:
 )
 def test_a_new_target_needs_the_right_situation(situation: dict[str, Any], words: str) -> None:
     with pytest.raises(CommandRefused, match=words):
-        try_to_send(Command(GO, 100, CSP), Command(GO, 105, CSP), **situation)
+        try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), **situation)
 
 
 def test_stop_is_said_as_stop() -> None:
     with pytest.raises(Stopped):
-        try_to_send(Command(GO, 100, CSP), Command(GO, 105, CSP), stopped=True)
+        try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), stopped=True)
 
 
-@pytest.mark.parametrize("before", [None, Command(GO, -400, CST)])
-def test_entering_position_mode_is_only_allowed_where_the_joint_is(before: Command | None) -> None:
-    try_to_send(before, Command(GO, 110, CSP), mode=JointMode.FREE)
+@pytest.mark.parametrize("before", [None, Setpoint(GO, -400, CST)])
+def test_entering_position_mode_is_only_allowed_where_the_joint_is(before: Setpoint | None) -> None:
+    try_to_send(before, Setpoint(GO, 110, CSP), mode=JointMode.FREE)
     with pytest.raises(CommandRefused, match="step"):
-        try_to_send(before, Command(GO, 111, CSP), mode=JointMode.FREE)
+        try_to_send(before, Setpoint(GO, 111, CSP), mode=JointMode.FREE)
 
 
 def test_a_joint_beyond_its_range_may_be_held_there() -> None:
-    try_to_send(Command(GO, 0, CST), Command(GO, 600, CSP), measured=600, mode=JointMode.FREE)
+    try_to_send(Setpoint(GO, 0, CST), Setpoint(GO, 600, CSP), measured=600, mode=JointMode.FREE)
 
 
 def test_a_stale_target_of_a_free_joint_is_no_excuse() -> None:
     with pytest.raises(CommandRefused, match="step"):
-        try_to_send(Command(GO, -400, CST), Command(GO, -400, CSP), mode=JointMode.FREE)
+        try_to_send(Setpoint(GO, -400, CST), Setpoint(GO, -400, CSP), mode=JointMode.FREE)
 
 
 def test_what_cannot_move_a_drive_always_passes() -> None:
-    for command in (Command(OFF, 9999, CSP), Command(0x0002, 9999, CSP), Command(GO, 9999, CST)):
-        try_to_send(Command(GO, 100, CSP), command)
+    for command in (Setpoint(OFF, 9999, CSP), Setpoint(0x0002, 9999, CSP), Setpoint(GO, 9999, CST)):
+        try_to_send(Setpoint(GO, 100, CSP), command)
 
 
 def test_modes_need_every_drive_enabled() -> None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import can
 import pytest
 
-from hardware.cyclic import Command
+from hardware.cyclic import Setpoint
 from hardware.errors import BusError
 from hardware.stop_line import StopLatch, StopLine
 from hardware.wire import Wire
@@ -54,7 +54,7 @@ def line(own: FakeBus, spare: FakeBus) -> StopLine:
 def test_every_drive_gets_quick_stop_with_the_target_and_mode_it_had(
     own: FakeBus, spare: FakeBus
 ) -> None:
-    given = tuple(Command(0x0F, target, mode) for target, mode in ((1, 8), (2, 10), (3, 8)))
+    given = tuple(Setpoint(0x0F, target, mode) for target, mode in ((1, 8), (2, 10), (3, 8)))
     line(own, spare).send(given, COUNTS)
     frames = [(i, struct.unpack("<Hib", data)) for i, data in own.sent]
     assert frames == [(0x201, (2, 1, 8)), (0x202, (2, 2, 10)), (0x203, (2, 3, 8))]

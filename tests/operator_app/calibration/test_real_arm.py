@@ -13,7 +13,7 @@ import pytest
 from operator_app.calibration.loop import pick_placements
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
-from operator_app.calibration.verdict import Class
+from operator_app.calibration.verdict import Verdict
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -45,7 +45,7 @@ def test_sockets_that_nobody_measured_are_no_reason_against_it(
 ) -> None:
     """The fixture's file states where one socket is: the block stood up to 0.9 m from there."""
     # The last pair asks for more give or sag than is stated, and says so; nobody knows who held the arm.
-    assert [s.verdict for s in of_pairs[:2]] == [Class.ACCEPTED] * 2
+    assert [s.verdict for s in of_pairs[:2]] == [Verdict.ACCEPTED] * 2
     assert {c.code for c in of_pairs[2].causes} <= {"FIXTURE_GIVES", "SLIP_FIXTURE", "STEP_JOINT_1"}
     for solution in of_pairs:
         assert solution.accepted
@@ -67,7 +67,7 @@ def test_offsets_of_separate_pairs_agree_within_what_they_claim(
 def test_one_arm_serves_all_six_sockets_when_gravity_bends_it() -> None:
     """Joint 4 carries 11 N m in the first two and 2 in the next: rigid, it seemed to slip by 0.17 deg."""
     arm = load_arm("franka_panda")
-    assert of(*range(1, 7)).verdict is Class.ACCEPTED
+    assert of(*range(1, 7)).verdict is Verdict.ACCEPTED
     weightless = of(*range(1, 7), arm=replace(arm, masses=None))
     assert "STEP_JOINT_4" in {c.code for c in weightless.causes}
 
@@ -89,7 +89,7 @@ def test_a_cause_names_the_placement_of_a_pose() -> None:
     solution = calibrate(
         load_arm("franka_panda"), load_fixture("ball").fixture, replace(chosen, q_rad=q), drop=True
     )
-    assert solution.verdict is Class.NOT_ACCEPTED
+    assert solution.verdict is Verdict.NOT_ACCEPTED
     said = [c.text for c in solution.causes if c.code.startswith("STEP")]
     assert said
     assert all("of placement 2 and pose" in text or "of placement 6" in text for text in said)

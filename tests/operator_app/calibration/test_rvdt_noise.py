@@ -14,7 +14,7 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
 from solver.chain.poses import PoseSet
-from solver.judging.rvdt import Verdict
+from solver.judging.rvdt import Soundness
 from tests.oracles.shop_floor import Session, Sizes, session
 from tests.oracles.shop_floor_chain import fixed_part, frames, rotation_about_z
 
@@ -37,7 +37,7 @@ def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(
         assert verdict.noise.lsb == pytest.approx(lsb, rel=0.1)
         assert f"noise of a single reading {verdict.noise.lsb:.1f} LSB" in verdict.text
         # 2 LSB are allowed: the mean of 32 readings of 8 would pass, a single one must not.
-        assert (verdict.verdict is Verdict.OUT_OF_SPECIFICATION) == (lsb > 2.5)
+        assert (verdict.verdict is Soundness.OUT_OF_SPECIFICATION) == (lsb > 2.5)
 
 
 def test_single_readings_are_told_by_the_loops() -> None:
@@ -45,7 +45,7 @@ def test_single_readings_are_told_by_the_loops() -> None:
     for verdict in solved(poses_of(taken)).rvdt:
         assert verdict.noise is not None
         assert verdict.noise.low <= 8.0 <= verdict.noise.high
-        assert verdict.verdict is Verdict.OUT_OF_SPECIFICATION
+        assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
 
 
 def test_means_without_their_spread_say_that_they_cannot_tell() -> None:
@@ -55,7 +55,7 @@ def test_means_without_their_spread_say_that_they_cannot_tell() -> None:
         assert not verdict.noise.told
         assert verdict.noise.high > 1.0
         assert "cannot be told from these poses, below" in verdict.text
-        assert verdict.verdict is not Verdict.OUT_OF_SPECIFICATION
+        assert verdict.verdict is not Soundness.OUT_OF_SPECIFICATION
 
 
 def hand_seen(taken: Session) -> np.ndarray:
@@ -79,7 +79,7 @@ def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve() -> None:
     for verdict in found:
         assert verdict.noise is not None
         assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
-        assert verdict.verdict is Verdict.CANNOT_DECIDE
+        assert verdict.verdict is Soundness.CANNOT_DECIDE
         assert "without the readings of joints 6 and 7 these poses leave" in verdict.text
         assert "mrad" not in verdict.text
 

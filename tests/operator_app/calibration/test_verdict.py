@@ -10,7 +10,7 @@ import pytest
 
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
-from operator_app.calibration.verdict import Class
+from operator_app.calibration.verdict import Verdict
 from operator_app.calibration.verify import fixed_by, judge_poses
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -41,7 +41,7 @@ def sound() -> Solution:
 def test_a_sound_session_is_accepted_and_every_test_says_how_often_it_would_not_be(
     sound: Solution,
 ) -> None:
-    assert sound.verdict is Class.ACCEPTED
+    assert sound.verdict is Verdict.ACCEPTED
     assert sound.causes == ()
     codes = [t.code for t in sound.judgement.tests]
     assert {"CHI2_STATED", "STEP", "POSE", "PULL", "PULLS", "PREDICTION"} <= set(codes)
@@ -71,7 +71,7 @@ def campaign(*values: str):
 def test_the_fault_is_the_first_cause_with_its_size_and_a_remedy(name: str, words: str) -> None:
     case = fault(name)
     found = solved(case.taken)
-    assert found.verdict is not Class.ACCEPTED
+    assert found.verdict is not Verdict.ACCEPTED
     first = found.causes[0]
     assert any(re.fullmatch(pattern, first.code) for pattern in case.causes), first
     assert re.search(words, first.text), first.text
@@ -107,7 +107,7 @@ def test_a_stuck_sensor_is_told_from_a_joint_that_stands_still() -> None:
 def test_the_paper_is_judged_by_its_distance_from_what_the_noise_says() -> None:
     found = solved(session(SEED), estimator="paper")
     test = next(t for t in found.judgement.tests if t.code == "PAPER_DISTANCE")
-    assert (found.verdict is Class.NOT_ACCEPTED) == test.fires
+    assert (found.verdict is Verdict.NOT_ACCEPTED) == test.fires
 
 
 def test_the_order_of_the_poses_is_the_time_that_a_step_is_found_in() -> None:

@@ -13,7 +13,7 @@ from hardware.arm import Reading
 from hardware.virtual.scenarios import scenario
 from operator_app.calibration.repeats import Repeat, compare_readings
 from operator_app.calibration.solution import Solution
-from operator_app.calibration.verdict import Class
+from operator_app.calibration.verdict import Verdict
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled
@@ -202,7 +202,7 @@ def test_a_joint_that_slipped_before_the_return_is_named_and_refused(
     solution = sessioned(make_session(of_scenario(name), name), slip_rad=np.deg2rad(0.5))
     assert return_test(solution).fires
     assert returns_of(solution) == ["RETURN_JOINT_3"]
-    assert solution.verdict is Class.NOT_ACCEPTED
+    assert solution.verdict is Verdict.NOT_ACCEPTED
     (cause,) = (c for c in solution.causes if c.code == "RETURN_JOINT_3")
     assert cause.refuses
     assert cause.probability > 0.9
@@ -217,7 +217,7 @@ def test_a_fixture_that_bends_is_no_encoder_that_slipped(make_session: MakeSessi
     assert return_test(solution).fires
     assert not [code for code in returns_of(solution) if code.startswith("RETURN_JOINT")]
     assert any("fixture" in c.text for c in solution.causes)
-    assert solution.verdict is not Class.ACCEPTED
+    assert solution.verdict is not Verdict.ACCEPTED
 
 
 def test_a_return_after_a_calibration_asks_for_another(make_session: MakeSession) -> None:

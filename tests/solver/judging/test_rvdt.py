@@ -11,7 +11,7 @@ import pytest
 
 from solver.estimators.error_model import stated_errors
 from solver.estimators.variance_components import estimate_with_errors
-from solver.judging.rvdt import RvdtVerdict, Verdict, rvdt_verdicts
+from solver.judging.rvdt import RvdtVerdict, Soundness, rvdt_verdicts
 from solver.judging.rvdt_figures import RvdtFigures
 from solver.judging.rvdt_noise import noise_behind, single_noise, spread_of
 from solver.judging.smooth_curve import fit_curve
@@ -62,7 +62,7 @@ def test_planted_one_percent_curve_is_found(hinge_data: Path, truth: Truth) -> N
         assert np.hypot(*wave[:2]) == pytest.approx(0.01 * FULL_SCALE_RAD, rel=0.05)
         planted = basis @ wave
         assert apart(one.curve(one.angle_rad), planted) < 0.001 * FULL_SCALE_RAD
-        assert found[joint].verdict is Verdict.CURVED
+        assert found[joint].verdict is Soundness.CURVED
         assert found[joint].treat_as_unsensed
         assert f"treat joint {joint} as unsensed" in found[joint].text
         assert 1.5 < one.noise.lsb < 2.6
@@ -74,7 +74,7 @@ def test_planted_one_percent_curve_is_found(hinge_data: Path, truth: Truth) -> N
 def test_straight_sensors_are_left_in_peace(hinge_data: Path, truth: Truth) -> None:
     found = judged(truth, read_poses(hinge_data / "hinge_quantised.csv"))
     for verdict in found.values():
-        assert verdict.verdict is Verdict.SOUND
+        assert verdict.verdict is Soundness.SOUND
         assert not verdict.treat_as_unsensed
         assert figures(verdict).gain == pytest.approx(1.0, abs=1e-3)
 
@@ -96,14 +96,14 @@ def test_correction_table_straightens_the_readings(truth: Truth) -> None:
 
 def test_a_bow_beyond_two_percent_is_out_of_specification(truth: Truth) -> None:
     found = judged(truth, Simulation(poses=60, bows=wrist_bows(6.0)).rereadings(1))
-    assert found[7].verdict is Verdict.OUT_OF_SPECIFICATION
+    assert found[7].verdict is Soundness.OUT_OF_SPECIFICATION
     assert figures(found[7]).linearity > 0.02
 
 
 def test_noise_out_of_specification(truth: Truth) -> None:
     found = judged(truth, Simulation(poses=60, wrist_sd=4.0 * LSB_RAD).rereadings(1))
     for verdict in found.values():
-        assert verdict.verdict is Verdict.OUT_OF_SPECIFICATION
+        assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
         assert figures(verdict).noise.low < 4.0 < figures(verdict).noise.high
         assert re.search(r"noise of a single reading [34]\.\d LSB", verdict.text)
 
@@ -116,7 +116,7 @@ def test_rates_over_many_arms(truth: Truth) -> None:
         for verdict in found.values():
             one = figures(verdict)
             inside += one.noise.low <= 2.0 <= one.noise.high
-            curved += verdict.verdict is Verdict.CURVED
+            curved += verdict.verdict is Soundness.CURVED
     # 95 % intervals: fewer than 41 of 50 inside has a chance of 1e-4.
     assert inside >= 41
     # Called curved at 1 %: more than 4 of 50 has a chance of 2e-4.
@@ -132,7 +132,7 @@ def test_gain_is_measured(truth: Truth) -> None:
 def test_too_few_poses_cannot_decide(truth: Truth) -> None:
     found = judged(truth, Simulation(poses=40).rereadings(0)[:12])
     for verdict in found.values():
-        assert verdict.verdict is Verdict.CANNOT_DECIDE
+        assert verdict.verdict is Soundness.CANNOT_DECIDE
         assert verdict.figures is None
         assert not verdict.treat_as_unsensed
         assert "12 poses are too few" in verdict.text
@@ -140,7 +140,7 @@ def test_too_few_poses_cannot_decide(truth: Truth) -> None:
 
 def test_too_small_a_span_cannot_decide(truth: Truth) -> None:
     found = judged(truth, Simulation(poses=40, spread_deg=6.0).rereadings(0))
-    assert found[6].verdict is Verdict.CANNOT_DECIDE
+    assert found[6].verdict is Soundness.CANNOT_DECIDE
     assert "of full scale only" in found[6].text
 
 
@@ -150,7 +150,7 @@ def test_soft_fixture_is_not_held_against_the_sensor(truth: Truth) -> None:
     # Five milliradians of flexure hide one of noise: no accusation, and the text says why.
     assert one.noise.low == 0.0
     assert "noise of a single reading: cannot be told" in found[6].text
-    assert found[6].verdict is Verdict.SOUND
+    assert found[6].verdict is Soundness.SOUND
 
 
 def test_a_model_without_unsensed_rvdts_is_a_wrong_call(truth: Truth) -> None:

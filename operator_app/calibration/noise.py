@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 
@@ -93,9 +94,15 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
         return None
     try:
         times = [datetime.fromisoformat(utc) for utc in poses.utc]
-        order = sorted(range(len(poses)), key=lambda k: times[k])
+        order = sorted(range(len(poses)), key=lambda k: (times[k], tuple(poses.q_rad[k])))
     except (ValueError, TypeError):
         # No times, or some with and some without their zone: whatever it says, no order.
+        return None
+    if any(
+        times[a] == times[b] and not np.array_equal(poses.q_rad[a], poses.q_rad[b])
+        for a, b in pairwise(order)
+    ):
+        # A clock too coarse to tell which of two poses came first.
         return None
     moves = np.maximum(MOVED_RAD, MOVED_SIGMAS * arm.sigma_rad())
     found = np.zeros(poses.q_rad.shape)

@@ -30,6 +30,16 @@ def everything(poses: PoseSet) -> np.ndarray:
     return np.arange(len(poses))
 
 
+def _picked(poses: PoseSet, rows: np.ndarray) -> PoseSet:
+    """Poses by index, of which some may come again under another name."""
+    return PoseSet(
+        placement=poses.placement[rows],
+        label=tuple(f"{poses.label[k]}.{n}" for n, k in enumerate(rows)),
+        q_rad=poses.q_rad[rows],
+        utc=tuple(poses.utc[k] for k in rows),
+    )
+
+
 def without_times(poses: PoseSet) -> PoseSet:
     return replace(poses, utc=None)
 
@@ -60,6 +70,15 @@ def test_without_times_of_every_pose_nothing_is_known(poses, spoilt):
     assert approach_of(ARM, without_times(poses), everything(poses)) is None
     utc = (spoilt, *poses.utc[1:])
     assert approach_of(ARM, replace(poses, utc=utc), everything(poses)) is None
+
+
+def test_a_clock_that_stands_still_tells_no_order_and_a_pose_pasted_again_is_no_harm(poses):
+    m = len(poses)
+    assert approach_of(ARM, replace(poses, utc=(poses.utc[0],) * m), everything(poses)) is None
+    rows = np.array([*range(m), 5])
+    twice = _picked(poses, rows)
+    side = approach_of(ARM, poses, everything(poses))
+    np.testing.assert_array_equal(approach_of(ARM, twice, everything(poses)), side)
 
 
 def test_another_placement_starts_anew(poses):

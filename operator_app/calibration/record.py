@@ -58,7 +58,7 @@ def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
         if data["version"] != VERSION:
             raise ValueError(f"version {data['version']} of the record")
         found: T = _decoded(of, data)
-    except (KeyError, ValueError, TypeError, AttributeError) as error:
+    except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
         raise RecordError(
             f"no record of a {of.__name__} as this version knows it: {error}"
         ) from error

@@ -17,6 +17,7 @@ from operator_app.calibration.solve import calibrate
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.session.state import SessionState
+from solver.estimators.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +124,23 @@ def recorded(state: SessionState) -> Calibrated | str:
         checks = from_dict(Checks, state.checks) if state.checks else None
     except RecordError:
         return "the solution in its journal is of another version of this program"
+    if not all(map(_holds_together, (solution.estimate, solution.paper, solution.implicit))):
+        return "the figures of the solution in its journal do not go together"
     return Calibrated(solution=solution, checks=checks, solved_again="")
+
+
+def _holds_together(estimate: Estimate | None) -> bool:
+    """Whether there is a value and a variance for each parameter, and a row for each pose."""
+    if estimate is None:
+        return True
+    count, poses = len(estimate.parameters), estimate.residual.shape[:1]
+    of_poses = (estimate.pose_chi2, estimate.corrections)
+    return (
+        estimate.x.shape == (count,)
+        and estimate.covariance.shape == (count, count)
+        and all(found is None or found.shape[:1] == poses for found in of_poses)
+        and estimate.dof > 0
+    )
 
 
 def _as_solved(state: SessionState, procedure: Procedure) -> Procedure:

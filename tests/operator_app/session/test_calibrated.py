@@ -109,3 +109,17 @@ def test_second_opinions_belong_to_the_solution_they_follow() -> None:
     state = apply(state, "checked", {"record": {"version": 1, "outliers": []}}, "")
     assert state.checks
     assert apply(state, "solved", {"record": {"version": 1}}, "").checks == {}
+
+
+def test_a_solution_whose_figures_do_not_go_together_is_made_again(
+    make_session: MakeSession, procedure: Procedure
+) -> None:
+    session = solved_session(make_session, procedure)
+    session.calibrate()
+    state = session.state
+    assert not isinstance(recorded(state), str)
+    estimate = dict(state.solution["estimate"])
+    estimate["x"] = {"shape": [13], "values": estimate["x"]["values"][:13]}
+    short = replace(state, solution={**state.solution, "estimate": estimate})
+    assert recorded(short) == "the figures of the solution in its journal do not go together"
+    session.close("done")

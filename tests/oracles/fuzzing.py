@@ -1,0 +1,206 @@
+"""Inputs that nobody would write, for every parser of files: sound ones changed at random, seed by seed.
+
+An outcome is an answer or one of the errors that `sarcal` turns into words and an exit code; whatever
+else comes out is a defect and is left to be raised.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from random import Random
+
+import yaml
+
+from operator_app.calibration.checks import Checks
+from operator_app.calibration.record import RecordError, from_dict, to_dict
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.solve import calibrate
+from operator_app.config.arm_file import load_arm, parse_arm
+from operator_app.config.fixture_file import load_fixture, parse_fixture
+from operator_app.config.parameters_file import format_parameters, parse_parameters
+from operator_app.config.poses_file import load_poses, parse_poses
+from operator_app.config.procedure_file import parse_procedure
+from operator_app.config.resources import Resource, resolve
+from operator_app.exit_codes import EXPECTED_ERRORS
+from operator_app.session.folder import read_session
+from operator_app.session.journal import JOURNAL_NAME
+from operator_app.session.opening import Choices, resume
+from operator_app.session.repair import repair
+from oracles.journals import ODD, events, mutated, mutated_journal, written
+from oracles.parameter_documents import make_document
+
+DATA = Path(__file__).parents[1] / "data" / "hinge" / "hinge_quantised.csv"
+WORDS = (
+    b"nan", b".inf", b"-1", b"0", b"1e999", b"1e-300", b"9" * 50, b"~", b"[", b"{", b"]]", b"&a",
+    b"*a", b"!!python/object:os.system", b"<<: *a", b"\x00", b"\xff\xfe", b"\xed\xa0\x80", b"\r",
+    b"\n", b"\t", b",", b";", b'"', b"'", b"#", b":", b": ", b"- ", b"|", b"%YAML 9.9", b"---",
+    b"true", b"null", b"\x1b[2J", b"\xe2\x80\xae", b"1,5", b"12:30", b"0x1F", b"()", b"\\u0000",
+)  # fmt: skip
+NUMBER = re.compile(rb"-?\d+(\.\d+)?([eE][-+]?\d+)?")
+
+
+def bytes_changed(raw: bytes, rng: Random) -> bytes:
+    """Change a few bytes, words, numbers or lines."""
+    data = bytearray(raw)
+    for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
+        at = rng.randrange(len(data) + 1)
+        match rng.randrange(9):
+            case 0 if data:
+                data[at % len(data)] ^= 1 << rng.randrange(8)
+            case 1:
+                data[at:at] = rng.choice(WORDS)
+            case 2:
+                del data[at : at + rng.choice((1, 5, 50, 500))]
+            case 3:
+                end = at + rng.choice((1, 20, 200))
+                data[at:at] = data[at:end]
+            case 4:
+                del data[at:]
+            case 5:
+                lines = bytes(data).split(b"\n")
+                one, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+                lines[one], lines[other] = lines[other], lines[one]
+                data = bytearray(b"\n".join(lines))
+            case 6:
+                data[at : at + 3] = rng.randbytes(3)
+            case _:
+                numbers = list(NUMBER.finditer(bytes(data)))
+                if numbers:
+                    found = rng.choice(numbers)
+                    data[found.start() : found.end()] = rng.choice(WORDS)
+    return bytes(data)
+
+
+def _in_yaml(raw: bytes, rng: Random) -> bytes:
+    """Change what a document says, or how it is written."""
+    if rng.random() < 0.5:
+        return bytes_changed(raw, rng)
+    document = mutated(yaml.safe_load(raw), rng)
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True).encode(
+        "utf-8", "surrogatepass"
+    )
+
+
+def _journal_contents(rng: Random, folder: Path) -> None:
+    (folder / JOURNAL_NAME).write_bytes(mutated_journal(rng))
+    found = read_session(folder)
+    if found.state is not None and rng.random() < 0.1:
+        resume(str(folder), Choices(), root=folder)
+    _raise(found.problem)
+
+
+def _journal_bytes(rng: Random, folder: Path) -> None:
+    (folder / JOURNAL_NAME).write_bytes(bytes_changed(_short_journal(), rng))
+    try:
+        repaired = repair(folder)
+        found = read_session(folder)
+        if found.problem or found.state is None:
+            raise AssertionError(f"repaired and still unreadable: {found.problem}")
+        if repaired.aside is None:
+            return
+        _raise("repaired")
+    finally:
+        for path in folder.iterdir():
+            path.unlink()
+
+
+class Refused(Exception):
+    """The input was refused in words."""
+
+
+def _raise(problem: str) -> None:
+    if problem:
+        raise Refused(problem)
+
+
+@cache
+def _short_journal() -> bytes:
+    return written([(name, data) for name, data in events() if name != "opened"])
+
+
+@cache
+def _packaged(kind: str, name: str) -> Resource:
+    return resolve(kind, name)  # type: ignore[arg-type]
+
+
+def _arm(rng: Random, _: Path) -> None:
+    name = rng.choice(("sarcos_dextrous", "franka_panda"))
+    parse_arm(_in_yaml(_packaged("arm", name).data, rng), "arm.yaml")
+
+
+def _fixture(rng: Random, _: Path) -> None:
+    name = rng.choice(("hinge", "ball", "rigid"))
+    parse_fixture(_in_yaml(_packaged("fixture", name).data, rng), "fixture.yaml")
+
+
+def _procedure_of(name: str) -> Callable[[Random, Path], None]:
+    def parse(rng: Random, _: Path) -> None:
+        source = _packaged("procedure", name)
+        changed = Resource(file="p.yaml", folder=None, data=_in_yaml(source.data, rng))
+        parse_procedure(changed)
+
+    return parse
+
+
+def _poses(rng: Random, _: Path) -> None:
+    parse_poses(
+        bytes_changed(DATA.read_bytes(), rng), "poses.csv", joint_count=rng.choice((7, None))
+    )
+
+
+@cache
+def _parameters_file() -> bytes:
+    return format_parameters(make_document())
+
+
+def _parameters(rng: Random, _: Path) -> None:
+    parse_parameters(_in_yaml(_parameters_file(), rng), "parameters.yaml")
+
+
+@cache
+def _solved() -> Mapping[str, object]:
+    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    poses = load_poses(DATA, joint_count=arm.joint_count).poses
+    solution = calibrate(arm, fixture, poses, estimator="paper")
+    found: Mapping[str, object] = json.loads(json.dumps(to_dict(solution)))
+    return found
+
+
+def _record(rng: Random, _: Path) -> None:
+    changed = mutated(_solved(), rng)
+    if isinstance(changed, dict):
+        try:
+            from_dict(rng.choice((Solution, Solution, Solution, Checks)), changed)
+        except RecordError as error:
+            raise Refused(str(error)) from error
+
+
+PARSERS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
+    "journal, contents": (20, _journal_contents),
+    "journal, bytes, repaired": (6, _journal_bytes),
+    "solution in a journal": (4, _record),
+    "arm": (4, _arm),
+    "fixture": (4, _fixture),
+    "procedure": (3, _procedure_of("hinge")),
+    "procedure with a plan": (3, _procedure_of("hinge_planned")),
+    "poses": (3, _poses),
+    "parameters": (3, _parameters),
+}
+"""What is fuzzed, in these shares."""
+
+
+def outcome(kind: str, seed: int, folder: Path) -> str:
+    """What comes of one input: ``accepted`` or ``refused``; a defect is raised."""
+    rng = Random(f"{kind} {seed}")  # noqa: S311 - to be repeated, not to be secret
+    try:
+        PARSERS[kind][1](rng, folder)
+    except (*EXPECTED_ERRORS, Refused):
+        return "refused"
+    return "accepted"
+
+
+__all__ = ["ODD", "PARSERS", "outcome"]

@@ -92,7 +92,7 @@ def _noticed(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
             seen.jump.joint,
             f"jumped by {seen.jump.counts:+d} counts between two SYNCs, and no other joint moved with it: "
             "it has lost counts, or its coupling slipped. No pose was captured since",
-            at_sync=seen.jump.sync_count,
+            since_sync=seen.jump.sync_count,
         )
 
 

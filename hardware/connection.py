@@ -157,7 +157,7 @@ class Connection:
         _require(loop.nodes.wait_for_state(NmtState.OPERATIONAL, BOOT_TIMEOUT_S))
         self.token = access.read_unsigned(SUPERVISOR_NODE, TOKEN)
         loop.begin_sync()
-        first = loop.run(steps.look(loop, syncs=2), despite=(DriveFault, Stopped))
+        first = loop.run(steps.look_until_whole(loop), despite=(DriveFault, Stopped))
         check_positions(access, first.counts, self.scales)
         self._learn_of_trips(first)
         self.read_modes()

@@ -95,11 +95,11 @@ class NodeRestarted(BusError):
 class SensorFault(HardwareError):
     """A joint's reading cannot be true: it jumped, or it stands still while the joint moves.
 
-    `at_sync` is when, where that is known.
+    `since_sync` is since when, where that is known.
     """
 
-    def __init__(self, joint: int, text: str, at_sync: int | None = None) -> None:
-        self.joint, self.at_sync = joint, at_sync
+    def __init__(self, joint: int, text: str, since_sync: int | None = None) -> None:
+        self.joint, self.since_sync = joint, since_sync
         super().__init__(f"joint {joint} {text}")
 
 

@@ -6,6 +6,7 @@ import struct
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Any
 
 import canopen
@@ -16,6 +17,8 @@ from hardware.errors import BusError, HardwareError, SdoRefused, TwoDevices
 from hardware.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER
 
 ANSWER_TIMEOUT_S = 1.0
+READ_ATTEMPTS = 3
+_ON_ITS_WAY_S = 0.02
 _ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 
 
@@ -59,6 +62,7 @@ class ObjectAccess:
         self._answered: Counter[int] = Counter()
         self._clients: dict[int, Any] = {}
         self._locks: dict[int, threading.Lock] = {}
+        self._pause = threading.Event()
         for node in nodes:
             # canopen's annotations stop here.
             client: Any = SdoClient(  # type: ignore[no-untyped-call]
@@ -85,6 +89,15 @@ class ObjectAccess:
 
     def read(self, node: int, index: int, subindex: int = 0) -> bytes:
         """Read an object's bytes."""
+        for _ in range(READ_ATTEMPTS - 1):
+            # Frames do get lost, or come twice; to ask again changes nothing.
+            with suppress(BusError, TwoDevices):
+                return self._read_once(node, index, subindex)
+            # What is still on its way would be taken for the next answer.
+            self._pause.wait(_ON_ITS_WAY_S)
+        return self._read_once(node, index, subindex)
+
+    def _read_once(self, node: int, index: int, subindex: int) -> bytes:
         data = self._guarded(node, index, subindex, lambda client: client.upload(index, subindex))
         return bytes(data)
 

@@ -66,13 +66,15 @@ def follows_command(statusword: int) -> bool:
     return bool(statusword & StatusBit.FOLLOWS_COMMAND)
 
 
-def look(desk: Desk, *, syncs: int) -> Generator[Setpoints | None, Sample, Sample]:
-    """Exchange a few SYNCs without a command and return the last sample."""
+def look_until_whole(desk: Desk) -> Generator[Setpoints | None, Sample, Sample]:
+    """Exchange SYNCs without a command until one was answered by every joint; at least two."""
     sample = desk.sample
-    for _ in range(syncs):
+    for seen in range(INCOMPLETE_SYNCS):
         sample = yield None
         raise_alarm(desk)
-    return sample
+        if seen and sample.complete:
+            return sample
+    raise incomplete_samples(sample)
 
 
 def drive_to(desk: Desk, wish: Wish) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:

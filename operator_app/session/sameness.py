@@ -241,8 +241,10 @@ def require_moving(state: SessionState, procedure: Procedure, reading: Reading) 
             raise SensorFault(
                 joint,
                 f"reads as it did at pose {last.number}, to the count, but the others moved as if it had "
-                f"turned by about {WHOLE_DEGREES(abs(least)).with_unit}: its sensor is stuck. The pose was not "
-                f"captured. Mend the sensor, or calibrate without it: --unsensed {joint}",
+                f"turned by about {WHOLE_DEGREES(abs(least)).with_unit}: its sensor is stuck. Neither pose "
+                f"counts. Mend the sensor, or calibrate without it: --unsensed {joint}",
+                # It may have been before the last one was read.
+                since_sync=0,
             )
 
 

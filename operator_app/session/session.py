@@ -334,8 +334,8 @@ class Session:
         except SensorFault as fault:
             self.record("sensor_fault", {"joint": fault.joint, "text": str(fault)})
             last = self.state.poses[-1:]
-            if fault.at_sync is not None and last and fault.at_sync <= self._read_until:
-                self.exclude(last[0].number, f"joint {fault.joint} jumped while it was read")
+            if fault.since_sync is not None and last and fault.since_sync <= self._read_until:
+                self.exclude(last[0].number, f"joint {fault.joint} read wrong by then")
             raise
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:

@@ -36,7 +36,7 @@ class Faulty(PlantArm):
     def capture(self, samples: int) -> Reading:
         self.captures += 1
         if self.captures == self.jumps_at_capture:
-            raise SensorFault(3, "jumped by +500 counts", at_sync=self._syncs)
+            raise SensorFault(3, "jumped by +500 counts", since_sync=self._syncs)
         found = super().capture(samples)
         if self.frozen:
             at = self.frozen - 1
@@ -102,8 +102,10 @@ def test_a_sensor_that_stands_still_is_named_and_its_pose_does_not_count(
     assert told.value.joint == joint
     assert "--unsensed" in str(told.value)
     assert len(session.state.poses) <= 3
+    # It may have stood still before the last one as well.
+    assert "read wrong by then" in session.state.poses[-1].excluded
     names = [e.name for e in read_journal(session.journal.path.parent).events]
-    assert names[-1] == "sensor_fault"
+    assert "sensor_fault" in names
 
 
 def test_a_sound_arm_is_never_called_stuck(begun: MakeSession) -> None:
@@ -142,13 +144,13 @@ def test_a_pose_that_was_read_while_it_jumped_does_not_count(begun: MakeSession)
     until = session.arm.snapshot().sync_count
 
     def late(targets_rad: object, **_: object) -> MoveResult:
-        raise SensorFault(4, "jumped", at_sync=until - 3)
+        raise SensorFault(4, "jumped", since_sync=until - 3)
 
     session.arm.move = late
     with pytest.raises(SensorFault):
         session.go_to({1: 0.0})
     assert session.state.used_poses == ()
-    assert "joint 4 jumped while it was read" in session.state.poses[0].excluded
+    assert "joint 4 read wrong by then" in session.state.poses[0].excluded
 
 
 def test_an_arm_that_cannot_begin_to_move_passes_no_waypoint_over(begun: MakeSession) -> None:

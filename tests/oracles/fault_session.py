@@ -1,0 +1,112 @@
+"""One session on the virtual arm in which one thing goes wrong, and what came of it.
+
+The arm is the paper's without any error of its own (scenario ``exact``), so that whether an accepted pose is
+right can be told from the pose alone: the loop of the paper's tables closes at it, or it does not.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from hardware.buses import BusSettings
+from hardware.canopen_arm import CanopenArm
+from hardware.control_loop import Pace, Timing
+from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
+from hardware.virtual.faults import ScriptedFault
+from hardware.virtual.scenarios import scenario
+from operator_app.composition import describe, run_controller
+from operator_app.config.procedure_file import load_procedure
+from operator_app.session.listener import Listener
+from operator_app.session.opening import Choices
+from operator_app.session.state import CapturedPose
+from operator_app.session.wording import EXPECTED
+from operator_app.session.workflow import connect, take_poses
+from oracles.loop_oracle import paper_truth, product
+from oracles.opened import opened
+
+CLOSES = 3e-4
+"""Largest element of the loop's error, rad and m: 400,000-count encoders round to 8e-6 rad each."""
+
+PATIENCE_S = 1.5
+_channels = itertools.count()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What the operator was told ("" if nothing), and what the journal accepted."""
+
+    kind: str
+    said: str
+    error: str
+    poses: tuple[CapturedPose, ...]
+    wrong: tuple[int, ...]
+
+
+def loop_error(q_rad: np.ndarray) -> float:
+    """By how much the paper's loop fails to close at these readings, the hinge where it fits best."""
+    truth = paper_truth()
+    theta = np.concatenate([[0.0], q_rad]) + truth.theta_off
+    arm = product(theta[1:], truth.s[1:], truth.a[1:], truth.alpha[1:])
+    wanted = np.linalg.inv(arm)  # what A_0 has to be
+    theta_0 = np.arctan2(wanted[1, 0], wanted[0, 0])
+    hinge = product(np.array([theta_0]), truth.s[:1], truth.a[:1], truth.alpha[:1])
+    return float(np.abs(hinge @ arm - np.eye(4)).max())
+
+
+def session_with(kind: str, folder: Path, *, joint: int, at_sync: int, poses: int = 6) -> Outcome:
+    """Take poses while `kind` happens to `joint` at a SYNC (0: before anybody connects).
+
+    An empty kind is nothing.
+    """
+    script: Sequence[ScriptedFault] = ()
+    if kind and at_sync:
+        script = [scripted(kind, joint=joint, at_sync=at_sync)]
+    chosen = Choices(scenario="exact", seed=0)
+    procedure = load_procedure("hinge")
+    procedure = replace(
+        procedure,
+        arm=scenario("exact").arm(procedure.arm),
+        capture=replace(procedure.capture, poses=poses, samples_per_pose=8),
+    )
+    settings = BusSettings(channel=f"campaign-{os.getpid()}-{next(_channels)}")
+    said = error = ""
+    with run_controller(
+        procedure.arm, chosen, settings, heartbeat_timeout_s=PATIENCE_S, script=script
+    ) as controller:
+        arm = CanopenArm(
+            describe(procedure.arm),
+            settings,
+            pace=Pace.FAST_FORWARD,
+            timing=Timing(
+                heartbeat_timeout_s=PATIENCE_S,
+                lost_after_s=PATIENCE_S,
+                answer_timeouts_s=dict.fromkeys(Pace, 0.05),
+                sdo_timeout_s=PATIENCE_S,
+            ),
+        )
+        if kind and not at_sync:
+            FAULT_KINDS[kind].happen(controller.faults, joint)
+        session = opened(folder, arm, procedure)
+        try:
+            connect(session, Listener())
+            session.require_fixture()
+            take_poses(session, Listener(), (1, 5))
+        except EXPECTED as found:
+            said, error = str(found), type(found).__name__
+        finally:
+            controller.unhang()
+            session.close("done")
+    used = session.state.used_poses
+    return Outcome(
+        kind=kind,
+        said=said,
+        error=error,
+        poses=used,
+        wrong=tuple(p.number for p in used if loop_error(p.mean_rad) > CLOSES),
+    )

@@ -1,0 +1,178 @@
+"""Every fault that the virtual controller can make, in every phase: what is said, and that no accepted pose is wrong.
+
+The rows below are the documentation of each fault; the campaign holds the program to them. All of them in
+every phase: pytest -m campaign tests/system/test_fault_campaign.py
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.buses import BusSettings
+from hardware.canopen_arm import CanopenArm
+from hardware.control_loop import Pace, Timing
+from hardware.errors import HardwareError
+from hardware.virtual.fault_kinds import FAULT_KINDS
+from hardware.virtual.scenarios import scenario
+from operator_app.composition import describe, run_controller
+from operator_app.config.parameters_file import format_parameters
+from operator_app.config.procedure_file import load_procedure
+from operator_app.session.opening import Choices
+from oracles.fault_session import PATIENCE_S, loop_error, session_with
+from oracles.parameter_documents import VALUES, make_document
+
+BEFORE, FIRST_SYNCS, IN_CAPTURE = 0, 30, (450, 640, 700)
+"""When it happens: before anybody connects, as the drives are enabled, and among the poses."""
+
+GOES_ON = r""
+NOT_THERE = r"no answer from node|does not answer|has gone silent|left operation"
+SILENT = r"has gone silent|does not answer"
+
+SEEN: dict[str, str] = {
+    "frames-lost": rf"|{NOT_THERE}|Hardly any SYNC",
+    "frames-lost-10": rf"|{NOT_THERE}|Hardly any SYNC",
+    "frames-doubled": r"|two devices answer",
+    "frames-reordered": rf"|jumped by|{NOT_THERE}|two devices|does not come to rest",
+    "frames-flipped": rf"|jumped by|{NOT_THERE}|refused|not set up|no CiA 402|tripped|restarted"
+    r"|is not the one|range|reached|moves|in control|drive is in|STOP|supervisor reports",
+    "babbling": GOES_ON,
+    "silent-node": NOT_THERE,
+    "silent-supervisor": NOT_THERE,
+    "no-heartbeat": rf"|{NOT_THERE}",
+    "missed-answers": GOES_ON,
+    "double-answers": r"two devices answer as node 4",
+    "restart-node": r"Node 4 has left operation|joint 4 \(node 4\) has restarted|joint 4 reads 0\.000 deg"
+    r"|joint 4",
+    "restart": rf"|{NOT_THERE}|heartbeat|refused|control",
+    "hang": NOT_THERE,
+    "lost-counts-5": r"|joint 4 jumped",
+    "lost-counts-500": r"|joint 4 jumped",
+    "frozen-sensor": r"joint 4 reads as it did at pose \d+|joint 4 tripped: following error",
+    "broken-sensor": r"joint 4 tripped: angle sensor failed \(7305h\)|drive is in fault",
+    "collision": r"joint 4 tripped: excess torque \(8311h\)|drive is in fault",
+    "refused-modes": r"|joint 4 was asked for",
+    "external-stop": r"external stop|drive is in fault",
+}
+"""What the operator may be told, by fault; an alternative that is empty: the session may go on to its end."""
+
+QUICK = [
+    ("collision", IN_CAPTURE[1]),
+    ("lost-counts-500", IN_CAPTURE[1]),
+    ("frozen-sensor", IN_CAPTURE[0]),
+    ("missed-answers", BEFORE),
+]
+
+
+def judge(kind: str, at_sync: int, folder: Path) -> None:
+    found = session_with(kind, folder, joint=4, at_sync=at_sync)
+    assert re.search(rf"^.*(?:{SEEN[kind]})", found.said), found.said
+    if not found.error:
+        assert len(found.poses) == 6
+    if at_sync == BEFORE and kind.startswith("lost-counts"):
+        # A zero that was elsewhere all along is what a calibration is for.
+        return
+    assert found.wrong == (), (found.said, [loop_error(p.mean_rad) for p in found.poses])
+
+
+def test_every_fault_has_its_row() -> None:
+    assert set(SEEN) == set(FAULT_KINDS)
+
+
+def test_without_a_fault_every_pose_is_right(tmp_path: Path) -> None:
+    found = session_with("", tmp_path / "s", joint=4, at_sync=0)
+    assert (found.said, len(found.poses), found.wrong) == ("", 6, ())
+
+
+def test_the_oracle_sees_what_a_slip_of_half_a_degree_does(tmp_path: Path) -> None:
+    found = session_with("", tmp_path / "s", joint=4, at_sync=0, poses=3)
+    q = found.poses[-1].mean_rad.copy()
+    assert loop_error(q) < 3e-5
+    for joint in range(7):
+        off = q.copy()
+        off[joint] += np.deg2rad(0.5)
+        assert loop_error(off) > 1e-3
+
+
+@pytest.mark.parametrize(("kind", "at_sync"), QUICK)
+def test_a_fault_is_told_and_no_accepted_pose_is_wrong(
+    tmp_path: Path, kind: str, at_sync: int
+) -> None:
+    judge(kind, at_sync, tmp_path / "s")
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("at_sync", [BEFORE, FIRST_SYNCS, *IN_CAPTURE])
+@pytest.mark.parametrize("kind", list(FAULT_KINDS))
+def test_every_fault_in_every_phase(tmp_path: Path, kind: str, at_sync: int) -> None:
+    judge(kind, at_sync, tmp_path / "s")
+
+
+# ---- upload ------------------------------------------------------------------------------------------
+
+
+COUNTS_PER_DEG = 400_000 / 360
+
+
+def document() -> bytes:
+    """What the supervisor of the exact arm takes: the paper's offsets, in counts as well."""
+    made = make_document()
+    joints = tuple(
+        replace(joint, home_offset_counts=round(VALUES[f"theta_off_{k}"] * COUNTS_PER_DEG))
+        for k, joint in enumerate(made.joints, 1)
+    )
+    return format_parameters(replace(made, joints=joints))
+
+
+@contextmanager
+def uploading(kind: str, joint: int = 4) -> Iterator[tuple[CanopenArm, bytes]]:
+    """An arm under control that holds one document, and a fault that is there as the next one comes."""
+    arm_file = scenario("exact").arm(load_procedure("hinge").arm)
+    settings = BusSettings(channel=f"upload-{kind}")
+    with run_controller(
+        arm_file, Choices(scenario="exact"), settings, heartbeat_timeout_s=PATIENCE_S
+    ) as controller:
+        arm = CanopenArm(
+            describe(arm_file),
+            settings,
+            pace=Pace.FAST_FORWARD,
+            timing=Timing(
+                heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S, sdo_timeout_s=0.5
+            ),
+        )
+        arm.connect()
+        arm.take_control()
+        whole = document()
+        arm.upload_parameters(whole)
+        FAULT_KINDS[kind].happen(controller.faults, joint)
+        yield arm, whole
+        controller.unhang()
+        arm.close()
+        # Whatever came of it, what is active is one document, whole.
+        held = controller.supervisor._active_document
+        assert held in (whole, whole + b"# another\n")
+
+
+def upload_with(kind: str) -> None:
+    with uploading(kind) as (arm, whole):
+        other = whole + b"# another\n"
+        # Refused in words, or done; anything else is raised, and fails.
+        with suppress(HardwareError):
+            assert arm.upload_parameters(other).length == len(other)
+
+
+@pytest.mark.parametrize("kind", ["frames-doubled", "silent-supervisor"])
+def test_an_upload_ends_whole_or_not_at_all(kind: str) -> None:
+    upload_with(kind)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("kind", list(FAULT_KINDS))
+def test_an_upload_ends_whole_or_not_at_all_whatever_happens(kind: str) -> None:
+    upload_with(kind)

@@ -53,7 +53,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.errors import PosesDoNotFitError, UnidentifiableError
-from solver.estimators.estimate import Estimate, require_enough_poses
+from solver.estimators.estimate import require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
@@ -66,6 +66,9 @@ from solver.judging.ranges import range_findings
 from solver.search.global_start import global_start
 
 ESTIMATORS = ("implicit", "paper")
+
+JUDGED = 2000
+"""Poses, evenly among all, that tests and the verdict on RVDTs look at: more tell them nothing."""
 
 OUTLIER_LEVEL = 0.01
 """Chance of naming any pose of a pose set in which all are sound."""
@@ -182,7 +185,10 @@ def calibrate(
             tuple(f"{c.text}: {c.remedy}" for c in rivals), codes=tuple(c.code for c in rivals)
         ) from error
     components: VarianceComponents | None
-    estimate, components = for_every_pose(whole, which)
+    estimate, components = whole.estimate, whole.components
+    if len(which) != len(distinct):
+        estimate, components = estimate.at_poses(which), components.at_poses(which)
+    judged, some = whole.few(JUDGED)
     outliers = _outliers(whole, distinct)
     judged_paper = paper if estimator == "paper" else None
     implicit = None
@@ -197,8 +203,8 @@ def calibrate(
             fixture,
             poses,
             kept,
-            distinct,
-            whole,
+            distinct[some],
+            judged,
             held=held,
             length_tolerance_m=length_tolerance_m,
         )
@@ -206,11 +212,11 @@ def calibrate(
         else ()
     )
     judgement = weigh(
-        whole,
+        judged,
         arm,
         fixture,
         poses,
-        distinct,
+        distinct[some],
         judged=tuple(p.name for p in hard.parameters),
         known=Known(
             out_of_range=out_of_range,
@@ -263,30 +269,6 @@ def calibrate(
         ),
         judgement=judgement,
         reasons=(*judgement.reasons, *reasons_against(estimate, limits)),
-    )
-
-
-def for_every_pose(found: Calibrated, which: IntArray) -> tuple[Estimate, VarianceComponents]:
-    """Return results of distinct poses for poses of which each is one of those, by index `which` (m,)."""
-    estimate, components = found.estimate, found.components
-    if len(which) == len(estimate.residual):
-        return estimate, components
-    return (
-        replace(
-            estimate,
-            residual=estimate.residual[which],
-            flipped=tuple(int(k) for k in np.flatnonzero(np.isin(which, estimate.flipped))),
-            pose_chi2=None if estimate.pose_chi2 is None else estimate.pose_chi2[which],
-            corrections=None if estimate.corrections is None else estimate.corrections[which],
-        ),
-        replace(
-            components,
-            noise=replace(
-                components.noise,
-                joint_variance=components.noise.joint_variance[which],
-            ),
-            curves_rad={j: curve[which] for j, curve in components.curves_rad.items()},
-        ),
     )
 
 

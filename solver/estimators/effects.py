@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.estimators.layout import Layout
 
 CHUNK = 1024
@@ -37,6 +37,16 @@ class System:
     B: FloatArray
     E: FloatArray
     angle: FloatArray
+
+    def at_poses(self, poses: IntArray) -> System:
+        """Return the equations of a selection of poses."""
+        return System(
+            w=self.w[poses],
+            A=self.A[poses],
+            B=self.B[poses],
+            E=self.E[poses],
+            angle=self.angle[poses],
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,6 +67,15 @@ class Whitened:
 
 class Design(Layout):
     """Noise and columns of a closure model with stated errors, some poses at a time."""
+
+    def at_poses(self, poses: IntArray) -> Design:
+        """Return the design of a selection of poses, smooth functions laid through these only."""
+        return Design(
+            self.model.at_poses(poses),
+            self.q[poses],
+            self.errors.at_poses(poses),
+            group=None if self.group is None else self.group[poses],
+        )
 
     # ---- noise
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.chain.parameters import Parameter
 from solver.errors import TooFewPosesError
 from solver.estimators.goodness import ClosureSigmas
@@ -81,6 +81,16 @@ class Estimate:
             parameters=tuple(self.parameters[k] for k in kept),
             x=self.x[kept],
             covariance=self.covariance[np.ix_(kept, kept)],
+        )
+
+    def at_poses(self, poses: IntArray) -> Estimate:
+        """Return the same with what belongs to single poses for these, each as often as it is named."""
+        return replace(
+            self,
+            residual=self.residual[poses],
+            flipped=tuple(int(k) for k in np.flatnonzero(np.isin(poses, self.flipped))),
+            pose_chi2=None if self.pose_chi2 is None else self.pose_chi2[poses],
+            corrections=None if self.corrections is None else self.corrections[poses],
         )
 
     def value(self, name: str) -> float:

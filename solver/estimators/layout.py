@@ -91,7 +91,7 @@ class Layout:
         *,
         group: IntArray | None = None,
     ) -> None:
-        self.model, self.q, self.errors = model, q, errors
+        self.model, self.q, self.errors, self.group = model, q, errors, group
         parameters = model.parameters
         names = [p.name for p in parameters]
         for name, sd in errors.tolerance.items():

@@ -110,6 +110,10 @@ class LinearFit:
         """Whitened poses, effects scaled to unit variance; made again where not kept."""
         return self._kept or [self._whiten(poses) for poses in self.design.parts()]
 
+    def at_poses(self, poses: IntArray) -> LinearFit:
+        """Return the same linearisation of a selection of poses, solved for these alone."""
+        return LinearFit(self.design.at_poses(poses), self.system.at_poses(poses), self.v)
+
     @cached_property
     def stated(self) -> LinearFit:
         """The same linearisation under the stated variances instead of the fitted ones."""

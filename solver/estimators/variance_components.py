@@ -7,7 +7,7 @@ maker's lengths are known to a tolerance. All of it is one linear mixed model
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,6 +64,15 @@ class VarianceComponents:
     iterations: int
     converged: bool
 
+    def at_poses(self, poses: IntArray) -> VarianceComponents:
+        """Return the same with what belongs to single poses for these."""
+        variance = self.noise.joint_variance[poses]
+        return replace(
+            self,
+            noise=replace(self.noise, joint_variance=variance),
+            curves_rad={j: curve[poses] for j, curve in self.curves_rad.items()},
+        )
+
     def sd(self, name: str) -> float:
         """Standard deviation of a component, 0 where it was not found (rad or m)."""
         return next((c.sd for c in self.components if c.name == name), 0.0)
@@ -86,6 +95,25 @@ class Calibrated:
     linear: LinearFit
     order: IntArray
     unsensed: FloatArray
+
+    def few(self, most: int) -> tuple[Calibrated, IntArray]:
+        """Return the same of `most` poses evenly among all, and the caller's indices of these.
+
+        Parameters and their covariance stay those of all poses; the linear fit is of the few alone.
+        """
+        if len(self.order) <= most:
+            return self, np.arange(len(self.order))
+        # Evenly in canonical order: the same whatever order they came in.
+        some = np.linspace(0, len(self.order) - 1, most).astype(np.int64)
+        of_caller = np.sort(self.order[some])
+        found = Calibrated(
+            estimate=self.estimate.at_poses(of_caller),
+            components=self.components.at_poses(of_caller),
+            linear=self.linear.at_poses(some),
+            order=np.searchsorted(of_caller, self.order[some]),
+            unsensed=self.unsensed[of_caller],
+        )
+        return found, of_caller
 
 
 def estimate_with_errors(

@@ -56,7 +56,7 @@ def judge_rvdts(
 
     if len(poses.placements) > 1:
         return none_decided("it is measured on one placement only: solve one placement alone")
-    blind = tuple(sorted({*sensors, *arm.unsensed_joints}))
+    blind = tuple(sorted({*sensors, *whole.linear.design.model.unsensed_joints}))
     loop = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
     model = loop.at_poses(distinct).without(held)
     q = poses.q_rad[distinct]

@@ -23,7 +23,7 @@ COMMANDS = {
     "export": "write, show or upload the parameters of a session",
     "report": "write an HTML report of a session",
     "compare": "say what drifted between two calibrations",
-    "session": "list sessions or show one",
+    "session": "list sessions, show one, or repair the journal of one that is damaged",
     "reset": "clear tripped drives and a STOP; moves nothing",
     "controller": "run the virtual controller as its own process",
 }

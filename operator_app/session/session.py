@@ -208,6 +208,7 @@ class Session:
 
         Before that, the first time after connecting: is everything still what it was?
         """
+        self._require_journal()
         self._require_the_same()
         self.arm.take_control()
         start = self.arm.capture(self.procedure.capture.samples_per_pose).mean_rad

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from operator_app.session import guards
 from operator_app.session.face import Chosen, FullScreen, OneOf, Typed, YesNo
+from operator_app.session.folder import SessionEntry
 from operator_app.session.operations import Operations
 from operator_app.session.runner import Runner
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
@@ -40,9 +41,9 @@ def resume(chosen: Chosen) -> None:
     face = chosen.face
     here = chosen.runner.session.journal.path.parent.name
     options = tuple(
-        (e.folder.name, f"{e.folder.name}  {len(e.state.used_poses)} poses, {_stage(e.state)}")
+        (e.folder.name, f"{e.folder.name}  {_in_a_line(e)}")
         for e in face.sessions.sessions()
-        if e.state is not None and e.folder.name != here
+        if e.folder.name != here
     )
     if not options:
         face.refuse("there is no other session to resume")
@@ -50,6 +51,13 @@ def resume(chosen: Chosen) -> None:
     text = "Resuming checks the arm, the fixture and the modes again before anything moves."
     question = OneOf(title="Open a session", text=text, options=options[:50])
     face.ask(question, lambda said: face.open(lambda: face.sessions.resumed(said)))
+
+
+def _in_a_line(entry: SessionEntry) -> str:
+    """Say what is in a session; one that cannot be read says why, and what to do once it is chosen."""
+    if entry.state is None:
+        return f"cannot be read: {entry.problem}"
+    return f"{len(entry.state.used_poses)} poses, {_stage(entry.state)}"
 
 
 def _stage(state: SessionState) -> str:

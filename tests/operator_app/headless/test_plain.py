@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -159,3 +160,34 @@ def test_ctrl_c_without_an_arm_leaves(source):
 
     with pytest.raises(KeyboardInterrupt):
         run(source, interrupt)
+
+
+def test_a_session_that_cannot_be_read_is_listed_and_says_what_to_do(source):
+    broken = source.root / "session-0"
+    broken.mkdir(parents=True)
+    (broken / "journal.jsonl").write_bytes(
+        b'{"schema":"sarcal/journal/1","seq":1,"utc":"2026-01-31T12:00:00.000Z","event":"opened",'
+        b'"data":{},"sum":"0123456789abcdef"}\n'
+    )
+    script = run(source, "Open an earlier", "2", "Leave")
+    said = "\n".join(script.said)
+    assert "session-0  cannot be read:" in said
+    assert "is damaged at line 1" in said
+    assert f"sarcal session repair {broken}" in said
+    assert script.reason == "left"
+
+
+def test_a_session_folder_that_is_taken_away_is_said_and_the_rescue_named(source):
+    script = Script([])
+
+    def vanish() -> str:
+        """The folder goes away while the operator looks at the menu."""
+        shutil.rmtree(source.root / "session-1")
+        rows = (row.strip().partition(" ") for row in reversed(script.said))
+        return next(number for number, _, label in rows if label.startswith("Capture all"))
+
+    script._answers = iter((*TO_CAPTURE, vanish, "Leave"))
+    Plain(source, script, pause=lambda _: None).run()
+    said = "\n".join(script.said)
+    assert "was deleted, moved or renamed while this session was writing it" in said
+    assert f"--resume {source.root / 'session-1-rescued'}" in said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
@@ -12,6 +13,8 @@ import pytest
 from operator_app.cli import main
 from operator_app.config.errors import ConfigError
 from operator_app.errors import JournalDamagedError, SessionError
+from operator_app.session import state as state_module
+from operator_app.session.events import EVENTS
 from operator_app.session.folder import list_sessions, read_session
 from operator_app.session.journal import JOURNAL_NAME, read_journal
 from operator_app.session.opening import Choices, resume
@@ -175,3 +178,36 @@ def test_one_unreadable_session_hides_no_other(
     assert main(["session", "list", *root]) == 0
     assert main(["session", "show", "latest", *root]) == 0
     assert str(tmp_path / "a") in capsys.readouterr().out
+
+
+def read_keys(source: str) -> dict[str, set[str]]:
+    """Keys of `data` that the fold of events reads, by the event in whose case that is."""
+    found: dict[str, set[str]] = {}
+    for case in (n for n in ast.walk(ast.parse(source)) if isinstance(n, ast.match_case)):
+        names = [
+            n.value.value
+            for n in ast.walk(case.pattern)
+            if isinstance(n, ast.MatchValue) and isinstance(n.value, ast.Constant)
+        ]
+        keys = set()
+        for part in [*case.body, case.guard]:
+            for node in ast.walk(part) if part is not None else ():
+                match node:
+                    case ast.Subscript(value=ast.Name(id="data"), slice=ast.Constant(value=str(k))):
+                        keys.add(k)
+                    case ast.Call(
+                        func=ast.Attribute(value=ast.Name(id="data"), attr="get"),
+                        args=[ast.Constant(value=str(k)), *_],
+                    ):
+                        keys.add(k)
+        for name in names:
+            found.setdefault(name, set()).update(keys)
+    return found
+
+
+def test_no_key_is_read_that_was_not_looked_at() -> None:
+    read = read_keys(Path(state_module.__file__).read_text(encoding="utf-8"))
+    assert {"opened", "pose", "solved", "campaign", "repaired"} <= set(read)
+    for name, keys in read.items():
+        known = {key.rstrip("?") for key in EVENTS.get(name, {})}
+        assert keys <= known, name

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from operator_app.report.markup import Html
@@ -55,13 +53,13 @@ def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | 
 
 def coverage(subject: Subject) -> Html:
     """Draw how much of each joint's range the poses cover."""
-    degrees = np.rad2deg(subject.readings_rad)
+    scale, readings = ANGLE.per_si, ANGLE.per_si * subject.readings_rad
     rows = [
         Range(
             name=f"joint {j}",
-            low=math.degrees(joint.lower_rad),
-            high=math.degrees(joint.upper_rad),
-            values=degrees[:, j - 1].tolist(),
+            low=scale * joint.lower_rad,
+            high=scale * joint.upper_rad,
+            values=readings[:, j - 1].tolist(),
         )
         for j, joint in enumerate(subject.procedure.arm.joints, 1)
     ]

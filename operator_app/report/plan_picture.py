@@ -12,6 +12,7 @@ import numpy as np
 
 from operator_app.planning.preview import PlannedPose, Preview
 from operator_app.report.braille import Canvas
+from operator_app.units.figure import SPAN, WHOLE_DEGREES
 from solver.arrays import FloatArray
 
 COLUMNS, ROWS = 66, 16
@@ -52,8 +53,8 @@ def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
             bar[c] = reached
         for pose in shown.poses:
             bar[cell(float(pose.q_rad[k]))] = taken
-        low, high = np.rad2deg([joint.lower_rad, joint.upper_rad])
-        lines.append(f"  J{k + 1} {low:8.1f} {left}{''.join(bar)}{right} {high:7.1f}")
+        low, high = (SPAN(v).shown for v in (joint.lower_rad, joint.upper_rad))
+        lines.append(f"  J{k + 1} {low:>8} {left}{''.join(bar)}{right} {high:>7}")
     return lines
 
 
@@ -108,17 +109,18 @@ class Plane:
     def lines(self) -> Iterator[str]:
         """Give the drawing with its scales, deg."""
         across, up = self._axes
-        low = np.rad2deg(self._low)
-        high = np.rad2deg(self._low + self._size)
+        low, high = self._low, self._low + self._size
+        unit = WHOLE_DEGREES.quantity.unit
         rows = ["".join(text for text, _ in spans) for spans in self._canvas.lines()]
-        yield f"  J{up + 1} deg"
+        yield f"  J{up + 1} {unit}"
         for k, row in enumerate(rows):
             share = (k + 0.5) / len(rows)
-            scale = f"{high[1] - share * (high[1] - low[1]):.0f}" if k % 5 == 0 else ""
+            scale = WHOLE_DEGREES(high[1] - share * (high[1] - low[1])).shown if k % 5 == 0 else ""
             yield f"{scale:>{SCALE - 2}} {self._left}{row}".rstrip()
         yield " " * (SCALE - 1) + self._left + self._bottom * COLUMNS
-        ends = f"{low[0]:<8.0f}{f'J{across + 1} deg':^{COLUMNS - 16}}{high[0]:>8.0f}"
-        yield " " * SCALE + ends
+        first, last = (WHOLE_DEGREES(v[0]).shown for v in (low, high))
+        name = f"J{across + 1} {unit}".center(COLUMNS - 16)
+        yield f"{' ' * SCALE}{first:<8}{name}{last:>8}"
 
     def _at(self, q_rad: FloatArray) -> tuple[float, float]:
         across, up = self._axes

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import textwrap
 
-import numpy as np
-
 from fixtures.advice import PlacementReport, RankedPlacement
 from fixtures.base import Severity
 from operator_app.config.procedure import AcceptanceLimits
@@ -15,7 +13,18 @@ from operator_app.planning.preview import Preview
 from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plan_picture import coverage_lines, region_lines
 from operator_app.report.text import WIDTH, aligned, paragraph
-from operator_app.units.figure import ANGLE, LENGTH, Figure, quantity_of
+from operator_app.units.figure import (
+    ANGLE,
+    CONDITION,
+    LENGTH,
+    MOUNTED_LENGTH,
+    NOMINAL_LENGTH,
+    NOMINAL_TWIST,
+    SPAN,
+    WHOLE_DEGREES,
+    Figure,
+    quantity_of,
+)
 from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
 
@@ -108,7 +117,7 @@ def _poses(shown: Preview) -> str:
     rows = [["#", "drive", *(f"J{j}" for j in range(1, n + 1)), ""]]
     for number, pose in enumerate(shown.poses, 1):
         row = [str(number), " ".join(map(str, pose.drives))]
-        row += [f"{angle:.1f}" for angle in np.rad2deg(pose.q_rad)]
+        row += [SPAN(angle).shown for angle in pose.q_rad.tolist()]
         rows.append([*row, "no safe way" if pose.route is None else ""])
     known = f", beside {shown.captured} captured ones" if shown.captured else ""
     head = (
@@ -160,10 +169,10 @@ def advice_text(
         rows.append(
             [
                 str(number),
-                f"{math.degrees(r.mounted.tilt_rad):.0f}",
-                f"{1e3 * r.mounted.shift_m:.0f}",
+                WHOLE_DEGREES(r.mounted.tilt_rad).shown,
+                NOMINAL_LENGTH(r.mounted.shift_m).shown,
                 f"{placement.gain:.0%}",
-                f"{r.scaled_condition_number:.1f}",
+                CONDITION(r.scaled_condition_number).shown,
                 str(r.mobility),
                 " ".join(map(str, r.drives[0].drives)) if r.drives else "",
                 str(r.poses),
@@ -183,11 +192,17 @@ def _placement(
 ) -> str:
     report = placement.report
     hinge, n = report.mounted.hinge, joints
-    entries = (
-        f"a_0 {1e3 * hinge.a_0_m:.1f}, s_0 {1e3 * hinge.s_0_m:.1f}, s_1 {1e3 * hinge.s_1_m:.1f}, "
-        f"a_{n} {1e3 * hinge.a_n_m:.1f}, s_{n} {1e3 * hinge.s_n_m:.1f} mm; "
-        f"alpha_0 {math.degrees(hinge.alpha_0_rad):.1f}, "
-        f"alpha_{n} {math.degrees(hinge.alpha_n_rad):.1f} deg"
+    lengths = {
+        "a_0": hinge.a_0_m,
+        "s_0": hinge.s_0_m,
+        "s_1": hinge.s_1_m,
+        f"a_{n}": hinge.a_n_m,
+        f"s_{n}": hinge.s_n_m,
+    }
+    twists = {"alpha_0": hinge.alpha_0_rad, f"alpha_{n}": hinge.alpha_n_rad}
+    entries = "; ".join(
+        f"{', '.join(f'{name} {kind(v).shown}' for name, v in some.items())} {kind.quantity.unit}"
+        for some, kind in ((lengths, MOUNTED_LENGTH), (twists, NOMINAL_TWIST))
     )
     lines = [
         f"{number}. {placement.text}",
@@ -209,8 +224,8 @@ def _placement(
 
 def _travel(report: PlacementReport) -> str:
     return ", ".join(
-        f"J{j} {low:.0f} to {high:.0f}"
-        for j, (low, high) in enumerate(np.rad2deg(report.reach_rad), 1)
+        f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
+        for j, (low, high) in enumerate(report.reach_rad.tolist(), 1)
     )
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from operator_app.report.subject import Subject
@@ -17,7 +15,7 @@ from operator_app.units.figure import (
     SHARE,
     Figure,
 )
-from operator_app.units.numbers import NOT_KNOWN
+from operator_app.units.numbers import NOT_KNOWN, places_needed
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 from solver.estimators.estimate import Estimate
 from solver.judging.rvdt_figures import RvdtFigures
@@ -92,7 +90,9 @@ def sensor_words(sensor: Sensor, *, used: bool) -> str:
         case Encoder():
             words = f"encoder, {sensor.counts_per_rev} counts/rev"
         case Rvdt():
-            words = f"RVDT, {sensor.bits} bit over {math.degrees(sensor.full_scale_rad):g} deg"
+            places = places_needed([ANGLE.per_si * sensor.full_scale_rad], least=0, most=3)
+            full_scale = Figure(sensor.full_scale_rad, ANGLE, places=places).with_unit
+            words = f"RVDT, {sensor.bits} bit over {full_scale}"
         case NoSensor():
             return "none"
     return words if used else f"{words} (reading not used)"

@@ -141,6 +141,7 @@ READING_SD = Kind(ANGLE, places=4)
 
 # Of a fixture file.
 NOMINAL_LENGTH = Kind(LENGTH, places=0)
+MOUNTED_LENGTH = Kind(LENGTH, places=1)
 NOMINAL_TWIST = Kind(ANGLE, places=1)
 LENGTH_TOLERANCE = Kind(LENGTH, digits=2)
 ANGLE_TOLERANCE = Kind(ANGLE, digits=2)

@@ -8,6 +8,19 @@ from dataclasses import dataclass
 class SolverError(Exception):
     """Base of everything the solver refuses. Not converging is a result, not one of these."""
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Made again from its attributes, whatever its constructor asks: it may come from another process."""
+        return _again, (type(self), self.args, dict(self.__dict__))
+
+
+def _again(
+    kind: type[SolverError], args: tuple[object, ...], attributes: dict[str, object]
+) -> SolverError:
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(attributes)
+    return error
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnidentifiableDirection:

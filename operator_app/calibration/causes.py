@@ -10,8 +10,10 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
+from solver.estimators.effects import Design
 from solver.judging.candidates import Candidate, Cause, Scene
 from solver.judging.evidence import Evidence
+from solver.judging.larger import Larger
 
 NAMED = 5
 """How many poses a sentence lists by name."""
@@ -87,6 +89,54 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
             )
         case _:
             return _smooth(int(subject), candidate, found, scene)
+
+
+def larger_in_words(found: Larger, design: Design) -> Words:
+    """Say that a source of error is larger than its statement, one of several that are."""
+    kind, _, which = found.component.partition("_")
+    size = f"about {found.times:.1f} times what "
+    match kind:
+        case "fixture":
+            stated = design.errors.give_rad if which == "rad" else design.errors.give_m
+            unit = "mrad" if which == "rad" else "mm"
+            gives = f"{1e3 * found.times * (stated or 0.0):.2g} {unit}"
+            return Words(
+                "FIXTURE_GIVES",
+                f"the fixture {'turns' if which == 'rad' else 'shifts'} by about {gives} anew in every "
+                f"pose, {found.times:.1f} times what its file states",
+                "tighten its bolts and look for play; else state its give in the fixture file",
+            )
+        case "rvdt":
+            return Words(
+                f"RVDT_{which}",
+                f"readings of joint {which}'s RVDT scatter {size}its specification says",
+                f"check its plug, screen and excitation, or calibrate with --unsensed {which}",
+            )
+        case "curve":
+            return Words(
+                f"RVDT_{which}",
+                f"the curve of joint {which}'s RVDT is {size}its specification says",
+                f"have it replaced or linearised, or calibrate with --unsensed {which}",
+            )
+        case "lengths" | "twists":
+            return Words(
+                kind.upper(),
+                f"the arm's {kind} are off its file by {size}the file's tolerance says",
+                f"measure the arm and correct the file, or state a larger tolerance for its {kind}",
+            )
+        case "encoder":
+            return Words(
+                "ENCODERS",
+                f"the encoders err by {size}the arm file states",
+                "check how they are centred, or state their accuracy_deg",
+            )
+        case _:
+            word = "play" if kind == "joint" else "sag under load"
+            return Words(
+                "PLAY" if kind == "joint" else "SAG",
+                f"the joints' {word} is {size}the arm file states",
+                f"look for worn bearings and couplings, or state the joints' {word}",
+            )
 
 
 def poses_named(poses: tuple[int, ...], labels: tuple[str, ...]) -> str:
@@ -199,15 +249,17 @@ def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> 
         case Cause.CURVE:
             sensor = scene.arm.joints[joint - 1].sensor
             share = ""
+            peak, sd, from_line = candidate.stray(found.b, found.covariance)
             if isinstance(sensor, Rvdt):
-                found_share = 100.0 * np.deg2rad(size) / sensor.full_scale_rad
+                peak_share, sd_share = (100.0 * x / sensor.full_scale_rad for x in (peak, sd))
                 share = (
-                    f" ({found_share:.1f} % of full scale, where {100.0 * sensor.linearity:.2g} % at "
-                    "most is stated)"
+                    f" ({peak_share:.1f} % of full scale, sigma {sd_share:.1f} %, where "
+                    f"{100.0 * sensor.linearity:.2g} % at most is stated)"
                 )
             return Words(
                 f"RVDT_{joint}",
-                f"the RVDT of joint {joint} deviates from its true angle by {size:.2f} deg rms{share}",
+                f"the RVDT of joint {joint} strays from its {'best line' if from_line else 'true angle'} "
+                f"by up to {np.rad2deg(peak):.2f} deg{share}",
                 f"have the RVDT of joint {joint} replaced or linearised, or calibrate with "
                 f"--unsensed {joint}",
             )

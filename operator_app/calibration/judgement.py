@@ -5,7 +5,6 @@ Every sentence says what to do where there is something to do. Knows results; co
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -71,22 +70,18 @@ def range_text(found: RangeFinding, labels: tuple[str, ...]) -> tuple[str, str]:
     )
 
 
-def noise_notices(estimate: Estimate) -> tuple[Notice, ...]:
-    """Say so when the stated noise cannot have given these residuals."""
-    ratio = estimate.chi2_per_dof
-    if estimate.chi2 is None or ratio is None:
-        return ()
+def noise_notices(chi2: float, dof: int) -> tuple[Notice, ...]:
+    """Say so when noise as the files state it cannot have left this misfit: `chi2` is at stated variances."""
     from scipy.special import chdtrc
 
-    if float(chdtrc(estimate.dof, estimate.chi2)) >= CHI2_LEVEL:
+    if dof <= 0 or float(chdtrc(dof, chi2)) >= CHI2_LEVEL:
         return ()
     return (
         Notice(
             code="CHI2",
-            text=f"chi2/dof is {ratio:.3g} where 1 is expected: sensors or fixture are worse than "
-            "stated, so every sigma and interval is too small, by a factor of "
-            f"{math.sqrt(ratio):.2g} if the excess is spread evenly; look at the corrections by "
-            "joint, and leave out the readings of joints that are marked there",
+            text=f"chi2/dof at stated noise is {chi2 / dof:.3g} where 1 is the most that is expected: "
+            "something is worse than its file states; the sigmas count in what was found of it, the "
+            "causes and the sources of error say what it may be",
         ),
     )
 

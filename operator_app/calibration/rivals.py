@@ -47,6 +47,9 @@ PROMISING = 0.1
 PER_FREEDOM = 4.6
 """What an equation that a rival does without counts against it: log of 100."""
 
+CLOSED_M, MANY = 2e-3, 20
+"""Loops of so many poses that close to this (rms) close as those of the fixture they are thought to be."""
+
 TRIED = 3
 """How many of the most promising are solved to the end."""
 
@@ -109,6 +112,9 @@ def named_rivals(
             if process_time() > deadline:
                 break
             ratio, left = _solved(arm, rival)
+            if rival.fixture is not fixture and _closes(arm, rival):
+                # So few equations close by chance nowhere, however good the statements are.
+                ratio = min(ratio, 0.99 * FITS)
             if ratio < FITS and (near or BETTER * ratio < scale):
                 weight = -0.5 * dof * np.log(max(ratio, LEAST_SCALE))
                 found.append((rival, float(weight - PER_FREEDOM * max(0, dof - left))))
@@ -238,6 +244,10 @@ def _is_near(arm: ArmModel, rival: Rival) -> bool:
         return not far_from_nominal(model.parameters, _start(arm, rival)[0])
 
     return _tried(near, otherwise=False)
+
+
+def _closes(arm: ArmModel, rival: Rival) -> bool:
+    return len(rival.poses) >= MANY and _cost(arm, rival) < CLOSED_M**2
 
 
 def _cost(arm: ArmModel, rival: Rival) -> float:

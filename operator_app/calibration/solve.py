@@ -14,6 +14,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
 from operator_app.calibration.branches import on_main_branch, set_aside
+from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.hand_error import tip_sigma
 from operator_app.calibration.judgement import (
     cause_notices,
@@ -52,8 +53,8 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
-from solver.errors import PosesDoNotFitError, UnidentifiableError
-from solver.estimators.estimate import require_enough_poses
+from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
+from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
@@ -62,6 +63,7 @@ from solver.estimators.variance_components import (
     VarianceComponents,
 )
 from solver.judging.dropping import drop_unidentifiable
+from solver.judging.identifiability import Identifiability
 from solver.judging.ranges import range_findings
 from solver.search.global_start import global_start
 
@@ -72,6 +74,10 @@ JUDGED = 2000
 
 OUTLIER_LEVEL = 0.01
 """Chance of naming any pose of a pose set in which all are sound."""
+
+
+NO_CLOSURE_M, NO_CLOSURE_RAD = 0.01, 0.03
+"""Closure error (rms) of loops that were not closed at all."""
 
 
 def calibrate(
@@ -139,16 +145,21 @@ def calibrate(
             found = global_start(model, q, progress=progress)
         x0 = None if found is None else found.x
     paper = None if unsensed_joints else estimate_paper(model, q, x0=x0)
-    if paper is not None:
-        # Before anything is weighted: an estimate along a blind direction is worth nothing.
+
+    hard = model
+
+    def seen_at(x: FloatArray) -> Identifiability:
         try:
-            require_identifiable(model, paper.x, q, sigma)
+            return require_identifiable(hard, x, q, sigma)
         except UnidentifiableError as error:
             used = pick(poses, np.flatnonzero(kept))
-            raise explained(error, arm, fixture, used) from error
+            raise _why_blind(error, arm, fixture, used, unsensed_joints, paper) from error
+
+    if paper is not None:
+        # Before anything is weighted: an estimate along a blind direction is worth nothing.
+        seen_at(paper.x)
         x0 = paper.x
     # The paper's estimate is judged by what weighing every reading by its noise gives beside it.
-    hard = model
     model, tolerance = soften(hard, arm, length_tolerance_m=length_tolerance_m, held=held)
     there = np.flatnonzero(kept)
     distinct, which = first_of_each(poses, kept)
@@ -181,9 +192,7 @@ def calibrate(
             scale=np.inf,
             dof=len(distinct) * hard.equations_per_pose - len(hard.parameters),
         )
-        raise PosesDoNotFitError(
-            tuple(f"{c.text}: {c.remedy}" for c in rivals), codes=tuple(c.code for c in rivals)
-        ) from error
+        raise _do_not_fit(rivals) from error
     components: VarianceComponents | None
     estimate, components = whole.estimate, whole.components
     if len(which) != len(distinct):
@@ -195,7 +204,7 @@ def calibrate(
     if judged_paper is not None:
         implicit = estimate.without(tuple(tolerance))
         estimate, components, model, tolerance = judged_paper, None, hard, {}
-    seen = require_identifiable(hard, in_order(hard, model, estimate.x), q, sigma)
+    seen = seen_at(in_order(hard, model, estimate.x))
     checks = placement_checks(fixture, arm, model, estimate.x, unsensed_joints)
     rvdt = (
         judge_rvdts(
@@ -255,7 +264,7 @@ def calibrate(
     return replace(
         solution,
         warnings=(
-            *noise_notices(estimate),
+            *noise_notices(whole.linear.stated.chi2, whole.linear.dof),
             *range_notices(out_of_range, poses.label),
             *setup_notices(checks),
             *flipped_notices(flipped, poses.label),
@@ -269,6 +278,34 @@ def calibrate(
         ),
         judgement=judgement,
         reasons=(*judgement.reasons, *reasons_against(estimate, limits)),
+    )
+
+
+def _why_blind(
+    error: UnidentifiableError,
+    arm: ArmModel,
+    fixture: Fixture,
+    used: PoseSet,
+    unsensed: tuple[int, ...],
+    paper: Estimate | None,
+) -> SolverError:
+    """Return the error with a stuck sensor named, or what else would make nothing close."""
+    stuck = explained(error, arm, fixture, used)
+    if stuck is not error or paper is None or _closes(paper):
+        return stuck
+    # Where nothing closes the solution is nowhere, and what it cannot see there says nothing.
+    rivals = named_rivals(arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof)
+    return _do_not_fit(rivals) if rivals else error
+
+
+def _closes(estimate: Estimate) -> bool:
+    after = estimate.sigmas
+    return after.position_m.rms < NO_CLOSURE_M and after.orientation_rad.rms < NO_CLOSURE_RAD
+
+
+def _do_not_fit(rivals: tuple[NamedCause, ...]) -> PosesDoNotFitError:
+    return PosesDoNotFitError(
+        tuple(f"{c.text}: {c.remedy}" for c in rivals), codes=tuple(c.code for c in rivals)
     )
 
 

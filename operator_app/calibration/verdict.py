@@ -15,6 +15,7 @@ import numpy as np
 from operator_app.calibration.causes import NamedCause, in_words
 from operator_app.calibration.repeats import Repeat, Reread
 from solver.arrays import FloatArray
+from solver.chain.parameters import Parameter
 from solver.estimators.estimate import Estimate
 from solver.judging.candidates import Candidate, Cause
 from solver.judging.evidence import Evidence
@@ -157,7 +158,7 @@ def _unnamed(trial: Trial) -> Iterable[NamedCause]:
             return
         probability = 1.0 - sum(x.probability for x in trial.rounds[-1] if x.candidate)
     else:
-        ratio = trial.left.chi2 / max(trial.left.dof, 1)
+        ratio = trial.stated_chi2_per_dof
         probability = 1.0 if last is None else last.probability
     yield NamedCause(
         code="UNNAMED",
@@ -213,8 +214,29 @@ def of_the_fit(
                 refuses=True,
             )
         )
+    return (
+        *found,
+        *little_motion(
+            estimate.parameters,
+            estimate.standard_deviation,
+            judged,
+            prior_m=prior_m,
+            prior_rad=prior_rad,
+        ),
+    )
+
+
+def little_motion(
+    parameters: tuple[Parameter, ...],
+    standard_deviation: FloatArray,
+    judged: tuple[str, ...],
+    *,
+    prior_m: float = WORTHLESS_M,
+    prior_rad: float = WORTHLESS_RAD,
+) -> tuple[NamedCause, ...]:
+    """Name the parameters whose sigmas (P,) say little, because the poses differ little."""
     wide, coarse = [], []
-    for p, sd in zip(estimate.parameters, estimate.standard_deviation, strict=True):
+    for p, sd in zip(parameters, standard_deviation, strict=True):
         if p.name not in judged:
             continue
         size = f"{p.name} ({_with_unit(float(sd), angle=p.is_angle)})"
@@ -222,20 +244,20 @@ def of_the_fit(
             wide.append(size)
         elif sd > (COARSE_RAD if p.is_angle else COARSE_M):
             coarse.append(size)
-    if wide or coarse:
-        found.append(
-            NamedCause(
-                code="LITTLE_MOTION",
-                probability=1.0,
-                text=f"these poses tell {', '.join((*wide, *coarse)[:4])} "
-                f"{'no better than was known before' if wide else 'only roughly'}: standard "
-                "deviations in brackets",
-                remedy="take more poses that differ more: every joint through a larger part of its "
-                "range",
-                refuses=bool(wide),
-            )
-        )
-    return tuple(found)
+    if not wide and not coarse:
+        return ()
+    return (
+        NamedCause(
+            code="LITTLE_MOTION",
+            probability=1.0,
+            text=f"these poses tell {', '.join((*wide, *coarse)[:4])} "
+            f"{'no better than was known before' if wide else 'only roughly'}: standard "
+            "deviations in brackets",
+            remedy="take more poses that differ more: every joint through a larger part of its "
+            "range",
+            refuses=bool(wide),
+        ),
+    )
 
 
 def _with_unit(value: float, *, angle: bool) -> str:

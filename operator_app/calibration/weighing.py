@@ -5,19 +5,23 @@ Knows calibrations, files' objects and verdicts; no screen. Solves anew only whe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
-from operator_app.calibration.causes import NamedCause
+from operator_app.calibration.causes import NamedCause, larger_in_words
 from operator_app.calibration.judgement import range_text
 from operator_app.calibration.loop import pick
 from operator_app.calibration.other_basins import other_basin
+from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeats import Repeat, Reread
 from operator_app.calibration.rivals import named_rivals
 from operator_app.calibration.verdict import (
     UNNAMED_SCALE,
     Judgement,
     causes_of,
+    little_motion,
     of_the_fit,
     paper_test,
     return_tests,
@@ -25,16 +29,24 @@ from operator_app.calibration.verdict import (
 )
 from solver.arrays import IntArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.estimators.estimate import Estimate
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.mixed_fit import expected_fit
 from solver.estimators.variance_components import Calibrated
+from solver.judging.larger import larger_than_stated
 from solver.judging.ranges import Fault, RangeFinding
 from solver.judging.rvdt import RvdtVerdict, Soundness
-from solver.judging.trial import Trial, judge
+from solver.judging.trial import PARTLY, Trial, judge
 from solver.search.global_start import GlobalStart
 
 FLIPPED_SHARE = 0.25
 """With more of the poses on the other branch nobody knows which branch is meant."""
+
+
+MOST_SEVERAL = 3
+"""So many sources larger than stated are worth a sentence."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +102,7 @@ def weigh(
     trial = judge(found.linear, arm, taken=found.order)
     model = found.linear.design.model
     unsensed = model.unsensed_joints
-    scale = trial.left.chi2 / max(trial.left.dof, 1)
+    scale = trial.stated_chi2_per_dof
     gross = _left(trial) > UNNAMED_SCALE
     by_tests = causes_of(trial, found.estimate, judged, _labels(used))
     rivals: tuple[NamedCause, ...] = ()
@@ -102,6 +114,8 @@ def weigh(
         by_tests = rivals or by_tests
     elif not by_tests:
         by_tests = _of_rvdts(known.rvdt)
+    if by_tests and not gross and not _one_story(trial):
+        by_tests = (*_several(found.linear), *by_tests)
     far = (
         other_basin(model, found.estimate, used.q_rad, judged)
         if known.search is None and not unsensed
@@ -115,6 +129,7 @@ def weigh(
             ),
             *far,
         )
+    lost = () if not (far or gross) else _hardly_seen(found, used, fixture, arm, judged)
     of_returns, since = return_tests(known.returned, found.estimate)
     tests = (*trial.tests, *of_returns)
     of_paper: tuple[NamedCause, ...] = ()
@@ -125,6 +140,7 @@ def weigh(
         causes=(
             *_beforehand(poses, known),
             *too_few(judging),
+            *lost,
             *(() if gross else (*_of_geometry(known.checks), *far)),
             *by_tests,
             *_not_yet_named(since, by_tests),
@@ -134,6 +150,29 @@ def weigh(
         ),
         tests=tests,
         stated_chi2_per_dof=scale,
+    )
+
+
+def _hardly_seen(
+    found: Calibrated, used: PoseSet, fixture: Fixture, arm: ArmModel, judged: tuple[str, ...]
+) -> tuple[NamedCause, ...]:
+    """What such poses hardly tell wherever the solution lies, so that it may have ended anywhere.
+
+    Judged at the nominal values: where a fit has gone astray its own sigmas mean nothing. Not where the
+    nominal geometry itself is to blame.
+    """
+    design = found.linear.design
+    model = design.model
+    nominal = nominal_vector(model.parameters)
+    checks = placement_checks(fixture, arm, model, nominal, model.unsensed_joints)
+    if _of_geometry(checks):
+        return ()
+    expected = expected_fit(
+        model, design.q, design.errors, nominal, group=used.placement[found.order]
+    )
+    sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
+    return tuple(
+        replace(cause, refuses=True) for cause in little_motion(model.parameters, sd, judged)
     )
 
 
@@ -160,10 +199,33 @@ def _not_yet_named(
     )
 
 
+def _one_story(trial: Trial) -> bool:
+    """Whether one cause explains it, likelier than all others together."""
+    if not trial.rounds:
+        return True
+    best = trial.rounds[0][0]
+    if best.candidate is None or best.evidence is None:
+        return False
+    return best.probability > 0.5 and best.evidence.chi2 <= PARTLY * max(best.evidence.dof, 1)
+
+
+def _several(fit: LinearFit) -> tuple[NamedCause, ...]:
+    """Sources that are larger than stated when all are fitted at once: the sigmas count that in."""
+    found: dict[str, NamedCause] = {}
+    for larger in larger_than_stated(fit):
+        words = larger_in_words(larger, fit.design)
+        chance = 1.0 - float(np.exp(larger.log_chance))
+        cause = NamedCause(
+            code=words.code, probability=chance, text=words.text, remedy=words.remedy, refuses=False
+        )
+        found.setdefault(words.code, cause)
+    return tuple(found.values())[:MOST_SEVERAL]
+
+
 def _left(trial: Trial) -> float:
     """chi2/dof that the best single explanation leaves."""
     if not trial.rounds or trial.rounds[0][0].evidence is None:
-        return trial.left.chi2 / max(trial.left.dof, 1)
+        return trial.stated_chi2_per_dof
     found = trial.rounds[0][0].evidence
     return found.chi2 / max(found.dof, 1)
 

@@ -54,6 +54,10 @@ class ConfigError(Exception):
         )
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Problem, ...]]]:
+        """Made again from its problems: it may come out of another process."""
+        return type(self), (self.problems,)
+
 
 class WriteError(Exception):
     """A file could not be written; whatever was there before is still there, whole."""

@@ -61,8 +61,8 @@ def verification_text(verdict: Prediction, poses: PoseSet, folder: str) -> str:
     notices = []
     if found.chi2.per_dof < found.chi2.low:
         notices.append(
-            "these poses fit better than sensors of this kind allow: simulated, or read by other "
-            "sensors than the arm file says?"
+            "these poses fit better than what the files state makes likely: the arm is better than "
+            "stated, or its sensors are others than the arm file says"
         )
     if verdict.odd_poses:
         worst = ", ".join(

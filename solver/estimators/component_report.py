@@ -74,7 +74,7 @@ def components(found: MixedFit, design: Design) -> tuple[Component, ...]:
     """
     v, out = found.fit.v, []
     stated = design.stated_variances()
-    error = _standard_errors(
+    error = standard_errors(
         found.found.information, v, np.array([c.floor for c in design.components])
     )
     for k, c in enumerate(design.components):
@@ -111,7 +111,7 @@ def flexure_test(stated: LinearFit, design: Design) -> FlexureTest | None:
     return FlexureTest(statistic=statistic, p_value=p_value, gives=p_value < FLEXURE_LEVEL)
 
 
-def _standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
+def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Standard errors (K,); a component at its floor does not blur the others and takes their blur."""
     inner = np.flatnonzero(v > floor * (1.0 + 1e-9))
     error = np.zeros(len(v))
@@ -121,7 +121,7 @@ def _standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) 
         size = np.sqrt(np.maximum(np.diagonal(block), 1e-300))
         inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-12)
         at = int(np.flatnonzero(use == k)[0])
-        error[k] = np.sqrt(inverse[at, at]) / size[at]
+        error[k] = np.sqrt(max(float(inverse[at, at]), 0.0)) / size[at]
     return error
 
 

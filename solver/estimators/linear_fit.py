@@ -119,6 +119,19 @@ class LinearFit:
         """The same linearisation under the stated variances instead of the fitted ones."""
         return LinearFit(self.design, self.system, self.design.stated_variances())
 
+    @cached_property
+    def believed(self) -> LinearFit:
+        """The same with noise as found where that is less than stated, and as stated where not.
+
+        Statements of noise are upper figures; a test of single readings is the sharper the better
+        their noise is known, and none of it may be what a fault has added.
+        """
+        v = self.design.stated_variances()
+        noise = self.design.noise_components
+        floor = np.array([c.floor for c in self.design.components])
+        v[noise] = np.clip(self.v, np.minimum(floor, v), v)[noise]
+        return LinearFit(self.design, self.system, v)
+
     # ---- what the parameters are known to
 
     @property

@@ -291,3 +291,25 @@ def _advance(design: Design, state: _State, system: System, rates: _Rates, fit: 
     state.u = state.u + shrink * du
     state.angle = design.q + state.e
     return moved if largest < LINEAR else max(moved, 1.0)
+
+
+def expected_fit(
+    model: ClosureModel,
+    q: FloatArray,
+    errors: ErrorModel,
+    x: FloatArray,
+    *,
+    group: IntArray | None = None,
+) -> LinearFit:
+    """Return what readings of poses near `q` (m, n), rad, would tell at parameters `x` (P,), as stated.
+
+    Its covariance is what a calibration from such poses will print; its misfit means nothing. Nothing is
+    read: loops are closed at `x` as near to `q` as they go.
+    """
+    sd = np.sqrt(np.maximum(errors.joint_variance.mean(axis=0), 1e-12))
+    closed = close_loops(model, x, q, sigma_rad=sd)
+    here = np.where(closed.closed[:, None], closed.q, q)
+    design = Design(model, here, errors, group=group)
+    state = _State(np.array(x, dtype=float), np.zeros_like(here), closed.u, here)
+    system, _ = _linearise(design, state)
+    return LinearFit(design, system, design.stated_variances())

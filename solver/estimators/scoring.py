@@ -35,11 +35,15 @@ CONCAVE = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Derivatives:
-    """Gradient (K,), expected information and negative second derivative (K, K) of the likelihood."""
+    """Gradient (K,), expected information and negative second derivative (K, K) of the likelihood.
+
+    Twice the gradient is a square of the residuals less what chance makes of it, `expected` (K,).
+    """
 
     score: FloatArray
     information: FloatArray
     curvature: FloatArray
+    expected: FloatArray
 
 
 def derivatives(fit: LinearFit, *, priors: bool = True) -> Derivatives:
@@ -49,9 +53,11 @@ def derivatives(fit: LinearFit, *, priors: bool = True) -> Derivatives:
     """
     design, v = fit.design, fit.v
     K, hard, width = len(v), design.hard, design.width
-    score, information = np.zeros(K), np.zeros((K, K))
+    score, information, expected = np.zeros(K), np.zeros((K, K)), np.zeros(K)
     if K == 0:
-        return Derivatives(score=score, information=information, curvature=information)
+        return Derivatives(
+            score=score, information=information, curvature=information, expected=expected
+        )
     # Effects: with T = Z' P Z in units of their variance, all traces are sums over its blocks.
     T = np.eye(width - hard) - fit.H_inverse[hard:, hard:]
     groups = [
@@ -62,7 +68,9 @@ def derivatives(fit: LinearFit, *, priors: bool = True) -> Derivatives:
     square = T * T
     for c, where, rate in moving:
         b = fit.unit_b[where]
-        score[c] += 0.5 * rate * (float(b @ b) - float(np.trace(T[where, where])))
+        chance = rate * float(np.trace(T[where, where]))
+        expected[c] += chance
+        score[c] += 0.5 * (rate * float(b @ b) - chance)
         for d, other, rate2 in moving:
             information[c, d] += 0.5 * rate * rate2 * float(square[where, other].sum())
     # The mean of expected and observed information needs no trace: it is a Gram matrix of what each
@@ -92,7 +100,9 @@ def derivatives(fit: LinearFit, *, priors: bool = True) -> Derivatives:
             YY = rate * (Y @ np.swapaxes(Y, -1, -2))
             spread[e] = spread[e] + YY if e in spread else YY
         for c, C in blocks:
-            score[c] += 0.5 * float((left * (C @ left)).sum() - (P * C).sum())
+            chance = float((P * C).sum())
+            expected[c] += chance
+            score[c] += 0.5 * (float((left * (C @ left)).sum()) - chance)
             PC = P @ C
             for d, D in blocks:
                 information[c, d] += 0.5 * float((PC * np.swapaxes(D, -1, -2)).sum())
@@ -110,7 +120,7 @@ def derivatives(fit: LinearFit, *, priors: bool = True) -> Derivatives:
                 information[k, k] += 0.5 * component.spread_dof / v[k] ** 2
                 curvature[k, k] += component.spread_dof * (ratio - 0.5) / v[k] ** 2
             score[k] -= 0.5 / component.soft
-    return Derivatives(score=score, information=information, curvature=curvature)
+    return Derivatives(score=score, information=information, curvature=curvature, expected=expected)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,9 +6,10 @@ nothing to ask how much believing it would explain. Knows closure models and sen
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,9 @@ MOST_COLUMNS = 600
 
 STILL_POSES = 4
 """So many readings in a row that agree within noise, while others move, may be a frozen sensor."""
+
+CERTAIN = 3.0
+"""Nothing is out of specification that is within so many of its own sigmas of it."""
 
 MOVES_RAD = np.deg2rad(1.0)
 
@@ -48,6 +52,14 @@ class Cause(Enum):
     GIVES = "gives"
 
 
+class Stray(NamedTuple):
+    """Largest deviation of a sensor over the poses, rad, its standard deviation, and what it is from."""
+
+    peak: float
+    sd: float
+    from_line: bool
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
     """One possible cause.
@@ -67,6 +79,11 @@ class Candidate:
     shapes, least
         What it deviates by in every pose is ``shapes @ b`` (m,), or b itself; a cause is only what is
         larger (rms) than `least`.
+    most_stated, beyond
+        Where the files state the largest deviation of all: a cause is only what exceeds that by
+        `CERTAIN` of its own sigmas, or whose amplitude a test has found `beyond` it.
+    lines
+        (m, 2), orthonormal: the straight lines that a sensor's offset and gain are.
     entries
         Names of the parameters that had another value before, one per column; empty where none had.
     """
@@ -80,12 +97,35 @@ class Candidate:
     most: float = 300.0
     shapes: FloatArray | None = None
     least: float = 0.0
+    most_stated: float = 0.0
+    beyond: bool = False
+    lines: FloatArray | None = None
     entries: tuple[str, ...] = ()
 
-    def is_stated(self, b: FloatArray) -> bool:
-        """Whether coefficients (c,) amount to no more than what the files state anyway."""
+    def is_stated(self, b: FloatArray, covariance: FloatArray) -> bool:
+        """Whether coefficients b (c,) amount to no more than what the files state anyway."""
         size = b if self.shapes is None else self.shapes @ b
+        if self.most_stated and not self.beyond:
+            stray = self.stray(b, covariance)
+            return stray.peak - CERTAIN * stray.sd < self.most_stated
         return float(np.sqrt(np.mean(size**2))) < self.least
+
+    def stray(self, b: FloatArray, covariance: FloatArray) -> Stray:
+        """Largest deviation over the poses, gain and all or from its best line: the more certain one.
+
+        The loop sees how a sensor bends far better than its gain.
+        """
+        shapes = self.columns[:, 0] if self.shapes is None else self.shapes
+        kinds = [(False, shapes)]
+        if self.lines is not None:
+            kinds.append((True, shapes - self.lines @ (self.lines.T @ shapes)))
+        found = []
+        for of_line, columns in kinds:
+            size = np.abs(columns @ b)
+            k = int(np.argmax(size))
+            sd = float(np.sqrt(max(float(columns[k] @ covariance @ columns[k]), 0.0)))
+            found.append(Stray(peak=float(size[k]), sd=sd, from_line=of_line))
+        return max(found, key=lambda stray: (stray.peak - self.most_stated) / max(stray.sd, 1e-12))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -177,11 +217,14 @@ class Scene:
             entries=entries,
         )
 
-    def standing(self) -> Iterator[Candidate]:
-        """Causes that are there in all poses, or in a run of them."""
+    def standing(self, curved: Collection[int] = ()) -> Iterator[Candidate]:
+        """Causes that are there in all poses, or in a run of them.
+
+        `curved` are joints (1-based) whose curve a test has found larger than stated.
+        """
         yield from self._readings()
         yield from self._frozen()
-        yield from self._smooth()
+        yield from self._smooth(curved)
         yield from self._entries()
         yield from self._fixture()
 
@@ -215,7 +258,7 @@ class Scene:
                     poses=tuple(range(first, last)),
                 )
 
-    def _smooth(self) -> Iterator[Candidate]:
+    def _smooth(self, curved: Collection[int]) -> Iterator[Candidate]:
         """Every joint's reading off by a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
@@ -232,6 +275,9 @@ class Scene:
                     most=10.0,
                     shapes=shapes,
                     least=0.5 * sensor.linearity_rad,
+                    most_stated=sensor.linearity_rad,
+                    beyond=j in curved,
+                    lines=_lines(turn),
                 )
             elif isinstance(sensor, Encoder):
                 shapes = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
@@ -305,6 +351,12 @@ class Scene:
 
     def _noise(self, j: int) -> float:
         return max(float(self.arm.sigma_rad()[j - 1]), 1e-6)
+
+
+def _lines(angle: FloatArray) -> FloatArray:
+    """Constant and slope over angles (m,), orthonormal (m, 2)."""
+    both = np.stack((np.ones_like(angle), angle - angle.mean()), axis=-1)
+    return np.asarray(np.linalg.qr(both)[0])
 
 
 def still_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:

@@ -37,8 +37,8 @@ class Evidence:
         How far chi2 falls when the columns are fitted freely, and how many they count for.
     size
         Standard deviation of the coefficients, in units of the natural one.
-    b, sd
-        Coefficients (c,) and their standard deviations.
+    b, covariance
+        Coefficients (c,) and their covariance (c, c).
     moved
         How much the parameters (P,) change when it is believed (rad, m).
     """
@@ -50,7 +50,7 @@ class Evidence:
     dof_used: int
     size: float
     b: FloatArray
-    sd: FloatArray
+    covariance: FloatArray
     moved: FloatArray
 
     @property
@@ -108,7 +108,7 @@ def evidence(
         dof_used=int(free.sum()),
         size=float(sizes[best]),
         b=b,
-        sd=natural * np.sqrt((vectors**2 * shrunk[best]).sum(-1)),
+        covariance=np.outer(natural, natural) * ((vectors * shrunk[best]) @ vectors.T),
         moved=left.moved(G, b),
     )
 

@@ -34,7 +34,8 @@ MIN_SPAN = 0.15
 LEVEL = 0.01
 """Chance of calling a straight sensor curved."""
 
-TWO_SIDED = 1.959963984540054
+CERTAIN = 3.0
+"""Nothing is out of specification that is within so many of its own sigmas of it."""
 
 NOISE_MARGIN = 1.25
 """Noise is out of specification when it is above it by more than this for certain: a specification in
@@ -213,7 +214,7 @@ def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
 
 def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
     curved = figures.line_probability < LEVEL
-    too_curved = figures.linearity - TWO_SIDED * figures.linearity_sd > sensor.linearity
+    too_curved = figures.linearity - CERTAIN * figures.linearity_sd > sensor.linearity
     too_noisy = _too_noisy(figures.noise, sensor)
     rms = float(np.sqrt(np.mean(figures.deviation_rad**2)))
     # The loop must know the angle better than the sensor reads it, or there is nothing to gain.

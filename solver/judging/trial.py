@@ -7,7 +7,7 @@ what is left over is what the files state. Knows fits and arms; no file and no w
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,7 +107,9 @@ class Trial:
     step
         The most significant step of anything.
     left
-        What the fit left over at stated variances, poses in time order.
+        What the fit left over with noise as believed, poses in time order.
+    stated_chi2_per_dof
+        What it left over at stated variances.
     apart
         How far the estimate at stated variances lies from the one that was judged (P,), rad and m.
     scene
@@ -119,6 +121,7 @@ class Trial:
     odd: OddPoses
     step: Step | None
     left: LeftOver
+    stated_chi2_per_dof: float
     apart: FloatArray
     scene: Scene
 
@@ -134,15 +137,16 @@ def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
     Parameters
     ----------
     fit
-        The mixed model at its solution; it is judged at its *stated* variances.
+        The mixed model at its solution; it is judged at its *stated* variances, single readings by
+        noise as found where that is less.
     taken
         (m,): when each pose of the fit was taken, its place among the others.
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
     scene = Scene.in_time(arm, stated.design, stated.system, order)
-    left = left_over_of(stated).reordered(order)
-    tests = [chi2_test_at_stated(left)]
+    left = left_over_of(fit.believed).reordered(order)
+    tests = [chi2_test(stated.chi2, stated.dof)]
     odd, largest, more = _look(scene, left)
     tests += more
     tests += [*pull_tests(stated), *variance_tests(stated)]
@@ -150,10 +154,11 @@ def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
     fires = any(test.fires for test in tests)
     return Trial(
         tests=tuple(tests),
-        rounds=tuple(_explain(scene, left)) if fires else (),
+        rounds=tuple(_explain(scene, left, _curved(tests))) if fires else (),
         odd=odd,
         step=largest,
         left=left,
+        stated_chi2_per_dof=stated.chi2 / max(stated.dof, 1),
         apart=_apart(fit, stated),
         scene=scene,
     )
@@ -169,13 +174,11 @@ def _apart(fit: LinearFit, stated: LinearFit) -> FloatArray:
     return out
 
 
-def chi2_test_at_stated(left: LeftOver) -> Test:
+def chi2_test(chi2: float, dof: int) -> Test:
     """Test chi2 at the stated variances."""
     from scipy.special import chdtri
 
-    return Test(
-        code="CHI2_STATED", statistic=left.chi2, threshold=float(chdtri(left.dof, FALSE_ALARM))
-    )
+    return Test(code="CHI2_STATED", statistic=chi2, threshold=float(chdtri(dof, FALSE_ALARM)))
 
 
 def pull_tests(stated: LinearFit) -> list[Test]:
@@ -220,34 +223,54 @@ def prediction_test(stated: LinearFit) -> Test:
 
 
 def variance_tests(stated: LinearFit) -> list[Test]:
-    """Test every variance: is the likelihood steeper at what is stated than chance makes it."""
-    from scipy.special import ndtri
+    """Test every variance: is the likelihood steeper at what is stated than chance makes it.
+
+    The slope is a square of few directions (a sensor's gain and bow, say) less its expectation: in its
+    standard deviations it is distributed as chi2 is, with as many degrees of freedom as its mean and
+    variance say (Satterthwaite), and not as a normal variable.
+    """
+    from scipy.special import chdtri
 
     found = derivatives(stated, priors=False)
     names = [c.name for c in stated.design.components]
-    threshold = float(-ndtri(FALSE_ALARM / max(len(names), 1)))
-    sd = np.sqrt(np.maximum(np.diagonal(found.information), 1e-300))
+    information = np.maximum(np.diagonal(found.information), 1e-300)
+    dof = np.maximum(0.5 * found.expected**2 / information, 1e-3)
+    largest = (chdtri(dof, FALSE_ALARM / max(len(names), 1)) - dof) / np.sqrt(2.0 * dof)
+    z = found.score / np.sqrt(information)
     return [
-        Test(code=f"VARIANCE_{name.upper()}", statistic=float(z), threshold=threshold)
-        for name, z in zip(names, found.score / sd, strict=True)
+        Test(code=f"VARIANCE_{name.upper()}", statistic=float(s), threshold=float(t))
+        for name, s, t in zip(names, z, largest, strict=True)
         if name != "discrepancy"
     ]
 
 
 def _look(scene: Scene, left: LeftOver) -> tuple[OddPoses, Step | None, list[Test]]:
-    """Look for odd poses and for steps, at the scale of the noise that is left."""
-    scale = noise_scale(left.chi2, left.dof)
-    odd = odd_poses(left, scale=scale)
+    """Look for odd poses and for steps, with noise as believed.
+
+    At no smaller scale however little is left: where most of the noise is quieter than believed, that of
+    single readings of one sensor need not be.
+    """
+    odd = odd_poses(left)
     tests = [Test(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]
-    found = steps(left, scene.suspects(), scale=scale)
+    found = steps(left, scene.suspects())
     if found:
         tests.append(Test(code="STEP", statistic=found[0].chi2, threshold=found[0].threshold))
     return odd, found[0] if found else None, tests
 
 
-def _explain(scene: Scene, left: LeftOver) -> Iterable[tuple[Explanation, ...]]:
+def _curved(tests: Iterable[Test]) -> tuple[int, ...]:
+    """Joints whose sensor's curve is larger than stated."""
+    head = "VARIANCE_CURVE_"
+    return tuple(
+        int(t.code.removeprefix(head)) for t in tests if t.fires and t.code.startswith(head)
+    )
+
+
+def _explain(
+    scene: Scene, left: LeftOver, curved: Collection[int]
+) -> Iterable[tuple[Explanation, ...]]:
     """Take in the best explanation of what is left over, until nothing fires any more."""
-    standing = tuple(scene.standing())
+    standing = tuple(scene.standing(curved))
     for _ in range(MOST_CAUSES):
         found = _weighed(left, (*_changes(scene, left), *standing))
         yield found
@@ -260,7 +283,7 @@ def _explain(scene: Scene, left: LeftOver) -> Iterable[tuple[Explanation, ...]]:
         size = best.evidence.size * best.candidate.natural
         left = left.also_drawn(best.candidate.columns, size)
         _, _, tests = _look(scene, left)
-        if left.dof <= 0 or not any(t.fires for t in (chi2_test_at_stated(left), *tests)):
+        if left.dof <= 0 or not any(t.fires for t in (chi2_test(left.chi2, left.dof), *tests)):
             return
 
 
@@ -291,7 +314,7 @@ def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanati
         (c, e)
         for c in candidates
         if (e := evidence(left, c.columns, c.natural, most=c.most)) is not None
-        and not c.is_stated(e.b)
+        and not c.is_stated(e.b, e.covariance)
         and float(np.sqrt(np.mean((e.b / c.natural) ** 2))) <= c.most
     ]
     counts: dict[Cause, int] = {}

@@ -182,7 +182,11 @@ def bent_rvdt(seed: int, *, percent: float) -> Case:
     bent = replace(bent, shape=size * bent.shape, gain=0.0)
     specimen = _with_sensor(sound_one.specimen, joint, bent)
     found = taken(specimen, sound_one.angles, sound_one.ground, sound_one.hand)
-    return Case(taken=found, causes=(f"RVDT_{joint}",))
+    # What strays so far may end at full scale in some poses, and that is true of it as well.
+    middle = np.deg2rad(0.5 * (LOWER_DEG + UPPER_DEG)[joint - 1])
+    at_end = np.abs(found.readings[:, joint - 1] - middle) > 0.5 * FULL_SCALE - 2.0 * LSB
+    pinned = (f"SATURATED_{joint}",) if at_end.any() else ()
+    return Case(taken=found, causes=(f"RVDT_{joint}", *pinned))
 
 
 def stuck_rvdt(seed: int) -> Case:

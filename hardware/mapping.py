@@ -18,6 +18,7 @@ from hardware.objects import (
     COB_TPDO1,
     EMCY_COB_ID,
     HEARTBEAT_PRODUCER,
+    MAX_JOINTS,
     POSITION_ACTUAL,
     RPDO1_COMMUNICATION,
     RPDO1_MAP,
@@ -71,7 +72,11 @@ def check_mapping(access: ObjectAccess, joints: int) -> None:
     MappingDiffers
         Naming node, object, what was expected and what was found, for everything that differs.
     """
-    found = [text for joint in range(1, joints + 1) for text in _differences(access, joint, joints)]
+    found = [
+        text
+        for joint in range(1, joints + 1)
+        for text in differences(access, joint_node(joint), joints)
+    ]
     if found:
         raise MappingDiffers(found)
 
@@ -120,8 +125,8 @@ def patience_s(access: ObjectAccess, nodes: Iterable[int], least_s: float) -> fl
     return max(least_s, HEARTBEATS * longest_s)
 
 
-def _differences(access: ObjectAccess, joint: int, joints: int) -> Iterator[str]:
-    node = joint_node(joint)
+def differences(access: ObjectAccess, node: int, joints: int = MAX_JOINTS) -> Iterator[str]:
+    """What of a drive's PDOs is not as it has to be: node, object, expected and found, in words."""
     yield from _cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=_GENERATES_SYNC)
     yield from _cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=_NOT_VALID)
     for pdo in (

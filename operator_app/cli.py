@@ -24,6 +24,8 @@ COMMANDS = {
     "report": "write an HTML report of a session",
     "compare": "say what drifted between two calibrations",
     "session": "list sessions, show one, or repair the journal of one that is damaged",
+    "probe": "say which nodes are on a bus and whether they can be driven; moves nothing",
+    "monitor": "watch a bus beside a running session; sends nothing",
     "reset": "clear tripped drives and a STOP; moves nothing",
     "controller": "run the virtual controller as its own process",
 }

@@ -82,6 +82,7 @@ class FakeArmBus(can.BusABC):
         self.syncs = 0
         self.sent: list[tuple[int, bytes]] = []
         self.heartbeat_ms = 100
+        self.mute: set[int] = set()
         self.twins: set[int] = set()
         self.denies_control = False
         self.objects: dict[tuple[int, int, int], bytes | int] = {}
@@ -153,7 +154,7 @@ class FakeArmBus(can.BusABC):
         self._next_beat = now + 0.1
         state = b"\x05" if self.operational else b"\x7f"
         for node in (*self.drives, SUPERVISOR):
-            if node not in self.dead:
+            if node not in self.dead | self.mute:
                 self._queue.append((0x700 + node, state))
         if self.other_operator:
             self._queue.append((0x77F, b"\x05"))
@@ -184,7 +185,7 @@ class FakeArmBus(can.BusABC):
             self.drives[identifier - 0x200].rpdo(data)
         elif 0x601 <= identifier <= 0x67F:
             node = identifier - 0x600
-            if node not in self.dead:
+            if node in (*self.drives, SUPERVISOR) and node not in self.dead:
                 self._sdo(node, data)
 
     # ---- SDO server --------------------------------------------------------------------------------

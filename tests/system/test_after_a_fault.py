@@ -11,8 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import can
 import pytest
 
+from hardware.buses import BusSettings, open_bus
 from hardware.virtual.fault_kinds import FAULT_KINDS
 from operator_app.cli import main
 from operator_app.commands.controller import FAULTS
@@ -171,3 +173,43 @@ def test_a_session_interrupted_by_ctrl_c_is_held(tmp_path: Path, channel: str) -
 
 def test_the_command_line_knows_every_fault() -> None:
     assert set(FAULTS) == set(FAULT_KINDS)
+
+
+def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channel: str) -> None:
+    bus = ("-i", "loopback", "-c", channel)
+    code, _, said = finish(start(tmp_path, "probe", *bus))
+    assert code == 3
+    assert "no node answers" in said
+    with controller_on(tmp_path, channel):
+        code, out, said = finish(start(tmp_path, "probe", *bus, "--json"))
+        found = json.loads(out)
+        assert code == 0, (out, said)
+        assert [node["node"] for node in found["nodes"]] == [1, 2, 3, 4, 5, 6, 7, 16]
+        assert not any(node["problems"] for node in found["nodes"])
+
+        watcher = start(tmp_path, "monitor", *bus)
+        run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
+        wait_for_poses(tmp_path / "sessions", 1, run)
+        run.send_signal(signal.SIGINT)
+        code, _, said = finish(run)
+        assert code == 130, said
+        own = open_bus(BusSettings(interface="loopback", channel=channel))
+        beat = can.Message(arbitration_id=0x77F, data=b"\x05", is_extended_id=False)
+        beating = own.send_periodic(beat, 0.05)
+        code, _, said = finish(start(tmp_path, "probe", *bus))
+        beating.stop()
+        own.shutdown()
+        assert code == 3
+        assert "an operator (node 127) is at work on this bus: nobody was asked" in said
+        watcher.send_signal(signal.SIGINT)
+        code, out, _ = finish(watcher)
+    assert code == 0
+    for words in (
+        "joint 3: has booted",
+        "the operator (node 127): operational",
+        "node 16: 2010h sub 0 is written",
+        "joint 2: told to be in free mode",
+        "joint 1: drive operation enabled",
+        "nothing was sent",
+    ):
+        assert words in out, words

@@ -1,0 +1,216 @@
+"""Which nodes are on a bus, and whether they are set up as this program drives them. Moves and enables nothing.
+
+Listens first: where an operator's heartbeat or SYNC is heard, nothing is sent at all. Then every node number
+is asked for its device type, and whoever answers for who it is. Knows SDO; no session and no arm file.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import can
+
+from hardware import mapping
+from hardware.buses import BusSettings, open_bus
+from hardware.errors import BusError, HardwareError, SdoRefused
+from hardware.objects import (
+    COB_HEARTBEAT,
+    COB_SDO_FROM_SERVER,
+    COB_SDO_TO_SERVER,
+    COB_SYNC,
+    DEVICE_NAME,
+    DEVICE_TYPE,
+    DEVICE_TYPE_MASK,
+    DRIVE_DEVICE_TYPE,
+    IDENTITY,
+    IDENTITY_SERIAL,
+    MAX_JOINTS,
+    OPERATOR_NODE,
+    POSITION_ACTUAL,
+)
+from hardware.sdo import ObjectAccess
+from hardware.wire import Wire
+
+LISTEN_S: Final = 1.2
+"""Some heartbeats of an operator, and one of the slowest node that is driven, fit in here."""
+ANSWERS_S: Final = 0.6
+NODES: Final = range(1, 127)
+_POLL_S: Final = 0.02
+_READ_DEVICE_TYPE: Final = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
+_UPLOAD_ANSWER: Final = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundNode:
+    """One node that answers.
+
+    Attributes
+    ----------
+    device_type, device_name, serial_number
+        1000h, 1008h and 1018h; None or "" where it has none.
+    drive
+        Whether it is a CiA 402 servo drive.
+    position_counts
+        6064h of a drive.
+    heard
+        Whether it sent a heartbeat while it was listened to.
+    problems
+        What is not as this program drives it, in words.
+    """
+
+    node: int
+    device_type: int
+    device_name: str
+    serial_number: int | None
+    drive: bool
+    position_counts: int | None
+    heard: bool
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Probe:
+    """What a bus holds. `busy` says who works on it, in words; then nobody was asked anything."""
+
+    busy: str
+    heard: tuple[int, ...]
+    nodes: tuple[FoundNode, ...]
+
+
+class _Ears:
+    """Receives in a thread of its own: notes who speaks, hands SDO answers on."""
+
+    def __init__(self, wire: Wire) -> None:
+        self._wire = wire
+        self.heartbeats: Counter[int] = Counter()
+        self.answers: Counter[int] = Counter()
+        self.device_types: dict[int, int] = {}
+        self.syncs = 0
+        self.deliver: Callable[[int, bytes], None] = lambda _identifier, _data: None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="sarcal-probe", daemon=True)
+        self._thread.start()
+
+    def listen(self, seconds: float) -> None:
+        """Let time pass."""
+        self._closing.wait(seconds)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closing.set()
+        self._thread.join(5.0)
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            try:
+                message = self._wire.receive(_POLL_S)
+            except BusError:
+                return
+            if message is not None:
+                self._take_in(message)
+
+    def _take_in(self, message: can.Message) -> None:
+        identifier, data = message.arbitration_id, bytes(message.data)
+        if identifier == COB_SYNC:
+            self.syncs += 1
+        elif COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
+            self.heartbeats[identifier - COB_HEARTBEAT] += 1
+        elif COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
+            node = identifier - COB_SDO_FROM_SERVER
+            if len(data) == 8 and data[1:4] == _READ_DEVICE_TYPE[1:4]:
+                self.answers[node] += 1
+                if data[0] >> 5 == _UPLOAD_ANSWER:
+                    self.device_types[node] = int.from_bytes(data[4:8], "little")
+            self.deliver(identifier, data)
+
+
+def probe(
+    settings: BusSettings,
+    *,
+    opener: Callable[[BusSettings], can.BusABC] = open_bus,
+    listen_s: float = LISTEN_S,
+    clock: Callable[[], float] = time.monotonic,
+) -> Probe:
+    """Look who is on a bus.
+
+    Raises
+    ------
+    BusError
+        It cannot be opened, or takes no frames.
+    """
+    wire = Wire(opener(settings))
+    ears = _Ears(wire)
+    try:
+        ears.listen(listen_s)
+        busy = ""
+        if ears.heartbeats[OPERATOR_NODE]:
+            busy = f"an operator (node {OPERATOR_NODE}) is at work on this bus"
+        elif ears.syncs:
+            busy = "somebody sends SYNC on this bus"
+        if busy:
+            return Probe(busy=busy, heard=tuple(sorted(ears.heartbeats)), nodes=())
+        for node in NODES:
+            wire.send(COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
+            if node % 16 == 0:
+                ears.listen(_POLL_S)  # slow adapters take a few frames at a time
+        until = clock() + ANSWERS_S
+        while clock() < until:
+            ears.listen(_POLL_S)
+        answers = dict(ears.answers)
+        access = ObjectAccess(wire.send, sorted(answers))
+        ears.deliver = access.deliver
+        found = tuple(_look_at(access, node, ears, answers[node]) for node in sorted(answers))
+        return Probe(busy="", heard=tuple(sorted(ears.heartbeats)), nodes=found)
+    finally:
+        ears.close()
+        wire.close()
+
+
+def _look_at(access: ObjectAccess, node: int, ears: _Ears, answers: int) -> FoundNode:
+    kind = ears.device_types.get(node, 0)
+    drive = kind & DEVICE_TYPE_MASK == DRIVE_DEVICE_TYPE
+    heard = ears.heartbeats[node] > 0
+    problems, name, serial, position = list[str](), "", None, None
+    if answers > 1:
+        # Nothing that it says can be told from what the other one says.
+        problems.append(f"two devices answer as node {node}: give one of them another number")
+    else:
+        try:
+            name = _text(access, node, DEVICE_NAME)
+            serial = _number(access, node, IDENTITY, IDENTITY_SERIAL)
+            if drive and node <= MAX_JOINTS:
+                problems += mapping.differences(access, node)
+                position = access.read_signed(node, POSITION_ACTUAL)
+        except HardwareError as error:
+            problems.append(str(error))
+    if not heard:
+        problems.append(f"node {node}: no heartbeat was heard in {LISTEN_S:g} s")
+    return FoundNode(
+        node=node,
+        device_type=kind,
+        device_name=name,
+        serial_number=serial,
+        drive=drive,
+        position_counts=position,
+        heard=heard,
+        problems=tuple(problems),
+    )
+
+
+def _text(access: ObjectAccess, node: int, index: int) -> str:
+    try:
+        return access.read_text(node, index)
+    except SdoRefused:
+        return ""
+
+
+def _number(access: ObjectAccess, node: int, index: int, subindex: int) -> int | None:
+    try:
+        return access.read_unsigned(node, index, subindex)
+    except SdoRefused:
+        return None

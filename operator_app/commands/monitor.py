@@ -1,0 +1,78 @@
+"""`sarcal monitor`: what happens on a bus, as it happens, beside whatever runs on it. Sends not one frame."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from operator_app.commands.options import bus_options, json_option
+from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
+
+POLL_S = 0.1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "--seconds", type=float, metavar="S", help="how long to watch (default: until Ctrl-C)"
+    )
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE", help="record the bus as well (.blf, .asc, .log)"
+    )
+    bus_options(parser)
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Watch and say; at the end sum up what was seen."""
+    from hardware.buses import bus_settings, open_bus
+    from hardware.monitoring import BusMonitor
+    from hardware.wire import Wire
+    from operator_app.signals import ending_signals_interrupt
+
+    if args.seconds is not None and not 0.0 < args.seconds <= 1e7:
+        raise UsageError("--seconds: more than 0 and at most 1e7")
+    settings = bus_settings(args.interface, args.channel, args.bitrate)
+    if settings.interface == "virtual":
+        raise UsageError(
+            "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"
+        )
+    wire, seen = Wire(open_bus(settings), record_to=args.record), BusMonitor()
+    begun = time.monotonic()
+    try:
+        with ending_signals_interrupt():
+            say(f"Watching {settings}; Ctrl-C ends it.", err=True)
+            while args.seconds is None or time.monotonic() < begun + args.seconds:
+                message = wire.receive(POLL_S)
+                now = time.monotonic()
+                if message is not None:
+                    _say(args, seen.take_in(message.arbitration_id, bytes(message.data), now))
+                _say(args, seen.time_passes(now))
+    except KeyboardInterrupt:
+        if args.seconds is not None:
+            raise
+    finally:
+        wire.close()
+    found = seen.summary()
+    if args.json:
+        say(json.dumps(found, indent=2))
+    else:
+        say(
+            f"{found['frames']} frames, {found['syncs']} SYNCs in "
+            f"{time.monotonic() - begun:.1f} s; nothing was sent."
+        )
+    return ExitCode.ACCEPTED
+
+
+def _say(args: argparse.Namespace, sentences: Iterable[str]) -> None:
+    """One line a sentence; beside a JSON object they go to stderr."""
+    for sentence in sentences:
+        time_utc = f"{datetime.now(UTC):%H:%M:%S}"
+        say(f"{time_utc}  {sentence}", err=args.json)
+        (sys.stderr if args.json else sys.stdout).flush()

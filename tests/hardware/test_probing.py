@@ -1,0 +1,85 @@
+"""Who is on a bus: asked of nobody where somebody works on it, and nothing is told to move."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+import pytest
+
+from hardware.buses import BusSettings
+from hardware.probing import Probe, probe
+from tests.hardware.fake_arm import FakeArmBus
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.probing.ANSWERS_S", 0.1)
+
+
+@pytest.fixture
+def bus() -> Iterator[FakeArmBus]:
+    fake = FakeArmBus()
+    fake.drives[7].counts = 100
+    yield fake
+    # Reads only: no NMT, no SYNC, no command.
+    assert {identifier & ~0x7F for identifier, _ in fake.sent} <= {0x600}
+    assert {data[0] for _, data in fake.sent} <= {0x40, 0x60, 0x70, 0x80}
+
+
+def look(bus: FakeArmBus) -> Probe:
+    return probe(BusSettings(channel="fake"), opener=lambda _: bus, listen_s=0.3)
+
+
+def test_every_node_is_found_with_its_name_and_where_it_stands(bus: FakeArmBus) -> None:
+    found = look(bus)
+    assert found.busy == ""
+    assert [node.node for node in found.nodes] == [1, 2, 3, 4, 5, 6, 7, 16]
+    assert [node.drive for node in found.nodes] == [True] * 7 + [False]
+    assert [node.position_counts for node in found.nodes] == [
+        1000, 2000, 3000, 4000, 5000, 6000, 100, None,
+    ]  # fmt: skip
+    assert [node.serial_number for node in found.nodes] == [*range(7001, 7008), 7016]
+    assert [node.problems for node in found.nodes] == [()] * 8
+
+
+def test_another_map_is_named(bus: FakeArmBus) -> None:
+    bus.objects[3, 0x1A00, 2] = struct.pack("<L", 0x606C0020)
+    found = {node.node: node.problems for node in look(bus).nodes}
+    (problem,) = found.pop(3)
+    assert "node 3, 1A00h: expected TPDO1 = " in problem
+    assert "606Ch(32)" in problem
+    assert set(found.values()) == {()}
+
+
+def test_two_devices_with_one_number_are_named(bus: FakeArmBus) -> None:
+    bus.twins = {5}
+    found = {node.node: node.problems for node in look(bus).nodes}
+    assert found[5] == ("two devices answer as node 5: give one of them another number",)
+
+
+def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:
+    bus.mute = {2}
+    found = {node.node: node.problems for node in look(bus).nodes}
+    assert "node 2: no heartbeat was heard" in found[2][0]
+
+
+def test_where_an_operator_is_at_work_nobody_is_asked(bus: FakeArmBus) -> None:
+    bus.other_operator = True
+    found = look(bus)
+    assert "an operator (node 127) is at work" in found.busy
+    assert found.nodes == ()
+    assert 127 in found.heard
+    assert bus.sent == []
+
+
+def test_where_somebody_sends_sync_nobody_is_asked(bus: FakeArmBus) -> None:
+    bus.say(0x080, b"")
+    found = look(bus)
+    assert "SYNC" in found.busy
+    assert bus.sent == []
+
+
+def test_an_empty_bus_is_empty(bus: FakeArmBus) -> None:
+    bus.dead = {*range(1, 8), 16}
+    assert look(bus) == Probe(busy="", heard=(), nodes=())

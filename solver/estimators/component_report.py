@@ -66,6 +66,10 @@ class FlexureTest:
     gives: bool
 
 
+MOST_CERTAIN = 1e6
+"""No standard deviation is known better than to this share of itself."""
+
+
 def components(found: MixedFit, design: Design) -> tuple[Component, ...]:
     """Report noise and curve of every analogue sensor and the fixture's noise.
 
@@ -121,14 +125,16 @@ def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -
         size = np.sqrt(np.maximum(np.diagonal(block), 1e-300))
         inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-12)
         at = int(np.flatnonzero(use == k)[0])
-        error[k] = np.sqrt(max(float(inverse[at, at]), 0.0)) / size[at]
+        # A variance that a few poses leave to rounding has no error that could be told.
+        own = float(inverse[at, at])
+        error[k] = np.sqrt(own) / size[at] if own > 0.0 else np.inf
     return error
 
 
 def _interval(variance: float, error: float) -> tuple[float, float]:
     from scipy.special import chdtri
 
-    degrees = 2.0 * (variance / max(error, 1e-300)) ** 2
+    degrees = 2.0 * min(variance / max(error, 1e-300), MOST_CERTAIN) ** 2
     if degrees < 1.0:
         # Hardly there at all: the lower end is zero, and chi2's upper end would run off to infinity.
         return 0.0, variance + TWO_SIDED * error

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.estimators.component_report import standard_errors
+from solver.estimators.component_report import MOST_CERTAIN, standard_errors
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.scoring import derivatives
 
@@ -53,9 +53,9 @@ def larger_than_stated(fit: LinearFit) -> tuple[Larger, ...]:
     error = standard_errors(derivatives(fit).information, v, floor)
     found = []
     for c, value, least, s in zip(design.components, v, stated, error, strict=True):
-        if c.name == "discrepancy" or not value > least > 0.0:
+        if c.name == "discrepancy" or not value > least > 0.0 or not np.isfinite(s):
             continue
-        dof = 2.0 * (value / max(float(s), 1e-300)) ** 2
+        dof = 2.0 * min(value / max(float(s), 1e-300), MOST_CERTAIN) ** 2
         # Wilson and Hilferty's cube root where the chance is too small for a double.
         chance = float(chdtrc(dof, dof * value / least))
         cube = ((value / least) ** (1.0 / 3.0) - 1.0 + 2.0 / (9.0 * dof)) / np.sqrt(

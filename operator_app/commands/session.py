@@ -63,7 +63,9 @@ def execute(args: argparse.Namespace) -> int:
             rows = [["session", "begun (UTC)", "arm", "poses", "state"]]
             for fact in found:
                 if "problem" in fact:
-                    rows.append([fact["folder"], "", "", "", fact["problem"]])
+                    # The row begins with the folder.
+                    problem = fact["problem"].replace(f"{fact['folder']}/", "")
+                    rows.append([fact["folder"], "", "", "", problem])
                     continue
                 stage = "captured"
                 if fact["solved"]:

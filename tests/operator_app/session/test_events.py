@@ -123,7 +123,9 @@ def test_wrong_content_is_one_error_that_names_file_line_and_key(
         assert said.startswith(f"sarcal: {path} is damaged at line {refused.value.line}")
         assert "sarcal session repair" in said
     assert main(["session", "list", *root]) == 0
-    assert "is damaged at line" in capsys.readouterr().out
+    row = capsys.readouterr().out.splitlines()[-1]
+    assert "  journal.jsonl is damaged at line" in row
+    assert row.count(str(folder)) == 1
 
 
 def test_a_sound_journal_is_a_state(tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def judge_rvdts(
 
 def _seen_without(fit: LinearFit, model: ClosureModel, joints: Collection[int]) -> Identifiability:
     """What is left to see of the unknowns of `model` when some joints' readings are taken from a fit."""
-    system = fit.system
+    system = fit.whole
     unsensed = fit.design.model.unsensed_joints
     K = left_null_space(system.B[..., [j - 1 for j in joints if j not in unsensed]])
     names = [p.name for p in fit.design.model.parameters]

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -38,7 +39,16 @@ class System:
     E: FloatArray
     angle: FloatArray
 
-    def at_poses(self, poses: IntArray) -> System:
+    @property
+    def equations(self) -> int:
+        """Of all poses."""
+        return self.w.size
+
+    def part(self, poses: slice) -> System:
+        """Return the equations of some poses in a row."""
+        return self.at_poses(poses)
+
+    def at_poses(self, poses: IntArray | slice) -> System:
         """Return the equations of a selection of poses."""
         return System(
             w=self.w[poses],
@@ -47,6 +57,23 @@ class System:
             E=self.E[poses],
             angle=self.angle[poses],
         )
+
+
+class Equations(Protocol):
+    """The equations of all poses, to be had some at a time."""
+
+    @property
+    def equations(self) -> int:
+        """Number of equations of all poses."""
+        ...
+
+    def part(self, poses: slice) -> System:
+        """Return those of some poses in a row."""
+        ...
+
+    def at_poses(self, poses: IntArray) -> System:
+        """Return those of a selection of poses."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -149,15 +176,15 @@ class Design(Layout):
             yield slice(first, min(first + CHUNK, len(self.q)))
 
     def whiten(self, system: System, v: FloatArray, poses: slice) -> Whitened:
-        """Columns of some poses in units of their noise (unit coefficients, groups unscaled)."""
-        B, E = system.B[poses], system.E[poses]
+        """Columns of some poses, of which `system` is, in units of their noise (groups unscaled)."""
+        B, E = system.B, system.E
         Et = np.swapaxes(E, -1, -2)
         S, F = self.joint_variance(v, poses), self.fixture_variance(v, poses)
         V = (B * S[:, None, :]) @ np.swapaxes(B, -1, -2) + (Et * F[:, None, :]) @ E
         L_inverse = np.linalg.inv(np.linalg.cholesky(V))
         Bw, Ew = L_inverse @ B, L_inverse @ Et
-        Aw = L_inverse @ system.A[poses]
-        m, r = system.w[poses].shape
+        Aw = L_inverse @ system.A
+        m, r = system.w.shape
         M = np.empty((m, r, self.width))
         M[..., : self.hard] = Aw[..., self.hard_index]
         at = self.hard
@@ -165,7 +192,7 @@ class Design(Layout):
             end = at + len(self.soft_index)
             M[..., at:end] = Aw[..., self.soft_index] * self.soft_sd
             at = end
-        for joint, shapes in self.joint_shapes(system.angle[poses], poses):
+        for joint, shapes in self.joint_shapes(system.angle, poses):
             end = at + shapes.shape[-1]
             M[..., at:end] = Bw[..., joint, None] * shapes[:, None, :]
             at = end
@@ -177,7 +204,7 @@ class Design(Layout):
                 at = end
         if self.loaded is not None:
             M[..., at:] = Ew @ self.loaded.columns[poses]
-        w = (L_inverse @ system.w[poses][..., None])[..., 0]
+        w = (L_inverse @ system.w[..., None])[..., 0]
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, Bw=Bw, Ew=Ew)
 
     def joint_shapes(self, angle: FloatArray, poses: slice) -> Iterator[tuple[int, FloatArray]]:

@@ -8,13 +8,14 @@ by the others, score of any further column. Knows no iteration and no file.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.estimators.effects import Design, System, Whitened
+from solver.estimators.effects import Design, Equations, System, Whitened
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,7 +66,7 @@ class LinearFit:
     """
 
     def __init__(
-        self, design: Design, system: System, v: FloatArray, *, keep: bool | None = None
+        self, design: Design, system: Equations, v: FloatArray, *, keep: bool | None = None
     ) -> None:
         self.design, self.system, self.v = design, system, np.array(v, dtype=np.float64)
         hard = design.hard
@@ -98,17 +99,22 @@ class LinearFit:
         self.step = self.coefficients[:hard]
         self.unit_b = self.coefficients[hard:]
         self.b = self.unit_b * self.root
-        self.dof = system.w.size - hard
+        self.dof = system.equations - hard
         self.log_likelihood = -0.5 * (2.0 * logdet + half + self.chi2)
 
     def _whiten(self, poses: slice) -> Whitened:
-        part = self.design.whiten(self.system, self.v, poses)
+        part = self.design.whiten(self.system.part(poses), self.v, poses)
         part.M[..., self.design.hard :] *= self.root
         return part
 
-    def parts(self) -> list[Whitened]:
+    def parts(self) -> Iterator[Whitened]:
         """Whitened poses, effects scaled to unit variance; made again where not kept."""
-        return self._kept or [self._whiten(poses) for poses in self.design.parts()]
+        yield from self._kept or (self._whiten(poses) for poses in self.design.parts())
+
+    @property
+    def whole(self) -> System:
+        """The equations of all poses at once."""
+        return self.system.part(slice(0, len(self.design.q)))
 
     def at_poses(self, poses: IntArray) -> LinearFit:
         """Return the same linearisation of a selection of poses, solved for these alone."""

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.closing import close_loops, left_null_space
+from solver.closing import close_loops
 from solver.errors import PosesDoNotFitError
-from solver.estimators.effects import CHUNK, Design, System
+from solver.estimators.effects import Design
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.least_squares import Progress
 from solver.estimators.linear_fit import LinearFit
+from solver.estimators.linearisation import Linearisation, State
 from solver.estimators.scoring import Ascent, Derivatives, Step, derivatives, step
 from solver.loops.closure import ClosureModel
 
@@ -97,14 +98,6 @@ class Near:
         )
 
 
-@dataclass(slots=True)
-class _State:
-    x: FloatArray
-    e: FloatArray
-    u: FloatArray
-    angle: FloatArray
-
-
 def fit_mixed(
     model: ClosureModel,
     q: FloatArray,
@@ -165,16 +158,16 @@ def _iterate(
     state = _start(design, x0, v, near)
     converged, rounds, ascent, wanted = False, 0, Ascent(), Step.none(len(v))
     for rounds in range(1, MAX_ROUNDS + 1):
-        system, rates = _linearise(design, state)
+        here = Linearisation(design, state)
         try:
-            fit = LinearFit(design, system, v)
+            fit = LinearFit(design, here, v)
         except np.linalg.LinAlgError as error:
             raise PosesDoNotFitError from error
         if rounds == 1 and free and fit.chi2 > SURPRISE * fit.dof:
             # Nothing stated explains these readings: start where much may give.
             v = np.maximum(v, [c.leap for c in design.components])
-            fit = LinearFit(design, system, v)
-        moved = _advance(design, state, system, rates, fit)
+            fit = LinearFit(design, here, v)
+        state, moved = _advance(design, here, fit)
         if not np.isfinite(moved):
             break
         if progress is not None:
@@ -189,7 +182,7 @@ def _iterate(
         if moved < SETTLED and wanted.largest < STEADY:
             converged = True
             break
-    shift, give = design.effects_at(fit.b, state.angle)
+    shift, give = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
         found=derivatives(fit) if found is None else found,
@@ -197,100 +190,43 @@ def _iterate(
     )  # fmt: skip
 
 
-def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> _State:
+def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> State:
     """Poses as they were left, or as they were read with loops that close as well as `x0` allows."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
-        return _State(x, near.corrections, near.unsensed, q + near.corrections)
+        return State(x=x, e=near.corrections, u=near.unsensed)
     sd = np.sqrt(design.joint_variance(v).mean(axis=0))
     u = close_loops(design.model, x, q, sigma_rad=sd, max_iterations=3).u
-    return _State(x, np.zeros_like(q), u, q)
+    return State(x=x, e=np.zeros_like(q), u=u)
 
 
-@dataclass(frozen=True, slots=True)
-class _Rates:
-    """What the back-substitution needs of each pose: c (m, k), N^+ (m, U, k), J_x and J_q under it."""
-
-    down: FloatArray
-    by_x: FloatArray
-    by_q: FloatArray
-    closed: FloatArray
-
-
-def _linearise(design: Design, state: _State) -> tuple[System, _Rates]:
-    """Reduced system of all poses at a state, in chunks: the full Jacobians never stand side by side."""
-    m = len(design.q)
-    found: list[FloatArray] = []
-    soft = state.x - design.nominal
-    soft[design.hard_index] = 0.0
-    for first in range(0, m, CHUNK):
-        here = slice(first, min(first + CHUNK, m))
-        model = design.model if m <= CHUNK else design.model.at_poses(np.arange(m)[here])
-        e = state.e[here]
-        error = model.loop(state.x, design.q[here] + e, state.u[here])
-        E = left_null_space(error.jac_u)
-        Et = np.swapaxes(E, -1, -2)
-        A = Et @ error.jac_x
-        c = error.residual - (error.jac_q @ e[..., None])[..., 0]
-        w = (Et @ c[..., None])[..., 0] - A @ soft
-        down = (
-            np.asarray(np.linalg.pinv(error.jac_u))
-            if error.jac_u.shape[-1]
-            else np.zeros((len(e), 0, c.shape[-1]))
-        )
-        closed = (down @ c[..., None])[..., 0]
-        piece: tuple[FloatArray, ...] = (
-            w, A, Et @ error.jac_q, E,
-            down, down @ error.jac_x, down @ error.jac_q, closed,
-        )  # fmt: skip
-        if m <= CHUNK:
-            found = list(piece)
-            break
-        found = found or [np.empty((m, *p.shape[1:])) for p in piece]
-        for whole, part in zip(found, piece, strict=True):
-            whole[here] = part
-    w, A, B, E, down, by_x, by_q, closed = found
-    system = System(w=w, A=A, B=B, E=E, angle=state.angle)
-    return system, _Rates(down=down, by_x=by_x, by_q=by_q, closed=closed)
-
-
-def _advance(design: Design, state: _State, system: System, rates: _Rates, fit: LinearFit) -> float:
-    """Move to the solution of one linearisation; the largest change in standard errors."""
-    shift, give = design.effects_at(fit.b, state.angle)
-    x = state.x.copy()
+def _advance(design: Design, at: Linearisation, fit: LinearFit) -> tuple[State, float]:
+    """Solution of one linearisation, and the largest change to it in standard errors."""
+    old, soft = at.state, len(design.soft_index)
+    x = old.x.copy()
     x[design.hard_index] += fit.step
-    soft = len(design.soft_index)
     x[design.soft_index] = design.nominal[design.soft_index] + design.soft_sd * fit.b[:soft]
-    e = shift.copy()
+    dx = x - old.x
+    e, give = design.effects_at(fit.b, design.q + old.e)
+    du = np.zeros_like(old.u)
     for part in fit.parts():
-        here = part.poses
+        here, system = part.poses, at.part(part.poses)
         left = (part.w + part.M @ fit.coefficients)[..., None]
         multipliers = np.swapaxes(part.L_inverse, -1, -2) @ left
         S, F = design.joint_variance(fit.v, here), design.fixture_variance(fit.v, here)
-        e[here] -= S * (np.swapaxes(system.B[here], -1, -2) @ multipliers)[..., 0]
-        give[here] -= F * (system.E[here] @ multipliers)[..., 0]
-    dx = x - state.x
-    rest = (
-        rates.closed + rates.by_x @ dx
-        + (rates.by_q @ e[..., None])[..., 0] + (rates.down @ give[..., None])[..., 0]
-    )  # fmt: skip
-    du = -rest
-    largest = max(
-        float(np.abs(dx).max(initial=0.0)),
-        float(np.abs(e - state.e).max(initial=0.0)),
-        float(np.abs(du).max(initial=0.0)),
-    )
+        e[here] -= S * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
+        give[here] -= F * (system.E @ multipliers)[..., 0]
+        du[here] = at.rates(here).unsensed_step(dx, e[here], give[here])
+    de = e - old.e
+    largest = max(float(np.abs(d).max(initial=0.0)) for d in (dx, de, du))
     if not np.isfinite(largest):
-        return float("nan")
+        return old, float("nan")
     sd = np.sqrt(np.maximum(np.diagonal(fit.covariance), 1e-300))
     moved = float(np.abs(dx / sd).max(initial=0.0))
     # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
     shrink = min(1.0, 1.0 / max(largest, 1e-300))
-    state.x = state.x + shrink * dx
-    state.e = state.e + shrink * (e - state.e)
-    state.u = state.u + shrink * du
-    state.angle = design.q + state.e
-    return moved if largest < LINEAR else max(moved, 1.0)
+    new = State(x=old.x + shrink * dx, e=old.e + shrink * de, u=old.u + shrink * du)
+    return new, moved if largest < LINEAR else max(moved, 1.0)
 
 
 def expected_fit(
@@ -310,6 +246,5 @@ def expected_fit(
     closed = close_loops(model, x, q, sigma_rad=sd)
     here = np.where(closed.closed[:, None], closed.q, q)
     design = Design(model, here, errors, group=group)
-    state = _State(np.array(x, dtype=float), np.zeros_like(here), closed.u, here)
-    system, _ = _linearise(design, state)
-    return LinearFit(design, system, design.stated_variances())
+    at = State(x=np.array(x, dtype=float), e=np.zeros_like(here), u=closed.u)
+    return LinearFit(design, Linearisation(design, at), design.stated_variances())

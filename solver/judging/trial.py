@@ -144,7 +144,7 @@ def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
-    scene = Scene.in_time(arm, stated.design, stated.system, order)
+    scene = Scene.in_time(arm, stated.design, stated.whole, order)
     left = left_over_of(fit.believed).reordered(order)
     tests = [chi2_test(stated.chi2, stated.dof)]
     odd, largest, more = _look(scene, left)
@@ -340,7 +340,7 @@ def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanati
 
 def left_over_of(fit: LinearFit) -> LeftOver:
     """Return what a mixed model left over, its poses in the order of its system."""
-    design, parts, half = fit.design, fit.parts(), fit.half
+    design, parts, half = fit.design, list(fit.parts()), fit.half
     size = np.ones(design.hard + len(design.soft_index))
     size[design.hard :] = design.soft_sd * fit.root[: len(design.soft_index)]
     place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))

@@ -1,0 +1,90 @@
+"""The loops of all poses linearised at one state, worked out some poses at a time.
+
+The Jacobians of a hundred thousand poses never stand side by side: whoever asks for some poses gets them
+made, and made again. What was asked for last is remembered, which is everything where poses are few.
+Knows a closure model and where its poses are; no variance and no effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.closing import left_inverse, left_null_space
+from solver.estimators.effects import Design, System
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class State:
+    """Parameters x (P,), joint corrections e (m, n) and unsensed angles u (m, U)."""
+
+    x: FloatArray
+    e: FloatArray
+    u: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rates:
+    """What the back-substitution needs of each pose: N^+ c (m, U), J_x and J_q under N^+, N^+ (m, U, k)."""
+
+    closed: FloatArray
+    by_x: FloatArray
+    by_q: FloatArray
+    down: FloatArray
+
+    def unsensed_step(self, dx: FloatArray, e: FloatArray, give: FloatArray) -> FloatArray:
+        """Change of the unsensed angles (m, U) with steps dx (P,), corrections e (m, n), give (m, k)."""
+        moved = self.closed + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
+        return np.asarray(-moved - (self.down @ give[..., None])[..., 0])
+
+
+class Linearisation:
+    """Equations of `design` at `state`; see the module."""
+
+    def __init__(self, design: Design, state: State) -> None:
+        self.state = state
+        self._model, self._q = design.model, design.q
+        # Effects count from the nominal values of toleranced entries, steps of the others from here.
+        self._soft = state.x - design.nominal
+        self._soft[design.hard_index] = 0.0
+        self.equations = len(design.q) * design.model.equations_per_pose
+        self._last: tuple[slice, System, Rates] | None = None
+
+    def part(self, poses: slice) -> System:
+        """Equations of some poses in a row."""
+        return self._of(poses)[0]
+
+    def rates(self, poses: slice) -> Rates:
+        """How unsensed angles follow at some poses in a row."""
+        return self._of(poses)[1]
+
+    def at_poses(self, poses: IntArray) -> System:
+        """Equations of a selection of poses."""
+        return self._made(poses)[0]
+
+    def _of(self, poses: slice) -> tuple[System, Rates]:
+        if self._last is None or self._last[0] != poses:
+            self._last = (poses, *self._made(np.arange(len(self._q))[poses]))
+        return self._last[1:]
+
+    def _made(self, poses: IntArray) -> tuple[System, Rates]:
+        state, m = self.state, len(self._q)
+        everything = len(poses) == m and bool((poses == np.arange(m)).all())
+        model = self._model if everything else self._model.at_poses(poses)
+        e = state.e[poses]
+        angle = self._q[poses] + e
+        error = model.loop(state.x, angle, state.u[poses])
+        E = left_null_space(error.jac_u)
+        Et = np.swapaxes(E, -1, -2)
+        A = Et @ error.jac_x
+        c = error.residual - (error.jac_q @ e[..., None])[..., 0]
+        w = (Et @ c[..., None])[..., 0] - A @ self._soft
+        down = left_inverse(error.jac_u)
+        return System(w=w, A=A, B=Et @ error.jac_q, E=E, angle=angle), Rates(
+            closed=(down @ c[..., None])[..., 0],
+            by_x=down @ error.jac_x,
+            by_q=down @ error.jac_q,
+            down=down,
+        )

@@ -113,13 +113,7 @@ def open_arm(
             settings,
             pace=pace or (Pace.FAST_FORWARD if embedded else Pace.REAL_TIME),
             record_to=record_to,
-            timing=Timing(
-                speed=speed,
-                heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
-                lost_after_s=EMBEDDED_PATIENCE_S,
-            )
-            if embedded
-            else Timing(),
+            timing=_timing(procedure, speed=speed, embedded=embedded),
         )
         stack.callback(arm.close)
         choices = _completed(opening.choices, bus, embedded=embedded)
@@ -174,6 +168,16 @@ def unattended(
                 cut_short(CutShort(session=session, cause=cause, held=held, kept=kept))
         if session.journal.loss is not None:
             raise session.journal.loss
+
+
+def _timing(procedure: Procedure, *, speed: float, embedded: bool) -> Timing:
+    timing = Timing()
+    if embedded:
+        timing = Timing(
+            speed=speed, heartbeat_timeout_s=EMBEDDED_PATIENCE_S, lost_after_s=EMBEDDED_PATIENCE_S
+        )
+    patience = procedure.bus.sdo_timeout_s
+    return timing if patience is None else replace(timing, sdo_timeout_s=patience)
 
 
 def carried_procedure(opening: Opening) -> Procedure:

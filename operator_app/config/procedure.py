@@ -58,11 +58,15 @@ class AcceptanceLimits(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcedureBus(StrictRecord):
-    """Which bus, in python-can's words; None leaves it to python-can's own configuration."""
+    """Which bus, in python-can's words; None leaves it to python-can's own configuration.
+
+    `sdo_timeout_s` is how long a node may take to answer an object access.
+    """
 
     interface: Text
     channel: Text | None = None
     bitrate: Annotated[int, Field(strict=True, ge=10_000, le=8_000_000)] | None = None
+    sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

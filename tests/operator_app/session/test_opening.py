@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -75,3 +76,10 @@ def test_the_embedded_arm_is_journalled_by_scenario_and_seed(source: Sessions) -
     assert (settings["interface"], settings["scenario"], settings["seed"]) == (
         "virtual", "datasheet", 0,
     )  # fmt: skip
+
+
+def test_the_patience_for_an_object_is_the_procedures(tmp_path: Path) -> None:
+    opening = begin("hinge", Choices(), root=tmp_path)
+    slow = replace(opening.procedure, bus=replace(opening.procedure.bus, sdo_timeout_s=7.5))
+    with open_arm(opening) as usual, open_arm(replace(opening, procedure=slow)) as patient:
+        assert (usual.arm._timing.sdo_timeout_s, patient.arm._timing.sdo_timeout_s) == (1.0, 7.5)

@@ -25,8 +25,8 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from multiprocessing import get_context
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -108,8 +108,9 @@ def main() -> int:
         jobs += [(kind, range(k, min(k + BATCH, last))) for k in range(chosen.first, last, BATCH)]
     totals = {kind: Found(kind) for kind in PARSERS}
     begun = time.monotonic()
-    with ProcessPoolExecutor(chosen.processes, max_tasks_per_child=20) as pool:
-        for found in pool.map(batch, *zip(*jobs, strict=True)):
+    # Other processes now and then, so that what one input takes is not held against the next.
+    with get_context("spawn").Pool(chosen.processes, maxtasksperchild=10) as pool:
+        for found in pool.starmap(batch, jobs, chunksize=1):
             totals[found.kind].add(found)
     print(
         f"{'parser':26}{'inputs':>8}{'accepted':>10}{'refused':>9}{'faults':>8}{'slowest s':>11}{'MB':>6}"

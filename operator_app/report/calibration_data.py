@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from operator_app.calibration.checks import Checks
+from operator_app.calibration.halving import halvings
 from operator_app.calibration.judgement import Notice
 from operator_app.calibration.solution import Solution
 from solver.errors import UnidentifiableDirection
@@ -37,6 +38,10 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         "tolerated_parameters": {},
         "repeatability": None,
         "budget": {},
+        "halved": {
+            h.parameter.name: {"source": h.source, "share": h.share, "remedy": h.remedy}
+            for h in halvings(solution)
+        },
         "stated_chi2_per_dof": solution.judgement.stated_chi2_per_dof,
         "assumed": list(solution.assumed),
         "global_start": None

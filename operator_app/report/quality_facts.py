@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from operator_app.calibration.checks import FOLDS, Checks
+from operator_app.calibration.halving import halvings
 from operator_app.calibration.solution import Solution
 from operator_app.report.table import Cell, Column, Headline, Table, figures, words
 from operator_app.units.figure import (
@@ -19,6 +20,7 @@ from operator_app.units.figure import (
     SIGMA_POS,
     Figure,
     Key,
+    quantity_of,
 )
 from operator_app.units.numbers import (
     NOT_KNOWN,
@@ -274,6 +276,36 @@ def budget_table(solution: Solution) -> Table | None:
         if solution.assumed
         else "",
     )
+
+
+def halving_table(solution: Solution) -> Table | None:
+    """What would halve the widest sigmas: the largest source of each, and what half of it leaves."""
+    found = halvings(solution)
+    rows: list[tuple[Cell, ...]] = []
+    for h in found:
+        quantity = quantity_of(h.parameter)
+        rows.append(
+            (
+                h.parameter.name,
+                quantity.unit,
+                Figure(h.sigma, quantity, digits=2),
+                f"{source_words(h.source)} {Figure(h.share, SHARE, places=0).with_unit}",
+                Figure(h.then, quantity, digits=2, key=("halved", h.parameter.name, "sigma")),
+            )
+        )
+    done = dict.fromkeys(f"{source_words(h.source)}: {h.remedy}" for h in found)
+    return None if not rows else Table(
+        ident="halving",
+        title="What narrows the widest sigmas: half of their largest source",
+        columns=(
+            *words("parameter", "unit"),
+            *figures("sigma"),
+            *words("largest source"),
+            *figures("with half of it"),
+        ),
+        rows=tuple(rows),
+        note=f"To halve it: {'; '.join(done)}.",
+    )  # fmt: skip
 
 
 def source_words(source: str) -> str:

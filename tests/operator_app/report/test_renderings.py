@@ -107,7 +107,7 @@ def test_every_table_has_the_same_numbers_as_text_on_the_page_and_on_the_screen(
     said: Renderings,
 ) -> None:
     assert {t.ident for t in said.facts.tables} >= {
-        "parameters", "dh", "hand", "determined", "closure", "noise", "budget", "tolerated", "tests",
+        "parameters", "dh", "hand", "determined", "closure", "noise", "budget", "halving", "tolerated", "tests",
         "observability", "correlations",
     }  # fmt: skip
     for table in said.facts.tables:
@@ -177,6 +177,7 @@ def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said: Rendering
         "nominal", "parameters", "sigma", "repeatability", "interval_95", "tip_sigma_mm", "rank",
         "scaled_condition_number", "condition_number", "chi2_per_dof", "stated_chi2_per_dof", "poses",
         "dof", "iterations", "sigma_pos_mm", "sigma_ori_mrad", "before", "checks", "budget",
+        "halved",
         "variance_components", "variance_components_interval", "tolerated_parameters",
         "observability",
     }  # fmt: skip

@@ -1,0 +1,81 @@
+"""What the operator can do about the widest sigmas: the largest source of each, and what less of it brings.
+
+From the uncertainty budget alone: with a source's standard deviation halved and the poses weighed as now
+the variance falls by three quarters of its share (weighed anew it can only fall further). Knows a
+calibration; no renderer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.verdict import COARSE_M, COARSE_RAD
+from solver.chain.parameters import Parameter
+
+WORST = 3
+"""So many parameters are worth a sentence."""
+
+REMEDIES = {
+    "lengths": "measure the arm's lengths twice as well and state their tolerance",
+    "twists": "measure the arm's twists twice as well and state their tolerance",
+    "encoder_accuracy": "centre the encoders twice as well and state their accuracy_deg",
+    "fixture_give": "mount a fixture twice as stiff, or pull less at it, and state its give",
+    "joint_play": "take half of the joints' play out and state it",
+    "sag": "state the links' masses, or how much less the joints sag",
+    "discrepancy": "find what bends with the pose that no file states",
+    "counts": "take more samples in every pose",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Halving:
+    """One parameter: its sigma, the source that brings most of it, and what is left with half of that.
+
+    `sigma` and `then` are in rad or m, `share` is of the variance.
+    """
+
+    parameter: Parameter
+    sigma: float
+    source: str
+    share: float
+    then: float
+    remedy: str
+
+
+def halvings(solution: Solution) -> tuple[Halving, ...]:
+    """Say of the parameters that are known worst what would help most; empty without a budget."""
+    if solution.components is None:
+        return ()
+    budget, estimate = solution.components.budget, solution.estimate
+    found = []
+    for k, (p, sd) in enumerate(
+        zip(estimate.parameters, estimate.standard_deviation.tolist(), strict=True)
+    ):
+        if p.name in solution.tolerated or not budget or not sd > 0.0:
+            continue
+        source = max(budget, key=lambda name: float(budget[name][k]))
+        part = float(budget[source][k])
+        found.append(
+            Halving(
+                parameter=p,
+                sigma=sd,
+                source=source,
+                share=part / sd**2,
+                then=float(np.sqrt(max(sd**2 - 0.75 * part, 0.0))),
+                remedy=remedy_of(source),
+            )
+        )
+    found.sort(key=lambda h: -h.sigma / (COARSE_RAD if h.parameter.is_angle else COARSE_M))
+    return tuple(found[:WORST])
+
+
+def remedy_of(source: str) -> str:
+    """What halves a source of the budget."""
+    if source.startswith("rvdt_curve_"):
+        return f"replace the RVDT of joint {source[-1]} or take its curve on a bench"
+    if source.startswith("rvdt_noise_"):
+        return f"take four times as many samples of joint {source[-1]} in every pose"
+    return REMEDIES.get(source, "take more poses that differ more")

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.loops.closure import ClosureModel, LoopError
+from solver.loops.closure import BLOCK_POSES, ClosureModel, LoopError
 
 SINGULAR = 1e-7
 """Singular values below this share of the largest belong to directions that no free joint moves."""
@@ -109,6 +109,22 @@ def close_loops(
     max_step_rad
         Longest correction of a joint in one iteration.
     """
+    if len(q) > BLOCK_POSES:
+        # Every pose is closed for itself: never the Jacobians of all at once.
+        blocks = [slice(k, k + BLOCK_POSES) for k in range(0, len(q), BLOCK_POSES)]
+        found = [
+            close_loops(
+                model.at_poses(np.arange(len(q))[here]), x, q[here],
+                sigma_rad=sigma_rad, u=None if u is None else u[here],
+                max_iterations=max_iterations, tolerance=tolerance, max_step_rad=max_step_rad,
+            )
+            for here in blocks
+        ]  # fmt: skip
+        return ClosedPoses(
+            q=np.concatenate([f.q for f in found]),
+            u=np.concatenate([f.u for f in found]),
+            closed=np.concatenate([f.closed for f in found]),
+        )
     q = np.array(q, dtype=np.float64)
     u = np.array(model.initial_unsensed(x, q) if u is None else u, dtype=np.float64)
     sigma = np.ones(q.shape[-1]) if sigma_rad is None else np.asarray(sigma_rad)

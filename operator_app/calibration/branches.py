@@ -9,6 +9,7 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.parameters import nominal_vector
+from solver.estimators.goodness import closure_at_readings
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
 
@@ -31,7 +32,7 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple
     model = model.with_all_joints_sensed()
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return everything, ()
-    keep = ~model.reduced(nominal_vector(model.parameters), q).flipped
+    keep = ~closure_at_readings(model, nominal_vector(model.parameters), q).flipped
     if 2 * int(keep.sum()) < len(q):
         keep = ~keep
     if bool(keep.all()):
@@ -42,5 +43,5 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, tuple
     part = model.at_poses(np.flatnonzero(keep))
     if int(keep.sum()) * model.equations_per_pose <= len(model.parameters):
         return everything, ()
-    flipped = model.reduced(estimate_paper(part, q[keep]).x, q).flipped
+    flipped = closure_at_readings(model, estimate_paper(part, q[keep]).x, q).flipped
     return ~flipped, tuple(int(k) for k in np.flatnonzero(flipped))

@@ -16,6 +16,9 @@ from solver.arrays import FloatArray, IntArray
 CENTRES = 64
 """Poses, as far apart as there are, from which the others are interpolated."""
 
+CHUNK = 1024
+"""Poses worked on at a time."""
+
 SCALES_RAD = (np.deg2rad(60.0), np.deg2rad(120.0))
 WEIGHTS = (0.5, 0.5)
 """Shares of the variance at each scale."""
@@ -57,10 +60,11 @@ def pose_basis(q: FloatArray, *, columns: int, group: IntArray | None = None) ->
             k = k + weight * np.exp(-0.5 * d2 / scale**2)
         return np.asarray(k * (group[one][:, None] == group[two][None, :]))
 
-    everything = np.arange(len(q))
     values, vectors = np.linalg.eigh(kernel(far, far))
     good = values > 1e-8 * values[-1]
-    whole = kernel(everything, far) @ (vectors[:, good] / np.sqrt(values[good]))
+    root = vectors[:, good] / np.sqrt(values[good])
+    parts = np.array_split(np.arange(len(q)), max(1, -(-len(q) // CHUNK)))
+    whole = np.concatenate([kernel(part, far) @ root for part in parts])
     diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
     if whole.shape[1] > columns:
         # Of these the directions along which most poses differ.

@@ -14,7 +14,7 @@ from solver.arrays import FloatArray
 from solver.closing import close_loops, reduced_jacobian
 from solver.errors import UnidentifiableDirection
 from solver.estimators.least_squares import column_scale
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, pose_blocks
 
 RANK_TOLERANCE = 1e-7
 """A scaled singular value below this share of the largest is zero. On closed poses true zeros come
@@ -64,14 +64,23 @@ def identifiability(
 
     Poses that cannot be closed with these parameters are judged where they are.
     """
-    poses = close_loops(model, x, q, sigma_rad=sigma_rad)
-    judged = np.where(poses.closed[:, None], poses.q, q)
-    u = np.where(poses.closed[:, None], poses.u, model.initial_unsensed(x, q))
-    A, _ = reduced_jacobian(model, x, judged, u)
+    A = np.concatenate(
+        [_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
+    )
     names = tuple(p.name for p in model.parameters)
     return judge_jacobian(
         A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
     )
+
+
+def _at_closed(
+    model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray | None
+) -> FloatArray:
+    """Reduced Jacobian (m, r, P) on the closed loops next to `q` (m, n)."""
+    poses = close_loops(model, x, q, sigma_rad=sigma_rad)
+    judged = np.where(poses.closed[:, None], poses.q, q)
+    u = np.where(poses.closed[:, None], poses.u, model.initial_unsensed(x, q))
+    return reduced_jacobian(model, x, judged, u)[0]
 
 
 def judge_jacobian(

@@ -44,7 +44,7 @@ SEEN: dict[str, str] = {
     r"|is not the one|range|reached|moves|in control|drive is in|STOP|supervisor reports",
     "babbling": GOES_ON,
     "silent-node": NOT_THERE,
-    "silent-supervisor": NOT_THERE,
+    "silent-supervisor": rf"|{NOT_THERE}",
     "no-heartbeat": rf"|{NOT_THERE}",
     "missed-answers": GOES_ON,
     "double-answers": r"two devices answer as node 4",

@@ -44,11 +44,8 @@ def test_sockets_that_nobody_measured_are_no_reason_against_it(
     of_pairs: tuple[Solution, ...],
 ) -> None:
     """The fixture's file states where one socket is: the block stood up to 0.9 m from there."""
-    # The last pair asks for more give or sag than is stated, and says so; nobody knows who held the arm.
-    assert [s.verdict for s in of_pairs[:2]] == [Verdict.ACCEPTED] * 2
-    assert {c.code for c in of_pairs[2].causes} <= {"FIXTURE_GIVES", "SLIP_FIXTURE", "STEP_JOINT_1"}
     for solution in of_pairs:
-        assert solution.accepted
+        assert solution.verdict is Verdict.ACCEPTED
         assert solution.held == ("theta_off_1", "theta_off_7")
         assert len(solution.tolerated) > 15
 
@@ -68,8 +65,9 @@ def test_one_arm_serves_all_six_sockets_when_gravity_bends_it() -> None:
     """Joint 4 carries 11 N m in the first two and 2 in the next: rigid, it seemed to slip by 0.17 deg."""
     arm = load_arm("franka_panda")
     assert of(*range(1, 7)).verdict is Verdict.ACCEPTED
-    weightless = of(*range(1, 7), arm=replace(arm, masses=None))
-    assert "STEP_JOINT_4" in {c.code for c in weightless.causes}
+    stiff = tuple(replace(joint, sag_rad=np.deg2rad(0.01)) for joint in arm.joints)
+    rigid = of(*range(1, 7), arm=replace(arm, masses=None, joints=stiff))
+    assert "STEP_JOINT_4" in {c.code for c in rigid.causes}
 
 
 def test_the_ball_stays_where_it_is_at_poses_nobody_trained_on() -> None:

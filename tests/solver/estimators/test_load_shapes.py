@@ -1,0 +1,96 @@
+"""Shapes of play, sag and give: nothing enters below its statement, and columns say what effects do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver.chain.parameters import nominal_vector
+from solver.estimators.effects import Design, System
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.layout import Layout
+from solver.estimators.load_effects import load_basis
+from solver.loops.dh import DhLoop
+from tests.oracles.loop_oracle import paper_truth
+from tests.oracles.simulated_loops import Simulation
+from tests.solver.conftest import NAMES, loop_of
+from tests.solver.estimators.test_load_effects import MASSES
+from tests.solver.estimators.test_mixed_model import POSES, SOFT, everything_stated
+
+GIVE = (3e-4, 2e-4)
+
+
+@pytest.fixture(scope="module")
+def model() -> DhLoop:
+    return loop_of(paper_truth(), names=(*NAMES, *SOFT))
+
+
+@pytest.fixture(scope="module")
+def q() -> np.ndarray:
+    return Simulation(poses=POSES).readings(0)
+
+
+@pytest.fixture(scope="module")
+def errors(model: DhLoop, q: np.ndarray) -> ErrorModel:
+    x = nominal_vector(model.parameters)
+    loads = load_basis(model, x, q, model.initial_unsensed(x, q), MASSES, give=GIVE)
+    side = np.sign(np.random.default_rng(0).normal(size=q.shape))
+    return replace(everything_stated(paper_truth()), loads=loads, approach=side)
+
+
+def joint_variance_by_source(design: Layout, source: str) -> np.ndarray:
+    """What the columns of play or sag bring to every joint, in squares of what is stated."""
+    shapes = {"joint_play": design.play, "sag": design.sags}[source]
+    return (shapes.columns**2).sum(-1) + shapes.missed
+
+
+def test_all_that_is_stated_is_there_and_hardly_more(model, q, errors):
+    design = Design(model, q, errors)
+    floors = {c.name: c.floor for c in design.components}
+    assert joint_variance_by_source(design, "sag").mean(0) == pytest.approx(np.ones(7), rel=1e-6)
+    play = joint_variance_by_source(design, "joint_play")
+    np.testing.assert_allclose(play, 1.0)
+    assert floors["joint_play"] == 0.25
+    total = design.smooth_give_variance(np.array([c.floor for c in design.components]))
+    noise = design.fixture_variance(np.array([c.floor for c in design.components])).mean(0)
+    for rows, stated in ((slice(0, 3), GIVE[0]), (slice(3, 6), GIVE[1])):
+        share = (total[rows] + noise[rows]).mean() / stated**2
+        assert 1.0 < share < 1.4
+
+
+def test_without_masses_all_is_as_it_was(model, q, errors):
+    bare = Design(model, q, replace(errors, loads=None, approach=None))
+    np.testing.assert_array_equal(bare.play.columns, 1.0)
+    assert bare.loaded is None
+    assert {c.name: c.floor for c in bare.components}["joint_play"] == 0.25
+
+
+def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
+    design = Design(model, q, errors)
+    x = nominal_vector(model.parameters)
+    error = model.loop(x, q, model.initial_unsensed(x, q))
+    E = np.stack([np.linalg.svd(N)[0][:, 1:] for N in error.jac_u])
+    Et = np.swapaxes(E, -1, -2)
+    B = Et @ error.jac_q
+    system = System(w=np.zeros((POSES, 5)), A=Et @ error.jac_x, B=B, E=E, angle=q)
+    part = design.whiten(system, design.start_variances(), slice(None))
+    rng = np.random.default_rng(3)
+    b = rng.normal(size=design.width - design.hard)
+    b[: len(design.soft_index)] = 0.0
+    shift, give = design.effects_at(b, q)
+    expected = part.L_inverse @ (B @ shift[..., None] + Et @ give[..., None])
+    np.testing.assert_allclose(
+        part.M[..., design.hard :] @ b, expected[..., 0], rtol=1e-9, atol=1e-9
+    )
+
+
+def test_exact_masses_pull_at_nothing_and_leave_the_free_function(model, q, errors):
+    x = nominal_vector(model.parameters)
+    sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
+    loads = load_basis(model, x, q, model.initial_unsensed(x, q), sure, give=GIVE)
+    design = Design(model, q, replace(errors, loads=loads))
+    assert design.loaded is None
+    stated = [g.fixed for g in design.groups if g.source == "fixture_give"]
+    assert sorted(stated) == pytest.approx([GIVE[1] ** 2, GIVE[0] ** 2])

@@ -45,6 +45,9 @@ FLIPPED_SHARE = 0.25
 """With more of the poses on the other branch nobody knows which branch is meant."""
 
 
+OF_A_READING = ("STEP_JOINT_", "FROZEN_JOINT_", "ENCODER_", "RVDT_")
+"""Codes of causes that are one joint's reading."""
+
 MOST_SEVERAL = 3
 """So many sources larger than stated are worth a sentence."""
 
@@ -143,7 +146,7 @@ def weigh(
             *lost,
             *(() if gross else (*_of_geometry(known.checks), *far)),
             *by_tests,
-            *_not_yet_named(since, by_tests),
+            *not_yet_named(since, by_tests),
             *(far if gross and not rivals else ()),
             *of_paper,
             *of_the_fit(judging, judged),
@@ -186,16 +189,23 @@ def _labels(poses: PoseSet) -> tuple[str, ...]:
     )
 
 
-def _not_yet_named(
+def not_yet_named(
     since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
 ) -> tuple[NamedCause, ...]:
-    """What only a return shows: the poses themselves say when a joint or the fixture slipped."""
-    subjects = tuple(cause.code.rsplit("_", 1)[-1] for cause in by_tests)
-    fixture = any(cause.code in ("SLIP_FIXTURE", "FIXTURE_GIVES") for cause in by_tests)
+    """What only a return shows: the poses themselves say when a joint or the fixture slipped.
+
+    That a fixture gives in every pose, or that a length is off, says nothing of a slip.
+    """
+    named = [cause.code for cause in by_tests]
+    joints = {code.rpartition("_")[2] for code in named if code.startswith(OF_A_READING)}
     return tuple(
         cause
         for cause in since
-        if not (fixture if cause.code == "RETURN_FIXTURE" else cause.code[-1] in subjects)
+        if not (
+            "SLIP_FIXTURE" in named
+            if cause.code == "RETURN_FIXTURE"
+            else cause.code.rpartition("_")[2] in joints
+        )
     )
 
 

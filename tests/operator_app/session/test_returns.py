@@ -11,9 +11,11 @@ import pytest
 
 from hardware.arm import Reading
 from hardware.virtual.scenarios import scenario
+from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.repeats import Repeat, compare_readings
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verdict import Verdict
+from operator_app.calibration.weighing import not_yet_named
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled
@@ -226,3 +228,21 @@ def test_a_return_after_a_calibration_asks_for_another(make_session: MakeSession
     assert session.calibrated() is not None
     session.look_again("return", of=session.state.used_poses[0].number)
     assert session.calibrated() is None
+
+
+@pytest.mark.parametrize(
+    ("named", "since", "kept"),
+    [
+        ("LENGTH_s_3", "RETURN_JOINT_3", True),
+        ("FIXTURE_GIVES", "RETURN_FIXTURE", True),
+        ("STEP_JOINT_3", "RETURN_JOINT_3", False),
+        ("SLIP_FIXTURE", "RETURN_FIXTURE", False),
+    ],
+)
+def test_only_the_same_slip_makes_a_return_say_nothing_new(
+    named: str, since: str, kept: bool
+) -> None:
+    def cause(code: str) -> NamedCause:
+        return NamedCause(code=code, probability=1.0, text="it slipped", remedy="", refuses=True)
+
+    assert not_yet_named((cause(since),), (cause(named),)) == (cause(since),) * kept

@@ -24,7 +24,7 @@ from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.load_effects import LoadBasis, load_basis
 from solver.estimators.variance_components import VarianceComponents
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, pose_blocks
 
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
 """A joint that differs by more than this between two poses was driven to the second."""
@@ -79,7 +79,7 @@ def _loads(
         model,
         x,
         used.q_rad,
-        model.initial_unsensed(x, used.q_rad),
+        np.concatenate([p.initial_unsensed(x, q) for p, q in pose_blocks(model, used.q_rad)]),
         arm.masses,
         give=(give.orientation_rad, give.position_m) if fixture.kind != "measured" else (0.0, 0.0),
     ).at_poses(back_to_caller(order))

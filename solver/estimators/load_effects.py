@@ -126,9 +126,11 @@ def load_basis(
         here = np.arange(m)[of_poses]
         one = _Part(model=part, x=x[of_part], q=q[here], u=u[here], masses=masses)
         turns = one.torques()
-        if not torque.size:
-            torque = np.zeros((m, *turns.shape[1:]))
-        torque[here] = turns
+        if len(parts) == 1:
+            torque = turns
+        else:
+            torque = torque if torque.size else np.zeros((m, *turns.shape[1:]))
+            torque[here] = turns
         if max(give) > 0.0:
             ours = slice(number * give_columns, (number + 1) * give_columns)
             moved[here, :, ours], missed[here] = one.gives(give, give_columns)
@@ -150,16 +152,26 @@ def _leading(shapes: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
     For every joint at a variance of 1 over the poses.
     """
     m, n, s = shapes.shape
-    size = np.sqrt((shapes**2).sum(-1).mean(0))
+    cuts = _cuts(m)
+    size = np.sqrt(sum(np.einsum("mns,mns->n", shapes[cut], shapes[cut]) for cut in cuts) / m)
     turned = size > LEAST_TORQUE_NM
-    shapes = shapes / np.where(turned, size, np.inf)[:, None]
-    by_joint = shapes.transpose(1, 0, 2)
-    _, vectors = np.linalg.eigh(by_joint.transpose(0, 2, 1) @ by_joint)
-    found = np.zeros((m, n, columns))
-    kept = min(columns, s)
-    found[..., :kept] = (by_joint @ vectors[..., ::-1][..., :kept]).transpose(1, 0, 2)
-    missed = np.maximum((shapes**2).sum(-1) - (found**2).sum(-1), 0.0)
+    scale = np.where(turned, size, np.inf)[:, None]
+    gram = np.zeros((n, s, s))
+    for cut in cuts:
+        by_joint = (shapes[cut] / scale).transpose(1, 0, 2)
+        gram += by_joint.transpose(0, 2, 1) @ by_joint
+    leading = np.linalg.eigh(gram)[1][..., ::-1][..., : min(columns, s)]
+    found, missed = np.zeros((m, n, columns)), np.zeros((m, n))
+    for cut in cuts:
+        some = shapes[cut] / scale
+        found[cut, :, : leading.shape[-1]] = (some.transpose(1, 0, 2) @ leading).transpose(1, 0, 2)
+        missed[cut] = np.maximum((some**2).sum(-1) - (found[cut] ** 2).sum(-1), 0.0)
     return found, np.where(turned, missed, 1.0)
+
+
+def _cuts(m: int) -> list[slice]:
+    """Some of m poses at a time."""
+    return [slice(first, min(first + CHUNK, m)) for first in range(0, m, CHUNK)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -190,7 +202,10 @@ class _Part:
 
     def torques(self) -> FloatArray:
         """Gravity's torque (m, n, 1 + 4 n + 2): as stated, by uncertain moments, by a tilted base."""
-        arm, masses = self.arm(slice(None)), self.masses
+        return np.concatenate([self._torques(cut) for cut in _cuts(len(self.q))])
+
+    def _torques(self, poses: slice) -> FloatArray:
+        arm, masses = self.arm(poses), self.masses
         rates = torque_rates(arm, masses.down)
         stated = (rates * masses.moments).sum((-1, -2))
         uncertain = _by_moment(rates, masses)

@@ -143,7 +143,7 @@ def uploading(kind: str, joint: int = 4) -> Iterator[tuple[CanopenArm, bytes]]:
             settings,
             pace=Pace.FAST_FORWARD,
             timing=Timing(
-                heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S, sdo_timeout_s=0.5
+                heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S, sdo_timeout_s=5.0
             ),
         )
         arm.connect()

@@ -53,7 +53,7 @@ def tolerance_option(parser: argparse.ArgumentParser) -> None:
         "--length-tolerance",
         type=float,
         metavar="MM",
-        help="how well the maker's link lengths are known, e.g. 1.5; default: taken as exact",
+        help="how well the maker's link lengths are known, e.g. 1.5; default: what the arm file states",
     )
 
 

@@ -128,7 +128,7 @@ def test_evidence_prefers_what_happened_to_what_could_explain_it_too() -> None:
     assert lavish is not None
     assert right.log_likelihood > lavish.log_likelihood + 5.0
     assert right.log_likelihood > max(sound(left), unnamed(left)) + 5.0
-    assert right.b[0] == pytest.approx(3.0, abs=5.0 * right.sd[0])
+    assert right.b[0] == pytest.approx(3.0, abs=5.0 * np.sqrt(right.covariance[0, 0]))
     np.testing.assert_allclose(probabilities(np.array([0.0, np.log(3.0)])), [0.25, 0.75])
 
 

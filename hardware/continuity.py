@@ -27,6 +27,9 @@ COMPANY, LEAST_COMPANY = 0.1, 0.6
 MOVING = 6.0
 """Times the noise that a step has to be larger in motion: targets do not come quite as regularly as SYNC."""
 
+TAKING_UP_SYNCS = 15
+"""A drive that was enabled, or holds anew, takes its joint up or lets it give way, for so long."""
+
 QUIET_SYNCS, ITSELF_SYNCS = 10, 2
 """Noise does not come alone: nothing else within so many SYNCs, but what the step itself looks like."""
 
@@ -58,6 +61,12 @@ class Continuity:
             deque(maxlen=2 * QUIET_SYNCS) for _ in self._allowed
         )
         self._suspect: Jump | None = None
+        self._taking_up = 0
+
+    def disturb(self) -> None:
+        """Hear that a drive is being enabled, given another mode or a target at once: its joint may well jerk."""
+        self._taking_up = TAKING_UP_SYNCS
+        self._suspect = None
 
     def see(self, sample: Sample) -> Jump | None:
         """Take in a sample; the jump that is certain by now, if there is one."""
@@ -65,11 +74,14 @@ class Continuity:
         if (
             not sample.complete
             or sample.sync_count != self._last_sync + 1
-            # A drive that is enabled, or changes its mode, lets its joint give way or takes it up.
             or sample.statuswords != self._states
         ):
             recent.clear()
         self._last_sync, self._states = sample.sync_count, sample.statuswords
+        if self._taking_up > 0:
+            self._taking_up -= 1
+            recent.clear()
+            return None
         if sample.complete:
             recent.append(sample.counts)
             if len(recent) == SPAN:

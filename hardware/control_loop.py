@@ -113,6 +113,14 @@ class Timing:
         return max(self.patience, round(self.lost_after_s / self.answer_timeouts_s[pace]))
 
 
+def _moves_on(before: Setpoint | None, command: Setpoint) -> bool:
+    """Whether nothing but the target is another: a move on its way."""
+    return before is not None and (before.controlword, before.mode) == (
+        command.controlword,
+        command.mode,
+    )
+
+
 class ControlLoop:
     """Runs the cyclic traffic of an arm of `joints` joints.
 
@@ -354,6 +362,9 @@ class ControlLoop:
                 continue
             if self.stop_latched:
                 break
+            before = self._sent[joint]
+            if before != command and not (self.moving and _moves_on(before, command)):
+                self._continuity.disturb()
             self._wire.send(COB_RPDO1 + joint + 1, command.pack())
             self._sent[joint] = command
         if self.stop_latched:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hardware.continuity import QUIET_SYNCS, Continuity, Jump
+from hardware.continuity import QUIET_SYNCS, SPAN, TAKING_UP_SYNCS, Continuity, Jump
 from hardware.cyclic import Sample
 
 SYNCS = 200
@@ -89,6 +89,27 @@ def test_a_stop_from_full_speed_is_none() -> None:
 def test_over_a_lost_frame_nothing_is_said() -> None:
     positions = [(10.0 * k + (500 if k >= AT else 0), 0.0) for k in range(1, SYNCS + 1)]
     assert watch(positions, frozenset({AT})) == []
+
+
+def test_a_drive_that_takes_its_joint_up_may_jerk_it() -> None:
+    watcher = Continuity([4.0, 4.0])
+    found = []
+    for sync in range(1, SYNCS + 1):
+        if sync == AT - 3:
+            watcher.disturb()
+        taken_up = 8 * (sync >= AT)
+        lost = 40 * (sync >= AT + TAKING_UP_SYNCS + SPAN)
+        sample = Sample(
+            sync_count=sync,
+            statuswords=(0, 0),
+            counts=(taken_up + lost, 0),
+            torques_per_mille=(0, 0),
+        )
+        jump = watcher.see(sample)
+        if jump is not None:
+            found.append(jump)
+    # Counts that are lost after it are seen as ever.
+    assert [(jump.joint, jump.counts) for jump in found] == [(1, 40)]
 
 
 def test_it_says_so_within_a_tenth_of_a_second() -> None:

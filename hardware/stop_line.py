@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import can
 
@@ -60,6 +61,8 @@ class StopLine:
 
     def __init__(self, bus: can.BusABC | None, spare: Wire) -> None:
         self._bus, self._spare = bus, spare
+        own = () if bus is None else (partial(bus.send, timeout=0.0),)
+        self._ways: tuple[Callable[[can.Message], None], ...] = (*own, spare.send_at_once)
 
     def send(self, given: Setpoints | None, counts: Sequence[int]) -> None:
         """Quick stop to every drive; target and mode stay what they were.
@@ -86,11 +89,17 @@ class StopLine:
                 data=Setpoint(CONTROLWORD_QUICK_STOP, target, mode).pack(),
                 is_extended_id=False,
             )
-            try:
-                self._send(message)
-                sent.append(message)
-            except Exception as error:  # noqa: BLE001 - raised when all frames were tried
-                failure = error
+            message.timestamp = time.time()
+            for way in self._ways:
+                try:
+                    way(message)
+                except Exception as error:  # noqa: BLE001 - whatever a driver raises, the drive gets its frame
+                    problem = error
+                else:
+                    sent.append(message)
+                    break
+            else:
+                failure = problem
         for message in sent:
             self._spare.note_sent(message)
         if failure is not None:
@@ -101,14 +110,3 @@ class StopLine:
         """Shut the handle down."""
         if self._bus is not None:
             self._bus.shutdown()
-
-    def _send(self, message: can.Message) -> None:
-        message.timestamp = time.time()
-        if self._bus is not None:
-            try:
-                self._bus.send(message, timeout=0.0)
-            except Exception:  # noqa: BLE001, S110 - whatever a driver raises, the drive gets its frame
-                pass
-            else:
-                return
-        self._spare.send_at_once(message)

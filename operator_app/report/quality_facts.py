@@ -74,7 +74,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table
     ]
     if (stated := solution.judgement.stated_chi2_per_dof) is not None:
         ratio = CHI2(stated, key=("stated_chi2_per_dof",))
-        rows.append(("chi2/dof at stated noise", ratio, "1 when all is as good as stated"))
+        rows.append(("chi2/dof at stated noise", ratio, "1 or less when all is as stated"))
     rows += [
         ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
         ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), ended),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from hardware.cyclic import Sample, unpack_status
 
 DOUBLED_SYNCS = 10
-"""Frames may come twice now and then; whoever answers so many SYNCs in a row twice is two."""
+"""Frames may come twice now and then; whoever is so many answers ahead of one a SYNC is two."""
 
 SPEED_SYNCS = 5
 """Speeds are means over this many control periods."""
@@ -64,9 +64,12 @@ class Sampler:
 
     def open(self) -> None:
         """Begin a sample: a SYNC is about to go out."""
-        # A second answer may have come after the sample was closed: it is looked at only now.
+        # A second answer may have come after the sample was closed: it is looked at only now. It may
+        # also come after the next SYNC, and be counted there: what is too many in one sample is kept,
+        # and a sample with one answer takes only one of it away.
         for at, answers in enumerate(self._answers):
-            self._doubled[at] = self._doubled[at] + 1 if answers > 1 else 0
+            surplus = answers - 1 if answers > 1 else -1
+            self._doubled[at] = min(max(self._doubled[at] + surplus, 0), DOUBLED_SYNCS)
         self._answers = [0] * self._joints
         self.waiting = sum(missed < self._patience for missed in self._missed)
 
@@ -106,7 +109,7 @@ class Sampler:
         self.view = View(sample, earlier, tuple(self._answered_at_s), tuple(self._late_at_s))
 
     def doubled(self) -> tuple[int, ...]:
-        """Joints that have answered every one of the last SYNCs more than once."""
+        """Joints that go on answering a SYNC more than once."""
         return tuple(j for j, times in enumerate(self._doubled, 1) if times >= DOUBLED_SYNCS)
 
     def lost(self) -> tuple[int, ...]:

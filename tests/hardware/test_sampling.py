@@ -33,3 +33,44 @@ def test_a_lost_joint_comes_back_with_an_answer_after_its_sample_was_closed() ->
     assert sampler.waiting == 0
     sampler.close()
     assert sampler.view.sample.missing == (2,)
+
+
+def doubled_after(pattern: tuple[int, ...], syncs: int) -> tuple[int, ...]:
+    """Who is seen as two when joint 1 answers so many times between one SYNC and the next, in turn."""
+    sampler = Sampler(2, patience=PATIENCE, now_s=0.0)
+    for sync in range(syncs):
+        sampler.open()
+        answered(sampler, 2, float(sync))
+        for _ in range(pattern[sync % len(pattern)]):
+            answered(sampler, 1, float(sync))
+        sampler.close()
+    sampler.open()
+    return sampler.doubled()
+
+
+def test_second_answers_are_counted_however_they_fall_between_the_syncs() -> None:
+    # On average two a SYNC, but never ten samples in a row: the second one of a joint that answers last
+    # may come before or after the next SYNC.
+    assert doubled_after((2,), 12) == (1,)
+    assert doubled_after((1, 3), 60) == (1,)
+    assert doubled_after((1, 2, 3, 2), 60) == (1,)
+
+
+def test_frames_that_come_twice_now_and_then_are_no_second_device() -> None:
+    assert doubled_after((1, 2, 1), 600) == ()
+    assert doubled_after((2, 2, 2, 1, 1, 1), 600) == ()
+
+
+def test_who_answers_once_again_is_one_device_at_once() -> None:
+    sampler = Sampler(1, patience=PATIENCE, now_s=0.0)
+    for _ in range(100):
+        sampler.open()
+        answered(sampler, 1, 0.0)
+        answered(sampler, 1, 0.0)
+        sampler.close()
+    sampler.open()
+    answered(sampler, 1, 0.0)
+    assert sampler.doubled() == (1,)
+    sampler.close()
+    sampler.open()
+    assert sampler.doubled() == ()

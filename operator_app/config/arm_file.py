@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -133,6 +133,14 @@ class JointModel(StrictModel):
         return value
 
 
+def _check_per_row(info: ValidationInfo, items: Sequence[object], name: str, remedy: str) -> None:
+    """Report a list of joints or links that has not one item a row of the D-H table."""
+    rows = info.data.get("dh")
+    if rows is not None and len(rows) != len(items):
+        told = f"there are {len(items)} {name}s for {len(rows)} D-H rows"
+        report(info, (f"{name}s",), told, remedy)
+
+
 class ArmFile(StrictModel):
     """The whole file, without its ``schema`` line."""
 
@@ -160,14 +168,7 @@ class ArmFile(StrictModel):
         cls, value: tuple[JointModel, ...], info: ValidationInfo
     ) -> tuple[JointModel, ...]:
         check_numbered(info, value, 1, "joint")
-        rows = info.data.get("dh")
-        if rows is not None and len(rows) != len(value):
-            report(
-                info,
-                ("joints",),
-                f"there are {len(value)} joints for {len(rows)} D-H rows",
-                "write one joint per row",
-            )
+        _check_per_row(info, value, "joint", "write one joint per row")
         return value
 
     @field_validator("links")
@@ -178,14 +179,9 @@ class ArmFile(StrictModel):
         if value is None:
             return None
         check_numbered(info, value, 1, "link")
-        rows = info.data.get("dh")
-        if rows is not None and len(rows) != len(value):
-            report(
-                info,
-                ("links",),
-                f"there are {len(value)} links for {len(rows)} D-H rows",
-                "write one link per row; mass_kg: 0 where nothing weighs",
-            )
+        _check_per_row(
+            info, value, "link", "write one link per row; mass_kg: 0 where nothing weighs"
+        )
         if info.data.get("gravity", value) is None:
             report(
                 info,

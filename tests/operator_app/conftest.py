@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -16,17 +15,7 @@ from operator_app.session.session import Session
 from oracles.journalled_sessions import journalled_sessions
 from oracles.opened import opened
 from oracles.plant_arm import SERIAL, PlantArm
-
-
-class Ticking:
-    """A clock that advances one second a reading."""
-
-    def __init__(self) -> None:
-        self._now = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
-
-    def __call__(self) -> datetime:
-        self._now += timedelta(seconds=1)
-        return self._now
+from oracles.ticking import Ticking
 
 
 def exact_procedure(poses: int) -> Procedure:

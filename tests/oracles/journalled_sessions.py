@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from operator_app.composition import carried_procedure
@@ -19,37 +18,32 @@ from operator_app.session.operations import Operations
 from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, SessionSnapshot
 from oracles.plant_arm import PlantArm
+from oracles.ticking import Ticking
 
 POSES = 12
 SCENARIO = "datasheet"
 
 
-class Ticking:
-    """A clock that advances one second a reading."""
-
-    def __init__(self) -> None:
-        self._now = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
-
-    def __call__(self) -> datetime:
-        self._now += timedelta(seconds=1)
-        return self._now
+def first_picture(session: Session) -> SessionSnapshot:
+    """Return what is shown of a session before anything was done in it."""
+    return SessionSnapshot(
+        now_s=0.0,
+        procedure=session.procedure,
+        folder=session.journal.path.parent,
+        state=session.state,
+        simulated=True,
+        bus="",
+        mobility=2,
+        estimator="implicit",
+        unsensed_joints=(),
+    )
 
 
 class Quiet:
     """A publisher on which nobody ends anything; `shown` is its picture."""
 
     def __init__(self, session: Session) -> None:
-        self.shown = SessionSnapshot(
-            now_s=0.0,
-            procedure=session.procedure,
-            folder=session.journal.path.parent,
-            state=session.state,
-            simulated=True,
-            bus="",
-            mobility=2,
-            estimator="implicit",
-            unsensed_joints=(),
-        )
+        self.shown = first_picture(session)
 
     def publish(self, change: Change) -> None:
         self.shown = change(self.shown)

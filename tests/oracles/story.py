@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,6 +27,7 @@ from operator_app.session.snapshot import (
 )
 from oracles.live_arm import LiveArm
 from oracles.opened import opened
+from oracles.ticking import Ticking
 
 POSES = 16
 NOW_S = 1000.0
@@ -53,17 +53,6 @@ class StillArm(LiveArm):
         """Fresh at any time."""
         self._stamp = time.monotonic()
         return super().snapshot()
-
-
-class Ticking:
-    """A clock that advances a second a reading."""
-
-    def __init__(self) -> None:
-        self._now = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
-
-    def __call__(self) -> datetime:
-        self._now += timedelta(seconds=1)
-        return self._now
 
 
 @cache

@@ -13,7 +13,8 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
-from operator_app.session.snapshot import Change, Level, SessionSnapshot
+from operator_app.session.snapshot import Change, Level
+from oracles.journalled_sessions import first_picture
 from solver.design.actions import GoTo
 
 MakeSession = Callable[..., Session]
@@ -23,7 +24,7 @@ class Publisher:
     """Keeps what is published, and asks to end after so many poses."""
 
     def __init__(self, session: Session) -> None:
-        self.shown = snapshot(session)
+        self.shown = first_picture(session)
         self.said: list[tuple[Level, str]] = []
         self.headings: list[GoTo | None] = []
         self.end_after: int | None = None
@@ -40,20 +41,6 @@ class Publisher:
         return self.end_after is not None and len(self.shown.state.poses) >= self.end_after
 
 
-def snapshot(session: Session) -> SessionSnapshot:
-    return SessionSnapshot(
-        now_s=0.0,
-        procedure=session.procedure,
-        folder=session.journal.path.parent,
-        state=session.state,
-        simulated=True,
-        bus="",
-        mobility=2,
-        estimator="implicit",
-        unsensed_joints=(),
-    )
-
-
 @pytest.fixture
 def session(make_session: MakeSession) -> Session:
     found = load_procedure("hinge_planned")
@@ -67,7 +54,7 @@ def session(make_session: MakeSession) -> Session:
 
 
 def wanted_poses(session: Session) -> int:
-    return snapshot(session).wanted_poses
+    return first_picture(session).wanted_poses
 
 
 def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -> None:

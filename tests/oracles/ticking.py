@@ -1,0 +1,16 @@
+"""Time of day for journals, the same in every run."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+
+class Ticking:
+    """A clock that advances one second a reading."""
+
+    def __init__(self) -> None:
+        self._now = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
+
+    def __call__(self) -> datetime:
+        self._now += timedelta(seconds=1)
+        return self._now

@@ -15,6 +15,19 @@ SHAPE_WEIGHTS = (0.5, 1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
 what is left falls with the square of the order, so that a bend or a bump is no surprise."""
 
 
+def _power_series() -> FloatArray:
+    """Coefficients (11, 10) of 1, x, ..., x^10 in the shapes, times their prior sizes."""
+    powers = np.zeros((len(SHAPE_WEIGHTS) + 1, len(SHAPE_WEIGHTS)))
+    for k, weight in enumerate(SHAPE_WEIGHTS):
+        series = np.polynomial.legendre.leg2poly(np.eye(k + 2)[k + 1])
+        powers[: len(series), k] = weight * series
+    return powers
+
+
+_POWERS = _power_series()
+"""Of so low a degree powers lose three digits of sixteen, and all shapes are one matrix product."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorCurve:
     """Deviation of one sensor from the true angle: ``sum_k c_k P_k(x)``, k = 1, 2, 3, ...
@@ -36,13 +49,17 @@ class SensorCurve:
     middle_rad: float
     half_scale_rad: float
 
+    @property
+    def width(self) -> int:
+        """Number c of shapes."""
+        return len(SHAPE_WEIGHTS)
+
     def basis(self, theta_rad: FloatArray) -> FloatArray:
         """Shapes at sensor angles (m,), times their prior sizes: (m, c)."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         # Beyond full scale a sensor saturates; polynomials would run away there.
         x = np.clip(x, -1.2, 1.2)
-        shapes = np.polynomial.legendre.legvander(x, len(SHAPE_WEIGHTS))[..., 1:]
-        return np.asarray(shapes * np.array(SHAPE_WEIGHTS))
+        return np.asarray(np.vander(x, len(_POWERS), increasing=True) @ _POWERS)
 
 
 def rms_per_amplitude() -> float:

@@ -14,7 +14,6 @@ from solver.chain.sensor_curve import rms_per_amplitude
 from solver.estimators.effects import Design
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import MixedFit
-from solver.estimators.scoring import derivatives
 
 FLEXURE_LEVEL = 0.01
 """The fixture is taken to give as stated unless the data would look like this less often."""
@@ -108,7 +107,7 @@ def flexure_test(stated: LinearFit, design: Design) -> FlexureTest | None:
     slots = list(design.fixture_components.values())
     if not slots:
         return None
-    found = derivatives(stated, priors=False)
+    found = stated.derivatives
     z = found.score[slots] / np.sqrt(np.diagonal(found.information)[slots])
     statistic = float(np.maximum(z, 0.0).max() ** 2)
     p_value = min(1.0, len(slots) * float(ndtr(-np.sqrt(statistic))))

@@ -20,7 +20,10 @@ from typing import Protocol
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.joint_shapes import JointShapes
 from solver.estimators.layout import Layout
+from solver.loops.closure import ClosureModel
 
 CHUNK = 1024
 """Poses that are whitened at a time: memory does not grow with columns times poses."""
@@ -81,7 +84,7 @@ class Whitened:
     """Some poses in units of their noise: the columns [hard, effects] as they are, and the misclosure.
 
     `L_inverse` (m, r, r) whitens; `Bw` (m, r, n) and `Ew` (m, r, k) are the joints' and the
-    fixture's columns.
+    fixture's columns, `S` (m, n) and `F` (m, k) the variances of their noise.
     """
 
     poses: slice
@@ -90,10 +93,29 @@ class Whitened:
     L_inverse: FloatArray
     Bw: FloatArray
     Ew: FloatArray
+    S: FloatArray
+    F: FloatArray
 
 
 class Design(Layout):
-    """Noise and columns of a closure model with stated errors, some poses at a time."""
+    """Noise and columns of a closure model with stated errors, some poses at a time.
+
+    Attributes
+    ----------
+    along_joints
+        Shapes of the effects that act along a joint.
+    """
+
+    def __init__(
+        self,
+        model: ClosureModel,
+        q: FloatArray,
+        errors: ErrorModel,
+        *,
+        group: IntArray | None = None,
+    ) -> None:
+        super().__init__(model, q, errors, group=group)
+        self.along_joints = JointShapes(self)
 
     def at_poses(self, poses: IntArray) -> Design:
         """Return the design of a selection of poses, smooth functions laid through these only."""
@@ -156,18 +178,24 @@ class Design(Layout):
             found[6 - self.rows :] += (self.loaded.columns**2).sum(-1).mean(0)
         return found
 
-    def noise_blocks(self, part: Whitened) -> Iterator[tuple[int, FloatArray]]:
-        """Component and its derivative of the whitened noise, (m, r, r), for every noise component."""
+    def noise_factors(self, part: Whitened) -> tuple[FloatArray, IntArray]:
+        """Columns Q (m, r, f) of the whitened noise, and the component (f,) that moves each.
+
+        A component's derivative of the noise is ``Q Q'`` of its columns.
+        """
+        factors, component = [np.zeros((*part.w.shape, 0))], list[int]()
         for k, a in enumerate(self.errors.analogue):
-            b = part.Bw[..., a.joint - 1] * np.sqrt(a.share[part.poses])[:, None]
-            yield k, b[..., :, None] * b[..., None, :]
+            share = np.sqrt(a.share[part.poses])
+            factors.append(part.Bw[..., a.joint - 1, None] * share[:, None, None])
+            component.append(k)
         for key, c in self.fixture_components.items():
             rows = slice(0, 3) if key == "fixture_rad" else slice(self.rows - 3, self.rows)
-            e = part.Ew[..., rows]
-            yield c, e @ np.swapaxes(e, -1, -2)
+            factors.append(part.Ew[..., rows])
+            component += [c] * 3
         if self.play_component is not None:
-            b = part.Bw * self.backlash
-            yield self.play_component, b @ np.swapaxes(b, -1, -2)
+            factors.append(part.Bw * self.backlash)
+            component += [self.play_component] * len(self.backlash)
+        return np.concatenate(factors, axis=-1), np.array(component, dtype=np.int64)
 
     # ---- columns
     def parts(self) -> Iterator[slice]:
@@ -187,52 +215,31 @@ class Design(Layout):
         m, r = system.w.shape
         M = np.empty((m, r, self.width))
         M[..., : self.hard] = Aw[..., self.hard_index]
-        at = self.hard
-        if len(self.soft_index):
-            end = at + len(self.soft_index)
-            M[..., at:end] = Aw[..., self.soft_index] * self.soft_sd
-            at = end
-        for joint, shapes in self.joint_shapes(system.angle, poses):
-            end = at + shapes.shape[-1]
-            M[..., at:end] = Bw[..., joint, None] * shapes[:, None, :]
-            at = end
-        if self.gives:
+        at = self.hard + len(self.soft_index)
+        M[..., self.hard : at] = Aw[..., self.soft_index] * self.soft_sd
+        along, shapes = self.along_joints, self.along_joints.at(system.angle, poses)
+        end = at + len(along.joint_of)
+        np.multiply(Bw[..., along.joint_of], shapes[:, None, :], out=M[..., at:end])
+        at = end
+        for rows, _ in self.gives:
             phi = self.give_basis.phi[poses]
-            for rows, _ in self.gives:
-                end = at + 3 * phi.shape[1]
-                M[..., at:end] = (Ew[..., rows, None] * phi[:, None, None, :]).reshape(m, r, -1)
-                at = end
+            end = at + 3 * phi.shape[1]
+            columns = M[..., at:end].reshape(m, r, 3, -1)
+            np.multiply(Ew[..., rows, None], phi[:, None, None, :], out=columns)
+            at = end
         if self.loaded is not None:
             M[..., at:] = Ew @ self.loaded.columns[poses]
         w = (L_inverse @ system.w[..., None])[..., 0]
-        return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, Bw=Bw, Ew=Ew)
-
-    def joint_shapes(self, angle: FloatArray, poses: slice) -> Iterator[tuple[int, FloatArray]]:
-        """0-based joint and shapes (m, c) of every effect that acts along a joint, in column order."""
-        for j in np.flatnonzero(self.accuracy):
-            turn = self.q[poses, j]
-            yield (
-                int(j),
-                self.accuracy[j]
-                * np.stack(
-                    (np.sin(turn), np.cos(turn), np.sin(2 * turn), np.cos(2 * turn)), axis=-1
-                ),
-            )
-        for a in self.errors.analogue:
-            if a.curve is not None:
-                yield a.joint - 1, a.curve.basis(angle[:, a.joint - 1])
-        for j in self.play_joints:
-            yield int(j), self.backlash[j] * self.play.columns[poses, j]
-        for j in self.sag_joints:
-            yield int(j), self.sag[j] * self.sags.columns[poses, j]
+        return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, Bw=Bw, Ew=Ew, S=S, F=F)
 
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Joint corrections (m, n) and fixture displacement (m, k) of effect coefficients (unscaled)."""
         shift, give = np.zeros_like(self.q), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)
-        for joint, shapes in self.joint_shapes(angle, slice(None)):
-            shift[:, joint] += shapes @ b[at : at + shapes.shape[-1]]
-            at += shapes.shape[-1]
+        end = at + len(self.along_joints.joint_of)
+        for here in self.parts():
+            shift[here] = self.along_joints.shift(b[at:end], angle[here], here)
+        at = end
         for rows, _ in self.gives:
             k = self.give_basis.phi.shape[1]
             give[:, rows] = self.give_basis.phi @ b[at : at + 3 * k].reshape(3, k).T

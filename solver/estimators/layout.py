@@ -190,7 +190,7 @@ class Layout:
             )
         for a in errors.analogue:
             if a.curve is not None:
-                width = a.curve.basis(np.zeros(1)).shape[-1]
+                width = a.curve.width
                 c = self._component(
                     Component(
                         name=f"curve_{a.joint}",

@@ -16,6 +16,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.estimators.effects import Design, Equations, System, Whitened
+from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,6 +139,11 @@ class LinearFit:
         v[noise] = np.clip(self.v, np.minimum(floor, v), v)[noise]
         return LinearFit(self.design, self.system, v)
 
+    @cached_property
+    def derivatives(self) -> Derivatives:
+        """How the likelihood changes with the variances, whatever was known of these beforehand."""
+        return likelihood_derivatives(self)
+
     # ---- what the parameters are known to
 
     @property
@@ -146,18 +152,29 @@ class LinearFit:
         return self._of_parameters(self.H_inverse)
 
     @property
+    def standard_deviation(self) -> FloatArray:
+        """Roots of its diagonal (P,)."""
+        index, size = self._parameter_columns()
+        out = np.empty(len(index))
+        out[self._places()] = np.sqrt(np.maximum(self.H_inverse[index, index], 0.0)) * size
+        return out
+
+    @property
     def repeatability(self) -> FloatArray:
         """Covariance (P, P) by noise alone: what the same poses taken again would give."""
         return self._of_parameters(self.H_inverse @ self.gram @ self.H_inverse)
 
     def _of_parameters(self, whole: FloatArray) -> FloatArray:
-        design = self.design
         index, size = self._parameter_columns()
         block = whole[np.ix_(index, index)] * np.outer(size, size)
-        place = np.concatenate((design.hard_index, design.soft_index))
+        place = self._places()
         out = np.empty_like(block)
         out[np.ix_(place, place)] = 0.5 * (block + block.T)
         return out
+
+    def _places(self) -> IntArray:
+        """Where among the parameters the columns without prior are, and those with one."""
+        return np.concatenate((self.design.hard_index, self.design.soft_index))
 
     def _parameter_columns(self) -> tuple[IntArray, FloatArray]:
         design = self.design
@@ -189,14 +206,15 @@ class LinearFit:
                 add(g.source, share)
         total = (self.H_inverse[index, index] * size**2)[...]
         for part in self.parts():
-            for component, C in design.noise_blocks(part):
+            Q, moved_by = design.noise_factors(part)
+            brought = ((np.swapaxes(Q, -1, -2) @ (part.M @ gain.T)) ** 2).sum(0)
+            for component in dict.fromkeys(moved_by.tolist()):
                 name = design.components[component].name
                 name = {"rvdt": "rvdt_noise"}.get(name.split("_")[0], name.rsplit("_", 1)[0]) + (
                     f"_{name.split('_')[1]}" if name.startswith("rvdt") else ""
                 )
                 name = {"fixture": "fixture_give", "joint": "joint_play"}.get(name, name)
-                rows = part.M @ gain.T
-                add(name, self.v[component] * ((C @ rows) * rows).sum((0, 1)))
+                add(name, self.v[component] * brought[moved_by == component].sum(0))
         known = sum(found.values(), np.zeros(len(index)))
         add("counts", np.maximum(total - known, 0.0))
         place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))
@@ -288,18 +306,22 @@ def _inverse(H: FloatArray, scale: FloatArray) -> tuple[FloatArray, float]:
     """Inverse of a positive definite matrix and the logarithm of its determinant."""
     from scipy.linalg import lapack
 
-    scaled = H / np.outer(scale, scale)
-    factor, failed = lapack.dpotrf(scaled)
+    unit = 1.0 / scale
+    scaled = H * unit[:, None] * unit
+    # Symmetric, so its transpose is itself in the order of columns that LAPACK works on in place.
+    factor, failed = lapack.dpotrf(scaled.T, overwrite_a=True)
     if failed:
         # A direction that nothing sees: it gets a variance that says so.
-        values, vectors = np.linalg.eigh(scaled)
+        values, vectors = np.linalg.eigh(H * unit[:, None] * unit)
         values = np.maximum(values, 1e-14 * values[-1])
         inverse = (vectors / values) @ vectors.T
-        return inverse / np.outer(scale, scale), float(
+        return inverse * unit[:, None] * unit, float(
             np.log(values).sum() + 2.0 * np.log(scale).sum()
         )
-    inverse, _ = lapack.dpotri(factor)
-    upper = np.triu(inverse)
-    inverse = upper + np.triu(upper, 1).T
     logdet = 2.0 * float(np.log(np.diagonal(factor)).sum() + np.log(scale).sum())
-    return inverse / np.outer(scale, scale), logdet
+    upper, _ = lapack.dpotri(factor, overwrite_c=True)
+    upper *= unit[:, None]
+    upper *= unit
+    inverse = upper + upper.T
+    np.fill_diagonal(inverse, np.diagonal(upper))
+    return inverse, logdet

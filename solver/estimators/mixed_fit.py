@@ -18,9 +18,10 @@ from solver.errors import PosesDoNotFitError
 from solver.estimators.effects import Design
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.least_squares import Progress
+from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.linearisation import Linearisation, State
-from solver.estimators.scoring import Ascent, Derivatives, Step, derivatives, step
+from solver.estimators.scoring import Ascent, Step, step, with_priors
 from solver.loops.closure import ClosureModel
 
 MAX_ROUNDS = 40
@@ -173,7 +174,7 @@ def _iterate(
         if progress is not None:
             progress(rounds, fit.chi2)
         if free:
-            found = derivatives(fit)
+            found = with_priors(fit)
             wanted = step(fit, found)
             v = ascent.onward(fit, found, wanted, far=moved > FAR)
             if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
@@ -185,7 +186,7 @@ def _iterate(
     shift, give = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
-        found=derivatives(fit) if found is None else found,
+        found=with_priors(fit) if found is None else found,
         iterations=rounds, converged=converged,
     )  # fmt: skip
 
@@ -213,15 +214,14 @@ def _advance(design: Design, at: Linearisation, fit: LinearFit) -> tuple[State, 
         here, system = part.poses, at.part(part.poses)
         left = (part.w + part.M @ fit.coefficients)[..., None]
         multipliers = np.swapaxes(part.L_inverse, -1, -2) @ left
-        S, F = design.joint_variance(fit.v, here), design.fixture_variance(fit.v, here)
-        e[here] -= S * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
-        give[here] -= F * (system.E @ multipliers)[..., 0]
+        e[here] -= part.S * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
+        give[here] -= part.F * (system.E @ multipliers)[..., 0]
         du[here] = at.rates(here).unsensed_step(dx, e[here], give[here])
     de = e - old.e
     largest = max(float(np.abs(d).max(initial=0.0)) for d in (dx, de, du))
     if not np.isfinite(largest):
         return old, float("nan")
-    sd = np.sqrt(np.maximum(np.diagonal(fit.covariance), 1e-300))
+    sd = np.maximum(fit.standard_deviation, 1e-150)
     moved = float(np.abs(dx / sd).max(initial=0.0))
     # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
     shrink = min(1.0, 1.0 / max(largest, 1e-300))

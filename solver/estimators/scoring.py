@@ -1,17 +1,17 @@
 """One scoring step of the variances of a mixed model, by restricted maximum likelihood. Knows no loop.
 
-Restricted likelihood (Patterson & Thompson 1971) judges variances by what no parameter can explain,
-so degrees of freedom are accounted for. Its gradient needs the inverse of the mixed-model equations
-and per-pose blocks only. A variance never falls below its floor, which is what the files state.
+`solver.estimators.likelihood` has the derivatives. A variance never falls below its floor, which is what
+the files state.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 
 FASTEST = 6.0
@@ -33,94 +33,20 @@ CONCAVE = 0.05
 """Smallest eigenvalue of the curvature, in units of the expected information, for Newton's step."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Derivatives:
-    """Gradient (K,), expected information and negative second derivative (K, K) of the likelihood.
-
-    Twice the gradient is a square of the residuals less what chance makes of it, `expected` (K,).
-    """
-
-    score: FloatArray
-    information: FloatArray
-    curvature: FloatArray
-    expected: FloatArray
-
-
-def derivatives(fit: LinearFit, *, priors: bool = True) -> Derivatives:
-    """Differentiate the restricted log-likelihood by every component, at `fit`.
-
-    `priors` counts what a specification says of an amplitude, and spreads recorded inside poses.
-    """
-    design, v = fit.design, fit.v
-    K, hard, width = len(v), design.hard, design.width
-    score, information, expected = np.zeros(K), np.zeros((K, K)), np.zeros(K)
-    if K == 0:
-        return Derivatives(
-            score=score, information=information, curvature=information, expected=expected
-        )
-    # Effects: with T = Z' P Z in units of their variance, all traces are sums over its blocks.
-    T = np.eye(width - hard) - fit.H_inverse[hard:, hard:]
-    groups = [
-        (g, slice(s.start - hard, s.stop - hard), (g.scale / g.variance(v)))
-        for g, s in zip(design.groups, design.slices, strict=True)
-    ]
-    moving = [(g.component, where, rate) for g, where, rate in groups if g.component is not None]
-    square = T * T
-    for c, where, rate in moving:
-        b = fit.unit_b[where]
-        chance = rate * float(np.trace(T[where, where]))
-        expected[c] += chance
-        score[c] += 0.5 * (rate * float(b @ b) - chance)
-        for d, other, rate2 in moving:
-            information[c, d] += 0.5 * rate * rate2 * float(square[where, other].sum())
-    # The mean of expected and observed information needs no trace: it is a Gram matrix of what each
-    # component's covariance makes of the weighted residual (Gilmour, Thompson & Cullis 1995).
-    inner, along = np.zeros((K, K)), np.zeros((K, width))
-    # Noise: blocks of P on the diagonal, pose by pose.
-    for part in fit.parts():
-        m, r = part.w.shape
-        M = part.M.reshape(m * r, width)
-        X = M @ fit.H_inverse
-        P = np.eye(r) - X.reshape(m, r, width) @ np.swapaxes(part.M, -1, -2)
-        left = (part.w + part.M @ fit.coefficients)[..., None]
-        blocks = list(design.noise_blocks(part))
-        pulled = np.zeros((K, m * r))
-        for c, C in blocks:
-            pulled[c] += (C @ left).reshape(-1)
-        for c, where, rate in moving:
-            inside = slice(where.start + hard, where.stop + hard)
-            pulled[c] -= rate * (M[:, inside] @ fit.unit_b[where])
-        inner += pulled @ pulled.T
-        along += pulled @ M
-        # Squares of what each effect's columns leave of a pose under P.
-        columns = X.reshape(m, r, width)[..., hard:]
-        spread: dict[int, FloatArray] = {}
-        for e, where, rate in moving if blocks else ():
-            Y = columns[..., where]
-            YY = rate * (Y @ np.swapaxes(Y, -1, -2))
-            spread[e] = spread[e] + YY if e in spread else YY
-        for c, C in blocks:
-            chance = float((P * C).sum())
-            expected[c] += chance
-            score[c] += 0.5 * (float((left * (C @ left)).sum()) - chance)
-            PC = P @ C
-            for d, D in blocks:
-                information[c, d] += 0.5 * float((PC * np.swapaxes(D, -1, -2)).sum())
-            for e, YY in spread.items():
-                value = 0.5 * float((YY * C).sum())
-                information[c, e] += value
-                information[e, c] += value
-    average = 0.5 * (inner - along @ fit.H_inverse @ along.T)
-    curvature = 2.0 * average - information
-    if priors:
-        for k, component in enumerate(design.components):
-            if component.spread_dof:
-                ratio = component.spread_variance / v[k]
-                score[k] += 0.5 * component.spread_dof * (ratio - 1.0) / v[k]
-                information[k, k] += 0.5 * component.spread_dof / v[k] ** 2
-                curvature[k, k] += component.spread_dof * (ratio - 0.5) / v[k] ** 2
-            score[k] -= 0.5 / component.soft
-    return Derivatives(score=score, information=information, curvature=curvature, expected=expected)
+def with_priors(fit: LinearFit) -> Derivatives:
+    """Count what a specification says of an amplitude as well, and spreads recorded inside poses."""
+    v, bare = fit.v, fit.derivatives
+    score, information, curvature = (
+        bare.score.copy(), bare.information.copy(), bare.curvature.copy(),
+    )  # fmt: skip
+    for k, component in enumerate(fit.design.components):
+        if component.spread_dof:
+            ratio = component.spread_variance / v[k]
+            score[k] += 0.5 * component.spread_dof * (ratio - 1.0) / v[k]
+            information[k, k] += 0.5 * component.spread_dof / v[k] ** 2
+            curvature[k, k] += component.spread_dof * (ratio - 0.5) / v[k] ** 2
+        score[k] -= 0.5 / component.soft
+    return replace(bare, score=score, information=information, curvature=curvature)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

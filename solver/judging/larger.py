@@ -12,7 +12,7 @@ import numpy as np
 
 from solver.estimators.component_report import MOST_CERTAIN, standard_errors
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.scoring import derivatives
+from solver.estimators.scoring import with_priors
 
 FALSE_ALARM = 1e-3
 """Chance of naming any source of a set in which all are as stated."""
@@ -50,7 +50,7 @@ def larger_than_stated(fit: LinearFit) -> tuple[Larger, ...]:
     design, v = fit.design, fit.v
     stated = design.stated_variances()
     floor = np.array([c.floor for c in design.components])
-    error = standard_errors(derivatives(fit).information, v, floor)
+    error = standard_errors(with_priors(fit).information, v, floor)
     found = []
     for c, value, least, s in zip(design.components, v, stated, error, strict=True):
         if c.name == "discrepancy" or not value > least > 0.0 or not np.isfinite(s):

@@ -15,7 +15,6 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.scoring import derivatives
 from solver.judging.candidates import Candidate, Cause, Scene
 from solver.judging.evidence import (
     Evidence,
@@ -231,7 +230,7 @@ def variance_tests(stated: LinearFit) -> list[Test]:
     """
     from scipy.special import chdtri
 
-    found = derivatives(stated, priors=False)
+    found = stated.derivatives
     names = [c.name for c in stated.design.components]
     information = np.maximum(np.diagonal(found.information), 1e-300)
     dof = np.maximum(0.5 * found.expected**2 / information, 1e-3)

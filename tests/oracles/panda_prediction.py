@@ -48,7 +48,7 @@ def scatter(placements: tuple[int, ...]) -> Scatter:
     # Effects along joints come first and have the same columns at all poses; give is no joint's.
     whole = Design(part, poses.q_rad, replace(everywhere, tolerance=tolerance))
     along = len(whole.soft_index)
-    along += sum(c.shape[-1] for _, c in whole.joint_shapes(poses.q_rad, slice(None)))
+    along += len(whole.along_joints.joint_of)
     b = np.zeros(whole.width - whole.hard)
     b[:along] = found.linear.b[:along]
     shift, _ = whole.effects_at(b, poses.q_rad)

@@ -12,7 +12,6 @@ from solver.estimators.effects import Design, System
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.pose_basis import pose_basis
-from solver.estimators.scoring import derivatives
 from tests.oracles.loop_oracle import Truth, paper_truth
 from tests.oracles.simulated_loops import LENGTHS, Simulation
 from tests.solver.conftest import NAMES, loop_of, paper_arm
@@ -74,8 +73,9 @@ class Dense:
             self.noise[here, here] = (system.B[i] * S[i]) @ system.B[i].T
             self.noise[here, here] += (system.E[i].T * F[i]) @ system.E[i]
         Z = [A[:, design.soft_index] * design.soft_sd]
-        for j, shapes in design.joint_shapes(system.angle, slice(None)):
-            Z.append((system.B[:, :, j, None] * shapes[:, None, :]).reshape(m * r, -1))
+        shapes = design.along_joints.at(system.angle, slice(0, m))
+        for k, j in enumerate(design.along_joints.joint_of):
+            Z.append((system.B[:, :, j] * shapes[:, k, None]).reshape(m * r, -1))
         phi = design.give_basis.phi
         for rows, _ in design.gives:
             for row in range(rows.start, rows.stop):
@@ -205,7 +205,7 @@ def test_more_equations_held_out_than_there_are_columns() -> None:
 
 def test_score_is_the_slope_of_the_likelihood(design: Design, system: System) -> None:
     v = variances(design)
-    found = derivatives(LinearFit(design, system, v), priors=False)
+    found = LinearFit(design, system, v).derivatives
     for k, name in enumerate(c.name for c in design.components):
         h = 1e-4 * v[k] * np.eye(len(v))[k]
         up, down = (Dense(design, system, v + s * h).log_likelihood for s in (1.0, -1.0))
@@ -214,7 +214,7 @@ def test_score_is_the_slope_of_the_likelihood(design: Design, system: System) ->
 
 def test_information_of_effects_and_across(design: Design, system: System) -> None:
     v = variances(design)
-    found = derivatives(LinearFit(design, system, v), priors=False)
+    found = LinearFit(design, system, v).derivatives
     dense = Dense(design, system, v)
     names = [c.name for c in design.components]
     lengths, twists = dense.Z[:, :3], dense.Z[:, 3:5]

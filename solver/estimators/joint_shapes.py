@@ -1,0 +1,75 @@
+"""Effects that act along a joint, as shapes over the poses, side by side. Knows no loop and no variance.
+
+Harmonics of encoders, curves of analogue sensors, sides of play, sag: in the order of a layout's groups.
+A curve follows the corrected angle; all others stay as they are while a fit goes on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.estimators.layout import Layout
+
+
+class JointShapes:
+    """Shapes of the effects of `layout` that act along a joint.
+
+    Attributes
+    ----------
+    joint_of
+        0-based joint (c,) along which each shape acts.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        turning = np.flatnonzero(layout.accuracy)
+        joints: list[int] = np.repeat(turning, 4).tolist()
+        self._curves = []
+        for a in layout.errors.analogue:
+            if a.curve is not None:
+                first = len(joints)
+                joints += [a.joint - 1] * a.curve.width
+                self._curves.append((a.curve, slice(first, len(joints))))
+        joints += np.repeat(layout.play_joints, layout.play.width).tolist()
+        if len(layout.sag_joints):
+            joints += np.repeat(layout.sag_joints, layout.sags.width).tolist()
+        self.joint_of: IntArray = np.array(joints, dtype=np.int64)
+        self._along = np.zeros((len(joints), layout.q.shape[1]))
+        self._along[np.arange(len(joints)), self.joint_of] = 1.0
+        self._last: tuple[slice, FloatArray] | None = None
+
+    def at(self, angle: FloatArray, poses: slice) -> FloatArray:
+        """Shapes (m, c) of some poses in a row, whose corrected angles are `angle` (m, n), rad."""
+        if self._last is None or self._last[0] != poses:
+            self._last = (poses, self._still(poses))
+        shapes = self._last[1]
+        if self._curves:
+            shapes = shapes.copy()
+        for curve, where in self._curves:
+            shapes[:, where] = curve.basis(angle[:, curve.joint - 1])
+        return shapes
+
+    def shift(self, b: FloatArray, angle: FloatArray, poses: slice) -> FloatArray:
+        """Joint corrections (m, n), rad, of coefficients b (c,)."""
+        return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
+
+    def _still(self, poses: slice) -> FloatArray:
+        """Shapes (m, c) that follow no correction; columns of curves are left empty."""
+        layout = self._layout
+        turning = np.flatnonzero(layout.accuracy)
+        turn = layout.q[poses, turning] if len(turning) else np.zeros((len(layout.q[poses]), 0))
+        waves = np.stack((np.sin(turn), np.cos(turn), np.sin(2 * turn), np.cos(2 * turn)), axis=-1)
+        m = len(turn)
+        shapes = [(layout.accuracy[turning, None] * waves).reshape(m, -1)]
+        shapes += [np.zeros((m, where.stop - where.start)) for _, where in self._curves]
+        play = layout.play_joints
+        shapes.append(
+            (layout.backlash[play, None] * layout.play.columns[poses][:, play]).reshape(m, -1)
+        )
+        sag = layout.sag_joints
+        if len(sag):
+            shapes.append(
+                (layout.sag[sag, None] * layout.sags.columns[poses][:, sag]).reshape(m, -1)
+            )
+        return np.concatenate(shapes, axis=-1)

@@ -1,0 +1,113 @@
+"""How the restricted likelihood of a mixed model changes with its variances. Knows no loop and no step.
+
+Restricted likelihood (Patterson & Thompson 1971) judges variances by what no parameter can explain,
+so degrees of freedom are accounted for. Its derivatives need the inverse of the mixed-model equations
+and per-pose blocks only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.estimators.effects import Design, Whitened
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Derivatives:
+    """Gradient (K,), expected information and negative second derivative (K, K) of the likelihood.
+
+    Twice the gradient is a square of the residuals less what chance makes of it, `expected` (K,).
+    """
+
+    score: FloatArray
+    information: FloatArray
+    curvature: FloatArray
+    expected: FloatArray
+
+
+class Solved(Protocol):
+    """A mixed model solved at the variances v (K,); `solver.estimators.linear_fit` says what each is."""
+
+    design: Design
+    v: FloatArray
+    H_inverse: FloatArray
+    coefficients: FloatArray
+    unit_b: FloatArray
+
+    def parts(self) -> Iterator[Whitened]:
+        """Whitened poses, effects scaled to unit variance."""
+        ...
+
+
+def likelihood_derivatives(fit: Solved) -> Derivatives:
+    """Differentiate the restricted log-likelihood by every component, at `fit`."""
+    design, K = fit.design, len(fit.v)
+    hard, width = design.hard, design.width
+    rates = _rates(design, fit.v)
+    starts = np.array([s.start - hard for s in design.slices], dtype=np.int64)
+
+    def by_group(columns: FloatArray) -> FloatArray:
+        """Sums over each group's columns (..., width - hard), times its rates: (..., K)."""
+        if not len(starts):
+            return np.zeros((*columns.shape[:-1], K))
+        return np.asarray(np.add.reduceat(columns, starts, axis=-1) @ rates)
+
+    # Effects: with T = Z' P Z in units of their variance, all traces are sums over its blocks.
+    T = np.eye(width - hard) - fit.H_inverse[hard:, hard:]
+    expected = by_group(np.diagonal(T))
+    score = by_group(fit.unit_b**2) - expected
+    information = by_group(by_group(T * T).T)
+    # The mean of expected and observed information needs no trace: it is a Gram matrix of what each
+    # component's covariance makes of the weighted residual (Gilmour, Thompson & Cullis 1995).
+    inner, along = np.zeros((K, K)), np.zeros((K, width))
+    effects = (
+        np.repeat(rates, np.diff(np.append(starts, width - hard)), axis=0) * fit.unit_b[:, None]
+    )
+    # Noise: blocks of P on the diagonal, pose by pose.
+    for part in fit.parts():
+        m, r = part.w.shape
+        M = part.M.reshape(m * r, width)
+        X = M @ fit.H_inverse
+        P = np.eye(r) - X.reshape(m, r, width) @ np.swapaxes(part.M, -1, -2)
+        left = (part.w + part.M @ fit.coefficients)[..., None]
+        Q, component = design.noise_factors(part)
+        of = _indicator(component, K)
+        Qt = np.swapaxes(Q, -1, -2)
+        seen = Qt @ left
+        pulled = (Q * seen[..., 0][:, None]).reshape(m * r, -1) @ of - M[:, hard:] @ effects
+        inner += pulled.T @ pulled
+        along += pulled.T @ M
+        PQ = P @ Q
+        chance = (PQ * Q).sum((0, 1)) @ of
+        expected += chance
+        score += (seen[..., 0] ** 2).sum(0) @ of - chance
+        information += of.T @ ((Qt @ PQ) * (Qt @ Q)).sum(0) @ of
+        # Squares of what each effect's columns leave of a pose under P.
+        across = of.T @ by_group(((Qt @ X.reshape(m, r, width)[..., hard:]) ** 2).sum(0))
+        information += across + across.T
+    average = inner - along @ fit.H_inverse @ along.T
+    return Derivatives(
+        score=0.5 * score,
+        information=0.5 * information,
+        curvature=average - 0.5 * information,
+        expected=expected,
+    )
+
+
+def _rates(design: Design, v: FloatArray) -> FloatArray:
+    """Change (groups, K) of the logarithm of each group's variance with the components."""
+    rates = np.zeros((len(design.groups), len(v)))
+    for row, g in zip(rates, design.groups, strict=True):
+        if g.component is not None:
+            row[g.component] = g.scale / g.variance(v)
+    return rates
+
+
+def _indicator(component: IntArray, K: int) -> FloatArray:
+    """Matrix (f, K) that sums over the columns of each component."""
+    return np.asarray(component[:, None] == np.arange(K), dtype=np.float64)

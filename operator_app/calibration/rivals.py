@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from time import process_time
+from time import thread_time
 from typing import TypeVar
 
 import numpy as np
@@ -57,7 +57,7 @@ ITERATIONS = 15
 """A rival that is right is near its solution by then."""
 
 SECONDS = 4.0
-"""Of this process's own time: nobody waits longer for an explanation."""
+"""Of CPU time of this thread: nobody waits longer for an explanation, and what runs beside takes none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +90,7 @@ def named_rivals(
         Only simple mistakes of the file that bring the solution near the nominal values, however well
         it fits without.
     """
-    deadline = process_time() + SECONDS
+    deadline = thread_time() + SECONDS
     as_it_is = np.inf
     if not near and not unsensed:
         plain = Rival(words=Words("", "", ""), poses=poses, fixture=fixture)
@@ -109,7 +109,7 @@ def named_rivals(
         for rival in _screened(arm, family, deadline, below=PROMISING * as_it_is):
             if near and not _is_near(arm, rival):
                 continue
-            if process_time() > deadline:
+            if thread_time() > deadline:
                 break
             ratio, left = _solved(arm, rival)
             if rival.fixture is not fixture and _closes(arm, rival):
@@ -207,7 +207,7 @@ def _screened(
     """The most promising rivals by the closure that is left when every equation counts the same."""
     costs: list[tuple[float, int, Rival]] = []
     for number, rival in enumerate(rivals):
-        if process_time() > deadline:
+        if thread_time() > deadline:
             break
         costs.append((_cost(arm, rival), number, rival))
     costs.sort(key=lambda cost: cost[:2])

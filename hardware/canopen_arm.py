@@ -48,10 +48,10 @@ from hardware.objects import (
     joint_node,
 )
 from hardware.stop_line import StopLatch
+from hardware.trajectory import ACCELERATION_RAD_PER_S2
 
 MODE_SYNCS: Final = 5
 MODE_ATTEMPTS: Final = 6
-ACCELERATION_RAD_PER_S2: Final = 1.0
 
 
 class CanopenArm:

@@ -13,6 +13,22 @@ from collections import deque
 import numpy as np
 
 from hardware.arm import FloatArray
+from hardware.objects import CONTROL_PERIOD_S
+
+ACCELERATION_RAD_PER_S2 = 1.0
+"""How quickly joints speed up and slow down, unless told otherwise."""
+SMOOTHING_PERIODS = 10
+
+
+def coming_to_rest_s(speed_rad_per_s: float) -> float:
+    """How far ahead a joint comes to rest, over its present speed, once a move of this speed brakes.
+
+    Speed falls in proportion, so that its mean over the braking is half of it; half the moving average
+    and two periods between seeing and sending come on top. It holds of a free joint, too, as long as it
+    follows the drives in proportion.
+    """
+    delay_s = (0.5 * (SMOOTHING_PERIODS - 1) + 2.0) * CONTROL_PERIOD_S
+    return 0.5 * speed_rad_per_s / ACCELERATION_RAD_PER_S2 + delay_s
 
 
 class Trapezoid:
@@ -102,7 +118,7 @@ class StraightMove:
         speed_rad_per_s: float,
         acceleration_rad_per_s2: float,
         period_s: float,
-        smoothing_periods: int = 10,
+        smoothing_periods: int = SMOOTHING_PERIODS,
     ) -> None:
         if min(speed_rad_per_s, acceleration_rad_per_s2, period_s, smoothing_periods) <= 0:
             raise ValueError("speed, acceleration, period and smoothing must be positive")

@@ -78,6 +78,16 @@ def force_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def homing_option(parser: argparse.ArgumentParser) -> None:
+    """``--go-home``."""
+    parser.add_argument(
+        "--go-home",
+        action="store_true",
+        help="you agree that an arm that stands outside the procedure's box of drive angles goes home "
+        "by itself, straight and at 5 deg/s; without it such an arm is not moved. Stand clear",
+    )
+
+
 def plan_option(parser: argparse.ArgumentParser) -> None:
     """``--plan``."""
     parser.add_argument(

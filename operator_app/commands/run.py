@@ -11,6 +11,7 @@ from operator_app.commands.options import (
     choices_from,
     estimator_options,
     force_option,
+    homing_option,
     json_option,
     plan_option,
     pose_count,
@@ -43,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--record", action="store_true", help="record the bus to bus.blf in the session folder"
     )
     force_option(parser)
+    homing_option(parser)
     plan_option(parser)
     estimator_options(parser)
     tolerance_option(parser)
@@ -72,7 +74,7 @@ def execute(args: argparse.Namespace) -> int:
         with unattended(opening, record_to=record_to, cut_short=listener.cut_short) as session:
             if opening.resumed:
                 listener.resumed(session)
-            result = run(session, listener, forced=args.force.strip())
+            result = run(session, listener, forced=args.force.strip(), homing=args.go_home)
     except UnidentifiableError as error:
         # Only an open session calibrates.
         _report_unidentifiable(args, session, error)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from operator_app.commands.options import (
     bus_options,
     choices_from,
+    homing_option,
     json_option,
     pose_count,
     scenario_options,
@@ -42,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"how many new poses to take (default {NEW_POSES})",
     )
+    homing_option(parser)
     sessions_option(parser)
     bus_options(parser)
     scenario_options(parser)
@@ -76,7 +78,8 @@ def execute(args: argparse.Namespace) -> int:
             raise UsageError("new poses must be of one placement, the one that was calibrated")
         verdict = judge_poses(arm, fixture, poses, fixed_by(solution))
     else:
-        verdict, poses = _on_the_arm(opening, solution, NEW_POSES if wanted is None else wanted)
+        count = NEW_POSES if wanted is None else wanted
+        verdict, poses = _on_the_arm(opening, solution, count, homing=args.go_home)
     if args.json:
         say(json.dumps(verification_json(verdict, poses), indent=2, allow_nan=False))
     else:
@@ -84,18 +87,23 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if verdict.holds else ExitCode.NOT_ACCEPTED
 
 
-def _on_the_arm(opening: Opening, solution: Solution, count: int) -> tuple[Prediction, PoseSet]:
+def _on_the_arm(
+    opening: Opening, solution: Solution, count: int, *, homing: bool
+) -> tuple[Prediction, PoseSet]:
     """Take `count` poses in the session, elsewhere than it did."""
     from operator_app.composition import unattended
+    from operator_app.headless.console import ConsoleListener
     from operator_app.session.drives import drives_of
     from operator_app.session.listener import Listener
-    from operator_app.session.workflow import connect, verify
+    from operator_app.session.workflow import connect, home_if_away, verify
 
     if count < 1:
         raise UsageError("--poses: take at least 1")
     with unattended(opening) as session:
         connect(session, Listener())
         session.set_modes(drives_of(session))
+        if homing:
+            home_if_away(session, ConsoleListener())
         found = verify(session, solution, count, Listener())
     say(f"Took {count} new poses: they are in the journal of {opening.folder}", err=True)
     return found

@@ -34,10 +34,13 @@ class RunResult:
     advice: str = ""
 
 
-def run(session: Session, listener: Listener, *, forced: str = "") -> RunResult:
+def run(
+    session: Session, listener: Listener, *, forced: str = "", homing: bool = False
+) -> RunResult:
     """Go from Connect to Export; every refusal is raised with its reason.
 
     `forced` says why a calibration is exported even if it is not accepted; empty: it is not.
+    `homing`: the operator agrees that an arm outside its box goes home by itself.
 
     A resumed session goes through Connect, Fixture and Modes again: the arm may have been moved.
     """
@@ -45,7 +48,7 @@ def run(session: Session, listener: Listener, *, forced: str = "") -> RunResult:
         session.check_modes(session.procedure.position_joints)
     connect(session, listener)
     listener.fixture_checked(session.require_fixture())
-    end = take_poses(session, listener, drives_of(session, listener))
+    end = take_poses(session, listener, drives_of(session, listener), homing=homing)
     if end is not None:
         listener.told(f"Capture {'complete' if end.complete else 'ended'}: {end.text}.")
     session.arm.hold()

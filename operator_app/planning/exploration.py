@@ -1,14 +1,15 @@
 """Where to take poses before the model can be trusted: waypoints of the position-mode joints alone.
 
-A low-discrepancy sequence fills the box that the operator allowed around the start, so that the
-first poses already spread and a session that ends early has seen all of it. Nothing here uses the
+A low-discrepancy sequence fills the box that the operator allowed around home, so that the first
+poses already spread and a session that ends early has seen all of it. The box is a place, not a
+travel: wherever the last session left the arm, the next one moves through the same. Nothing here uses the
 kinematic model; whether a waypoint can be reached is found out by going there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,29 +28,73 @@ BATCH = 8
 """Waypoints are visited in batches of this size, each in a short order: spread first, travel second."""
 
 
-def waypoints(
-    arm: ArmModel, start_rad: FloatArray, plan: CapturePlan
-) -> tuple[Mapping[int, float], ...]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """Where the drive joints may be taken.
+
+    Attributes
+    ----------
+    joints
+        Drive joints (1-based).
+    centre_rad, lower_rad, upper_rad
+        (d,) of them, sensor coordinates; the ends keep clear of the joints' ranges.
+    """
+
+    joints: tuple[int, ...]
+    centre_rad: FloatArray
+    lower_rad: FloatArray
+    upper_rad: FloatArray
+
+    def beyond_rad(self, positions_rad: FloatArray) -> FloatArray:
+        """How far each drive joint (d,) stands outside, positions (n,); 0 inside."""
+        here = positions_rad[[j - 1 for j in self.joints]]
+        return np.maximum(np.maximum(self.lower_rad - here, here - self.upper_rad), 0.0)
+
+
+def box_of(
+    arm: ArmModel,
+    plan: CapturePlan,
+    joints: tuple[int, ...],
+    *,
+    home_rad: FloatArray,
+    start_rad: FloatArray,
+) -> Box:
+    """The procedure's box round `home_rad` (n,) for these drive joints.
+
+    A joint that the procedure says nothing about gets a modest travel round `start_rad` (n,), where
+    the session began: it stood there.
+    """
+    known = {box.joint: box for box in plan.exploration}
+    modest = {
+        j: Exploration(joint=j, from_deg=-DEFAULT_SPAN_DEG, to_deg=DEFAULT_SPAN_DEG) for j in joints
+    }
+    if set(joints) == set(known):
+        joints = tuple(known)
+    boxes = [known.get(j, modest[j]) for j in joints]
+    columns = [j - 1 for j in joints]
+    centre = np.array([(home_rad if j in known else start_rad)[j - 1] for j in joints])
+    return Box(
+        joints=joints,
+        centre_rad=centre,
+        lower_rad=np.maximum(
+            (arm.lower_rad + RANGE_MARGIN_RAD)[columns], centre + [box.lower_rad for box in boxes]
+        ),
+        upper_rad=np.minimum(
+            (arm.upper_rad - RANGE_MARGIN_RAD)[columns], centre + [box.upper_rad for box in boxes]
+        ),
+    )
+
+
+def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], ...]:
     """Targets of the position-mode joints, in visiting order.
 
     There are three times as many as poses wanted, so that unreachable ones can be passed over. The
     result depends on the arguments only: a resumed session finds the same plan.
     """
-    joints = tuple(box.joint for box in plan.exploration)
-    columns = [j - 1 for j in joints]
-    start = start_rad[columns]
-    low = np.maximum(
-        (arm.lower_rad + RANGE_MARGIN_RAD)[columns],
-        start + [box.lower_rad for box in plan.exploration],
-    )
-    high = np.minimum(
-        (arm.upper_rad - RANGE_MARGIN_RAD)[columns],
-        start + [box.upper_rad for box in plan.exploration],
-    )
-    unit = _additive_recurrence(3 * plan.poses, len(columns), plan.seed)
-    points = low + unit * (high - low)
+    unit = _additive_recurrence(3 * poses, len(box.joints), seed)
+    points = box.lower_rad + unit * (box.upper_rad - box.lower_rad)
     order: list[int] = []
-    here = start
+    here = box.centre_rad
     for first in range(0, len(points), BATCH):
         left = list(range(first, min(first + BATCH, len(points))))
         while left:
@@ -58,21 +103,8 @@ def waypoints(
             order.append(nearest)
             here = points[nearest]
     return tuple(
-        {joint: float(value) for joint, value in zip(joints, points[k], strict=True)} for k in order
-    )
-
-
-def for_joints(plan: CapturePlan, joints: tuple[int, ...]) -> CapturePlan:
-    """Return the plan for these drive joints: the procedure's boxes, a modest one where it has none."""
-    known = {box.joint: box for box in plan.exploration}
-    if tuple(sorted(known)) == tuple(sorted(joints)):
-        return plan
-    span = DEFAULT_SPAN_DEG
-    return replace(
-        plan,
-        exploration=tuple(
-            known.get(j, Exploration(joint=j, from_deg=-span, to_deg=span)) for j in joints
-        ),
+        {joint: float(value) for joint, value in zip(box.joints, points[k], strict=True)}
+        for k in order
     )
 
 
@@ -94,15 +126,21 @@ def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
     return ""
 
 
-def range_watch(arm: ArmModel) -> Watch:
-    """Watch that ends a move before a joint leaves its range, runs away or is overloaded."""
+def range_watch(arm: ArmModel, braking_s: float) -> Watch:
+    """Watch that ends a move before a joint leaves its range, runs away or is overloaded.
+
+    Free joints may be several times as fast as the drives: what counts is where a joint would come to
+    rest if the move braked now, its present speed times `braking_s` ahead
+    (`hardware.trajectory.coming_to_rest_s`). Where the way was planned, ends and all, that is 0.
+    """
     lower = arm.lower_rad + RANGE_MARGIN_RAD
     upper = arm.upper_rad - RANGE_MARGIN_RAD
 
     def watch(snapshot: ArmSnapshot) -> str | None:
         for joint, low, high, limits in zip(snapshot.joints, lower, upper, arm.joints, strict=True):
-            outward = (joint.position_rad < low and joint.speed_rad_per_s < 0.0) or (
-                joint.position_rad > high and joint.speed_rad_per_s > 0.0
+            rest = joint.position_rad + joint.speed_rad_per_s * braking_s
+            outward = (rest < low and joint.speed_rad_per_s < 0.0) or (
+                rest > high and joint.speed_rad_per_s > 0.0
             )
             if outward:
                 return f"joint {joint.joint} came close to the end of its range"

@@ -100,6 +100,11 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            prompt="Go to the pose that would tell most",
            help="Move to the pose that would tell most. Any key stops.", steps=_at(Step.CAPTURE),
            guard=guards.may_go_best, work=lambda chosen: works.go(chosen, chosen.s.best_waypoint)),
+    Action(name="go_home", keys=("h",), shown="h", label="Go home", prompt="Go home, slowly",
+           help="Take the drive joints straight home at 5 deg/s, after a question: for an arm that "
+           "stands outside the box of its procedure. Any key stops.",
+           steps=_at(Step.MODES, Step.CAPTURE, Step.EXPORT), guard=guards.may_go_home,
+           work=works.home),
     Action(name="capture", keys=("c",), shown="c", label="Capture", prompt="Capture a pose here",
            help="Let the arm settle and capture a pose where it stands.", steps=_at(Step.CAPTURE),
            footer=_at(Step.CAPTURE), guard=guards.may_capture, work=works.capture),

@@ -242,8 +242,9 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "sensor_fault": {"joint": joint, "text": text},
     "return_holds": {"of?": whole(0)},
     "standing": {"told?": text, "probability?": nothing_or(number(0.0, 1.0))},
-    "control": {"start_rad": ANGLES},
+    "control": {"start_rad": ANGLES, "home_rad?": ANGLES},
     "modes": {"modes": of_joints(one_of("position", "free"))},
+    "went_home": {"joints": JOINTS, "q_rad": ANGLES, "stopped?": text},
     "waypoint_skipped": {"waypoint": whole(0), "reason?": text},
     "pose": {
         "number": COUNT,

@@ -184,6 +184,11 @@ def may_move(s: SessionSnapshot) -> Missing:
     return ()
 
 
+def may_go_home(s: SessionSnapshot) -> Missing:
+    """Going home needs drives in their modes and fresh data."""
+    return idle(s) or capture_ready(s) or may_use_data(s)
+
+
 def may_go_best(s: SessionSnapshot) -> Missing:
     """The pose that would tell most is known when there is an estimate."""
     if s.best_waypoint is None:

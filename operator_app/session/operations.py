@@ -18,6 +18,7 @@ from operator_app.errors import Cancelled, GuardError
 from operator_app.planning.forecast import Forecast, most_telling, predict
 from operator_app.planning.live import LiveQuality, live_quality
 from operator_app.session.drives import choose_by_prediction
+from operator_app.session.going_home import go_home
 from operator_app.session.listener import Listener
 from operator_app.session.parameter_diff import diff_rows
 from operator_app.session.session import Session
@@ -156,6 +157,13 @@ class Operations:
             said.append(f"J{joint} {moved[joint - 1].with_unit} moved {followed} {unit}")
         self._publisher.publish(lambda s: replace(s, wiggle="; ".join(said)))
         self._publisher.say(Level.INFO, "trial wiggle done: " + "; ".join(said))
+
+    def go_home(self) -> None:
+        """Take the drive joints home, slowly; any key ends it."""
+        self._at(None)
+        said = go_home(self._session)
+        self.refresh()
+        self._publisher.say(Level.INFO, said)
 
     # -- 4 Capture ---------------------------------------------------------------------------------
 

@@ -43,7 +43,9 @@ MESSAGES_KEPT = 100
 UNSEEN_S = 1.5
 """A motion that nobody has looked at for so long is ended: any key ends a motion, if it is read."""
 
-MOVING = frozenset({TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.VERIFY})
+MOVING = frozenset(
+    {TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.HOME, TaskKind.VERIFY}
+)
 """Tasks that any key ends."""
 
 

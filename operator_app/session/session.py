@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from fixtures.base import Fixture, SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Reading, Watch
 from hardware.errors import HardwareError, SensorFault
 from hardware.objects import EmergencyCode
+from hardware.trajectory import coming_to_rest_s
 from operator_app.calibration.checks import Checks, check
 from operator_app.calibration.record import to_dict
 from operator_app.calibration.refusals import FixtureRefusedError
@@ -31,7 +32,7 @@ from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError, JournalLostError
-from operator_app.planning.exploration import for_joints, overload, range_watch, waypoints
+from operator_app.planning.exploration import Box, box_of, overload, range_watch, waypoints
 from operator_app.planning.mode_rule import modes_problem
 from operator_app.session.calibrated import Calibrated, recorded
 from operator_app.session.export import (
@@ -41,6 +42,7 @@ from operator_app.session.export import (
     document_of,
     upload,
 )
+from operator_app.session.going_home import require_in_box
 from operator_app.session.journal import Clock, Journal, utc_now
 from operator_app.session.sameness import (
     check_counters,
@@ -212,7 +214,8 @@ class Session:
         self._require_the_same()
         self.arm.take_control()
         start = self.arm.capture(self.procedure.capture.samples_per_pose).mean_rad
-        self.record("control", {"start_rad": start.tolist()})
+        home = self.model.home_rad.tolist()
+        self.record("control", {"start_rad": start.tolist(), "home_rad": home})
 
     def _require_the_same(self) -> None:
         """Refuse to enable drives of an arm, or in a fixture, that is not the one of the poses so far."""
@@ -234,26 +237,42 @@ class Session:
 
     def plan(self) -> tuple[Mapping[int, float], ...]:
         """All waypoints of this session, visited ones included."""
-        if self.state.start_rad is None or not self.position_joints:
-            raise GuardError("the joint modes are not set", "set the modes first (step 3)")
-        return self.plan_from(self.state.start_rad, self.position_joints)
+        own = self.procedure.capture
+        return waypoints(self.box(), poses=own.poses, seed=own.seed)
 
     def plan_from(
         self, start_rad: FloatArray, joints: tuple[int, ...]
     ) -> tuple[Mapping[int, float], ...]:
-        """Waypoints of these drive joints around `start_rad` (n,)."""
-        return waypoints(self.model, start_rad, for_joints(self.procedure.capture, joints))
+        """Waypoints of these drive joints in a session that would begin at `start_rad` (n,)."""
+        own, home = self.procedure.capture, self.model.home_rad
+        box = box_of(self.model, own, joints, home_rad=home, start_rad=start_rad)
+        return waypoints(box, poses=own.poses, seed=own.seed)
 
     def verification_plan(self, poses: int) -> tuple[Mapping[int, float], ...]:
         """Waypoints elsewhere than those of the plan, others for every verification."""
-        if self.state.start_rad is None:
-            raise GuardError("the joint modes are not set", "set the modes first (step 3)")
-        own = self.procedure.capture
-        capture = replace(own, poses=poses, seed=own.seed + 1 + self.state.verifications)
-        joints = for_joints(capture, self.position_joints)
-        return waypoints(self.model, self.state.start_rad, joints)
+        seed = self.procedure.capture.seed + 1 + self.state.verifications
+        return waypoints(self.box(), poses=poses, seed=seed)
 
-    def go_to(self, targets_rad: Mapping[int, float], also: Watch | None = None) -> MoveResult:
+    def box(self) -> Box:
+        """Where the joints in position mode may be taken."""
+        state = self.state
+        if state.start_rad is None or state.home_rad is None or not self.position_joints:
+            raise GuardError("the joint modes are not set", "set the modes first (step 3)")
+        return box_of(
+            self.model,
+            self.procedure.capture,
+            self.position_joints,
+            home_rad=state.home_rad,
+            start_rad=state.start_rad,
+        )
+
+    def go_to(
+        self,
+        targets_rad: Mapping[int, float],
+        also: Watch | None = None,
+        *,
+        speed_rad_per_s: float | None = None,
+    ) -> MoveResult:
         """Move the position-mode joints, watching every joint; `also` may end the move as well.
 
         Refused when not exactly as many joints are in position mode as the chain has freedoms: held
@@ -267,7 +286,11 @@ class Session:
         self.check_modes(self.position_joints)
         self._raise_if_cancelled()
         self._require_journal()
-        in_range = range_watch(self.model)
+        speed = self.procedure.capture.speed_rad_per_s
+        if speed_rad_per_s is not None:
+            speed = min(speed, speed_rad_per_s)
+        unplanned = also is None
+        in_range = range_watch(self.model, coming_to_rest_s(speed) if unplanned else 0.0)
 
         def watch(snapshot: ArmSnapshot) -> str | None:
             if self.cancelled():
@@ -277,7 +300,7 @@ class Session:
         with self._heeding_sensors():
             moved = self.arm.move(
                 targets_rad,
-                speed_rad_per_s=self.procedure.capture.speed_rad_per_s,
+                speed_rad_per_s=speed,
                 watch=watch,
             )
         self._raise_if_cancelled()
@@ -302,6 +325,7 @@ class Session:
 
     def visit(self, index: int) -> bool:
         """Go to a waypoint; one that cannot be reached is passed over (False)."""
+        require_in_box(self)
         moved = self.reach(self.plan()[index])
         if not moved.reached:
             self.record("waypoint_skipped", {"waypoint": index, "reason": moved.reason})

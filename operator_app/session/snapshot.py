@@ -67,6 +67,7 @@ class TaskKind(Enum):
     CAPTURE = "capturing"
     AUTOMATIC = "capturing automatically"
     WIGGLE = "trial wiggle"
+    HOME = "going home"
     CALIBRATE = "calibrating"
     EXPORT = "writing"
     UPLOAD = "uploading"

@@ -95,6 +95,9 @@ class SessionState:
         Of its nodes (1018h), by node; those that the poses were taken with.
     start_rad
         Joint angles when the session first took control (n,), or None.
+    home_rad
+        Round where its boxes are (n,): the procedure's home, or, in journals of earlier versions, where
+        it started.
     modes
         ``position``/``free`` per joint as last confirmed; empty until set.
     poses
@@ -134,6 +137,7 @@ class SessionState:
     serial_number: str = ""
     node_serials: Mapping[int, int] = field(default_factory=dict)
     start_rad: FloatArray | None = None
+    home_rad: FloatArray | None = None
     modes: tuple[str, ...] = ()
     poses: tuple[CapturedPose, ...] = ()
     visited: frozenset[int] = frozenset()
@@ -249,8 +253,11 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 resumed=state.resumed or bool(state.poses),
             )
         case "control":
-            start = state.start_rad
-            return replace(state, start_rad=frozen(data["start_rad"]) if start is None else start)
+            if state.start_rad is not None:
+                return state
+            start = frozen(data["start_rad"])
+            home = frozen(data.get("home_rad", data["start_rad"]))
+            return replace(state, start_rad=start, home_rad=home)
         case "modes":
             return replace(state, modes=tuple(data["modes"]))
         case "waypoint_skipped":

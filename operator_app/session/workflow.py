@@ -11,6 +11,7 @@ from hardware.arm import ArmIdentity
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
 from operator_app.errors import GuardError
+from operator_app.session.going_home import away_from_box, go_home, require_in_box
 from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, Stop
 from operator_app.session.session import Session
@@ -31,7 +32,11 @@ def connect(session: Session, listener: Listener) -> ArmIdentity:
 
 
 def take_poses(
-    session: Session, listener: Listener, drives: tuple[int, ...] | None = None
+    session: Session,
+    listener: Listener,
+    drives: tuple[int, ...] | None = None,
+    *,
+    homing: bool = False,
 ) -> CampaignEnd | None:
     """Take the poses that are still wanted, as the procedure says; goes on where the journal ends.
 
@@ -40,6 +45,8 @@ def take_poses(
     drives
         Joints to put into position mode first; None leaves the modes as they are, but for a plan
         under way that drives others.
+    homing
+        The operator agrees that an arm outside its box goes home by itself.
 
     Returns
     -------
@@ -58,6 +65,8 @@ def take_poses(
     if drives is not None or wanted != session.position_joints:
         session.set_modes(wanted)
         listener.modes_set(wanted)
+    if homing and planned is None:
+        home_if_away(session, listener)
     if session.state.resumed and session.state.used_poses and _is_going_on(session, planned):
         _there_and_back(session, listener, planned)
     end = None
@@ -69,6 +78,15 @@ def take_poses(
     if state.used_poses and not any(r.again.after == state.captured for r in state.returns):
         _return_to_first(session, listener, planned)
     return end
+
+
+def home_if_away(session: Session, listener: Listener) -> None:
+    """Go home, which the operator has agreed to, where it takes that."""
+    away = away_from_box(session)
+    if away:
+        listener.told(f"Going home, slowly: {away}.")
+        listener.going(None)
+        listener.told(f"{go_home(session)}.")
 
 
 def _is_going_on(session: Session, planned: PlannedCapture | None) -> bool:
@@ -154,6 +172,7 @@ def verify(
     The modes are set. Readings and verdict are in the journal; the poses are no part of the
     calibration.
     """
+    require_in_box(session)
     before = len(session.state.readings)
     for target in session.verification_plan(poses):
         listener.going(None)

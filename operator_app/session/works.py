@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from hardware.arm import JointMode
 from operator_app.session import guards
 from operator_app.session.face import Chosen, FullScreen, OneOf, Typed, YesNo
 from operator_app.session.folder import SessionEntry
@@ -16,6 +17,7 @@ from operator_app.session.runner import Runner
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.state import SessionState
 from operator_app.session.wording import summary
+from operator_app.units.figure import MOVED
 from solver.chain.sensors import Rvdt
 
 VERIFY_POSES = 5
@@ -170,6 +172,25 @@ def go(chosen: Chosen, waypoint: int | None) -> None:
     """Move to a waypoint."""
     text = "moving" if waypoint is None else f"moving to waypoint {waypoint + 1}"
     chosen.hand(TaskKind.MOVE, text, lambda o: o.go(waypoint or 0))
+
+
+def home(chosen: Chosen) -> None:
+    """Take the arm home, after a question: nobody has spoken for the places on the way."""
+    s = chosen.s
+    ways = [
+        (j, s.procedure.arm.home_rad[j - 1] - s.arm.joints[j - 1].position_rad)
+        for j, mode in enumerate(s.modes, 1)
+        if mode is JointMode.POSITION and s.arm is not None
+    ]
+    text = (
+        "The drive joints go straight home, slowly, the free ones follow: "
+        + ", ".join(f"J{j} by {MOVED(float(way)).with_unit}" for j, way in ways)
+        + ". Look whether the way is clear, and stand clear of the arm; any key stops it."
+    )
+    chosen.ask(
+        YesNo(title="Go home?", text=text, yes="Move"),
+        lambda again, _: again.hand(TaskKind.HOME, "going home", lambda o: o.go_home()),
+    )
 
 
 def capture(chosen: Chosen) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.arm import FloatArray
-from hardware.trajectory import StraightMove
+from hardware.trajectory import ACCELERATION_RAD_PER_S2, StraightMove, coming_to_rest_s
 
 PERIOD_S = 0.01
 SMOOTHING = 10
@@ -102,3 +102,22 @@ def test_nothing_to_do_is_finished_at_once() -> None:
 def test_bounds_must_be_positive() -> None:
     with pytest.raises(ValueError, match="positive"):
         _run([0.0], [1.0], 0.0, 1.0)
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.35, 1.0])
+def test_a_braked_move_comes_to_rest_as_far_ahead_as_foretold(speed: float) -> None:
+    move = StraightMove(
+        np.zeros(1), np.array([4.0]), speed_rad_per_s=speed,
+        acceleration_rad_per_s2=ACCELERATION_RAD_PER_S2, period_s=0.01,
+    )  # fmt: skip
+    here = before = 0.0
+    while here < 1.5:
+        before, here = here, float(move.next()[0])
+    now = (here - before) / 0.01
+    for _ in range(2):  # seen, and answered two periods later
+        here_late = float(move.next()[0])
+    move.brake()
+    while not move.finished:
+        here_late = float(move.next()[0])
+    ahead = now * coming_to_rest_s(speed)
+    assert here_late - here == pytest.approx(ahead, rel=0.02)

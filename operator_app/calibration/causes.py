@@ -58,7 +58,9 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
         case Cause.SLIPPED:
             return _slipped(candidate, found, scene, labels)
         case Cause.LOST_COUNTS:
-            return _lost_counts(int(subject), candidate, found, scene.arm, labels)
+            return shift_in_words(
+                int(subject), float(found.b[0]), candidate.poses[0], scene.arm, labels
+            )
         case Cause.LENGTH_CHANGED:
             return Words(
                 f"STEP_LENGTH_{subject}",
@@ -190,25 +192,26 @@ def _slipped(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
     )
 
 
-def _lost_counts(
-    joint: int, candidate: Candidate, found: Evidence, arm: ArmModel, labels: tuple[str, ...]
+def shift_in_words(
+    joint: int, step_rad: float, first: int, arm: ArmModel, labels: tuple[str, ...]
 ) -> Words:
-    step, sensor = float(found.b[0]), arm.joints[joint - 1].sensor
+    """Say that a joint's reading shifted by `step_rad` from pose `first` (index in time order) on."""
+    sensor = arm.joints[joint - 1].sensor
     counts = ""
     if isinstance(sensor, Encoder | Rvdt):
         unit = "counts" if isinstance(sensor, Encoder) else "LSB"
-        counts = f" ({step / sensor.resolution_rad:+.0f} {unit})"
-    where = _between(candidate, labels)
-    if abs(step) > RESTARTED_RAD:
+        counts = f" ({step_rad / sensor.resolution_rad:+.0f} {unit})"
+    where = f"between pose {labels[first - 1]} and pose {labels[first]}"
+    if abs(step_rad) > RESTARTED_RAD:
         return Words(
             f"STEP_JOINT_{joint}",
-            f"the reading of joint {joint} jumped by {np.rad2deg(step):+.2f} deg{counts} {where}: "
+            f"the reading of joint {joint} jumped by {np.rad2deg(step_rad):+.2f} deg{counts} {where}: "
             "its node restarted or its sensor came off",
             f"home joint {joint} and take all poses again",
         )
     return Words(
         f"STEP_JOINT_{joint}",
-        f"the reading of joint {joint} shifted by {np.rad2deg(step):+.4f} deg{counts} {where}",
+        f"the reading of joint {joint} shifted by {np.rad2deg(step_rad):+.4f} deg{counts} {where}",
         f"check the coupling and cable of joint {joint}'s sensor (lost counts, a slipped coupling), "
         "home the joint and take all poses again",
     )

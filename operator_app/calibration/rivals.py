@@ -15,17 +15,24 @@ import numpy as np
 from fixtures.ball import Ball
 from fixtures.base import Fixture
 from fixtures.hinge import Hinge
-from operator_app.calibration.causes import NamedCause, Words, frozen_in_words, wrong_reading
+from operator_app.calibration.causes import (
+    NamedCause,
+    Words,
+    frozen_in_words,
+    shift_in_words,
+    wrong_reading,
+)
 from operator_app.calibration.loop import in_order, loop_of_poses, pick
 from operator_app.calibration.noise import error_model, noise_model, soften
 from operator_app.calibration.other_basins import far_from_nominal
+from operator_app.calibration.shifted import shift_of
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.errors import SolverError
-from solver.estimators.implicit import fit_implicit
+from solver.estimators.implicit import ImplicitFit, fit_implicit
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.mixed_fit import fit_mixed
 from solver.estimators.paper import ClosureProblem
@@ -116,10 +123,42 @@ def named_rivals(
                 # So few equations close by chance nowhere, however good the statements are.
                 ratio = min(ratio, 0.99 * FITS)
             if ratio < FITS and (near or BETTER * ratio < scale):
-                weight = -0.5 * dof * np.log(max(ratio, LEAST_SCALE))
-                found.append((rival, float(weight - PER_FREEDOM * max(0, dof - left))))
+                found.append((rival, _weight(ratio, left, dof)))
         if found:
             break
+    for rival, _ in tuple(found):
+        found += [
+            (shift, _weight(ratio, left, dof))
+            for shift, ratio, left in _shifted(arm, rival, unsensed)
+            if ratio < FITS
+        ]
+    return _named(found)
+
+
+def named_shift(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    *,
+    unsensed: tuple[int, ...],
+    joint: int,
+    scale: float,
+) -> tuple[NamedCause, ...]:
+    """Name the shift that explains why a joint's reading seems wrong, if one does; `scale` as above."""
+    blind = Rival(
+        words=wrong_reading(joint, arm), poses=poses, fixture=fixture, unsensed=(*unsensed, joint)
+    )
+    found = _shifted(arm, blind, unsensed)
+    return _named([(s, 0.0) for s, ratio, _ in found if ratio < FITS and BETTER * ratio < scale])
+
+
+def _weight(ratio: float, left: int, dof: int) -> float:
+    """Log-weight of a rival that leaves chi2/dof `ratio` of `left` degrees of freedom."""
+    fits = -0.5 * dof * np.log(max(ratio, LEAST_SCALE))
+    return float(fits - PER_FREEDOM * max(0, dof - left))
+
+
+def _named(found: list[tuple[Rival, float]]) -> tuple[NamedCause, ...]:
     if not found:
         return ()
     chance = probabilities(np.array([weight for _, weight in found]))
@@ -201,6 +240,36 @@ def _ball_instead(arm: ArmModel, hinge: Hinge, poses: PoseSet) -> Ball:
     )
 
 
+def _shifted(
+    arm: ArmModel, blind: Rival, unsensed: tuple[int, ...]
+) -> list[tuple[Rival, float, int]]:
+    """A joint that `blind` does without, read again with a shift taken out: that rival, solved."""
+    more = [j for j in blind.unsensed if j not in unsensed]
+    if len(more) != 1:
+        return []
+    (joint,) = more
+    q = blind.poses.q_rad
+
+    def angle() -> FloatArray | None:
+        fit = _without_readings(arm, blind)
+        first = fit.unsensed.shape[-1] - len(blind.unsensed)
+        return fit.unsensed[:, first + sorted(blind.unsensed).index(joint)]
+
+    measured = _tried(angle, None)
+    shift = None if measured is None else shift_of(q[:, joint - 1], measured)
+    if shift is None:
+        return []
+    back = q.copy()
+    back[shift.first :, joint - 1] -= shift.size_rad
+    rival = Rival(
+        words=shift_in_words(joint, shift.size_rad, shift.first, arm, blind.poses.label),
+        poses=replace(blind.poses, q_rad=back),
+        fixture=blind.fixture,
+        unsensed=unsensed,
+    )
+    return [(rival, *_solved(arm, rival))]
+
+
 def _screened(
     arm: ArmModel, rivals: Iterator[Rival], deadline: float, *, below: float
 ) -> list[Rival]:
@@ -216,24 +285,29 @@ def _screened(
 
 def _start(arm: ArmModel, rival: Rival) -> tuple[FloatArray, float]:
     """Parameters of a rival's loop and the mean square of what is left of the closure."""
-    unsensed = tuple(sorted(rival.unsensed))
-    model = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
     q = rival.poses.q_rad
-    if not unsensed:
+    if not rival.unsensed:
+        model = loop_of_poses(arm, rival.fixture, rival.poses)
         problem = ClosureProblem.of(model, q)
         found = solve_damped(problem, nominal_vector(model.parameters), max_iterations=ITERATIONS)
         return found.x, 2.0 * found.cost / len(q)
-    kept = np.ones(len(q), dtype=np.bool_)
-    noise = noise_model(arm, rival.fixture, rival.poses, kept)
+    fit = _without_readings(arm, rival)
+    return fit.x, float((fit.corrections**2).mean())
+
+
+def _without_readings(arm: ArmModel, rival: Rival) -> ImplicitFit:
+    """Loops of a rival that does without some readings, closed."""
+    q, unsensed = rival.poses.q_rad, tuple(sorted(rival.unsensed))
+    model = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
+    noise = noise_model(arm, rival.fixture, rival.poses, np.ones(len(q), dtype=np.bool_))
     floor = np.maximum(noise.joint_variance, 1e-8)
-    fit = fit_implicit(
+    return fit_implicit(
         model,
         q,
         replace(noise, joint_variance=floor),
         nominal_vector(model.parameters),
         max_iterations=ITERATIONS,
     )
-    return fit.x, float((fit.corrections**2).mean())
 
 
 def _is_near(arm: ArmModel, rival: Rival) -> bool:

@@ -16,7 +16,7 @@ from operator_app.calibration.loop import pick
 from operator_app.calibration.other_basins import other_basin
 from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeats import Repeat, Reread
-from operator_app.calibration.rivals import named_rivals
+from operator_app.calibration.rivals import named_rivals, named_shift
 from operator_app.calibration.verdict import (
     UNNAMED_SCALE,
     Judgement,
@@ -35,6 +35,7 @@ from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import expected_fit
 from solver.estimators.variance_components import Calibrated
+from solver.judging.candidates import Cause
 from solver.judging.larger import larger_than_stated
 from solver.judging.ranges import Fault, RangeFinding
 from solver.judging.rvdt import RvdtVerdict, Soundness
@@ -115,12 +116,16 @@ def weigh(
             arm, fixture, used, unsensed=unsensed, scale=scale, dof=trial.left.dof
         )
         by_tests = rivals or by_tests
+    elif joint := _seems_wrong(trial):
+        by_tests = (
+            named_shift(arm, fixture, used, unsensed=unsensed, joint=joint, scale=scale) or by_tests
+        )
     elif not by_tests:
         by_tests = _of_rvdts(known.rvdt)
     if by_tests and not gross and not _one_story(trial):
         by_tests = (*_several(found.linear), *by_tests)
     far = (
-        other_basin(model, found.estimate, used.q_rad, judged)
+        other_basin(model, found.estimate, used.q_rad[found.order], judged)
         if known.search is None and not unsensed
         else ()
     )
@@ -217,6 +222,12 @@ def _one_story(trial: Trial) -> bool:
     if best.candidate is None or best.evidence is None:
         return False
     return best.probability > 0.5 and best.evidence.chi2 <= PARTLY * max(best.evidence.dof, 1)
+
+
+def _seems_wrong(trial: Trial) -> int:
+    """Joint (1-based) whose reading explains it best if it is wrong in every pose in its own way; 0 if none."""
+    best = trial.rounds[0][0].candidate if trial.rounds else None
+    return 0 if best is None or best.cause is not Cause.READING else int(best.subject)
 
 
 def _several(fit: LinearFit) -> tuple[NamedCause, ...]:

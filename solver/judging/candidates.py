@@ -32,6 +32,9 @@ STILL_POSES = 4
 CERTAIN = 3.0
 """Nothing is out of specification that is within so many of its own sigmas of it."""
 
+LENGTHS_SHARE = 0.1
+"""Of the false alarms: a metal link hardly ever changes its length in mid-session."""
+
 MOVES_RAD = np.deg2rad(1.0)
 
 
@@ -181,12 +184,14 @@ class Scene:
     def suspects(self) -> tuple[Suspect, ...]:
         """What may have changed in mid-session."""
         names = [p.name for p in self.design.model.parameters]
-        found = [Suspect(name=f"joint {j}", columns=self.joint(j)) for j in self.sensed]
+        found = [
+            Suspect(name=f"joint {j}", columns=self.joint(j), of_reading=True) for j in self.sensed
+        ]
         found += [
             Suspect(name=side, columns=self.system.A[:, :, here]) for side, here in self.sides()
         ]
         found += [
-            Suspect(name=names[k], columns=self.system.A[:, :, k, None])
+            Suspect(name=names[k], columns=self.system.A[:, :, k, None], share=LENGTHS_SHARE)
             for k in self.design.soft_index
             if not self.design.model.parameters[k].is_angle
         ]

@@ -32,10 +32,16 @@ FREE = 1e-7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspect:
-    """Something that may have changed: `columns` (m, r, d) are the misclosure's rates with it."""
+    """Something that may have changed: `columns` (m, r, d) are the misclosure's rates with it.
+
+    `share` of the false alarms that it may raise, in those of the others. `of_reading`: a reading may
+    have shifted, and nothing that is in the loop.
+    """
 
     name: str
     columns: FloatArray
+    share: float = 1.0
+    of_reading: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,6 +82,7 @@ def steps(
     left: LeftOver,
     suspects: Sequence[Suspect],
     *,
+    quiet: LeftOver | None = None,
     scale: float = 1.0,
     false_alarm: float = FALSE_ALARM,
 ) -> tuple[Step, ...]:
@@ -85,14 +92,20 @@ def steps(
     ----------
     left
         What the fit left over, its poses in the order in which they were taken.
+    quiet
+        The same with other noise, for suspects that are of a reading.
     scale
         By how much variances are smaller than those of the fit.
     """
     m = len(left.white)
     if m < 2 * EDGE or not suspects:
         return ()
+    level = false_alarm / sum(s.share for s in suspects)
+    of_reading = left if quiet is None else quiet
     found = [
-        step for s in suspects if (step := _largest(left, s, scale, false_alarm / len(suspects)))
+        step
+        for s in suspects
+        if (step := _largest(of_reading if s.of_reading else left, s, scale, s.share * level))
     ]
     return tuple(sorted(found, key=lambda step: step.threshold - step.chi2))
 

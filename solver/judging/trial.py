@@ -27,6 +27,7 @@ from solver.judging.evidence import (
 from solver.judging.holdout import far_block, fold_poses
 from solver.judging.left_over import LeftOver
 from solver.judging.odd_poses import OddPoses, odd_poses, pose_columns
+from solver.judging.quiet_noise import as_quiet_as_found
 from solver.judging.steps import Step, steps
 
 FALSE_ALARM = 1e-3
@@ -145,8 +146,9 @@ def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
     order = np.argsort(taken, kind="stable")
     scene = Scene.in_time(arm, stated.design, stated.whole, order)
     left = left_over_of(fit.believed).reordered(order)
+    quiet = left_over_of(as_quiet_as_found(fit)).reordered(order)
     tests = [chi2_test(stated.chi2, stated.dof)]
-    odd, largest, more = _look(scene, left)
+    odd, largest, more = _look(scene, left, quiet)
     tests += more
     tests += [*pull_tests(stated), *variance_tests(stated)]
     tests.append(prediction_test(stated))
@@ -243,15 +245,19 @@ def variance_tests(stated: LinearFit) -> list[Test]:
     ]
 
 
-def _look(scene: Scene, left: LeftOver) -> tuple[OddPoses, Step | None, list[Test]]:
-    """Look for odd poses and for steps, with noise as believed.
+def _look(
+    scene: Scene, left: LeftOver, quiet: LeftOver
+) -> tuple[OddPoses, Step | None, list[Test]]:
+    """Look for odd poses and for steps with noise as believed; for those of a reading with `quiet` noise.
 
     At no smaller scale however little is left: where most of the noise is quieter than believed, that of
-    single readings of one sensor need not be.
+    single readings of one sensor need not be. What fixture and joints do that is neither new in every
+    pose nor quite the smooth function that it is taken for passes for a change of the geometry, and
+    hardly for one of a single reading.
     """
     odd = odd_poses(left)
     tests = [Test(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]
-    found = steps(left, scene.suspects())
+    found = steps(left, scene.suspects(), quiet=quiet)
     if found:
         tests.append(Test(code="STEP", statistic=found[0].chi2, threshold=found[0].threshold))
     return odd, found[0] if found else None, tests
@@ -281,7 +287,7 @@ def _explain(
             return
         size = best.evidence.size * best.candidate.natural
         left = left.also_drawn(best.candidate.columns, size)
-        _, _, tests = _look(scene, left)
+        _, _, tests = _look(scene, left, left)
         if left.dof <= 0 or not any(t.fires for t in (chi2_test(left.chi2, left.dof), *tests)):
             return
 

@@ -43,7 +43,31 @@ def bound(taken: Session, sizes: Sizes) -> np.ndarray:
 
 
 def covariance(taken: Session, sizes: Sizes) -> np.ndarray:
-    """Covariance (14, 14) of the best linear estimate.
+    """Covariance (14, 14) of the best linear estimate."""
+    hard, V, _ = _equations(taken, sizes)
+    return np.linalg.inv(hard.T @ np.linalg.solve(V, hard))
+
+
+def step_sigma(taken: Session, sizes: Sizes) -> np.ndarray:
+    """Standard deviation (7, m) of the best estimate of a shift (rad) of joint j's reading from pose k on.
+
+    Of one that knows joint and pose; infinite for k = 0, where a shift is an offset.
+    """
+    hard, V, B = _equations(taken, sizes)
+    root = np.linalg.cholesky(V)
+    Q = np.linalg.qr(np.linalg.solve(root, hard))[0]
+    found = np.full((B.shape[-1], len(B)), np.inf)
+    for j, k in np.ndindex(found.shape):
+        column = B[:, :, j].copy()
+        column[:k] = 0.0
+        white = np.linalg.solve(root, column.ravel())
+        if k:
+            found[j, k] = 1.0 / np.linalg.norm(white - Q @ (Q.T @ white))
+    return found
+
+
+def _equations(taken: Session, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rates of the closures with the parameters (5 m, 14), their covariance, and rates with angles (m, 5, 7).
 
     The poses are taken as closed without give: what gives changes no derivative that matters.
     """
@@ -66,8 +90,7 @@ def covariance(taken: Session, sizes: Sizes) -> np.ndarray:
     for effect in effects:
         Z = effect.reshape(len(V), -1)
         V = V + Z @ Z.T
-    hard = hard.reshape(len(V), -1)
-    return np.linalg.inv(hard.T @ np.linalg.solve(V, hard))
+    return hard.reshape(len(V), -1), V, B
 
 
 def _anew(rows: np.ndarray, B: np.ndarray, sizes: Sizes, samples: int) -> np.ndarray:

@@ -15,6 +15,7 @@ from typing import Final
 import can
 
 from hardware import identifying, steps
+from hardware.acceptance import operator_filters
 from hardware.admission import admit
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode
 from hardware.buses import BusSettings, open_bus, open_sender
@@ -98,7 +99,10 @@ class Connection:
         self.modes: tuple[JointMode | None, ...] = (None,) * joints
         self.token = 0
         self._rated_nm: tuple[float, ...] = (0.0,) * joints
-        self._wire = Wire(openers.main(settings), record_to=record_to)
+        bus = openers.main(settings)
+        if record_to is None:  # a recording is of everything
+            bus.set_filters(operator_filters(joints))
+        self._wire = Wire(bus, record_to=record_to)
         try:
             self.stop_line = StopLine(self._second_handle(openers, settings), self._wire)
         except BaseException:

@@ -82,7 +82,8 @@ class Link(Protocol):
 class Timing:
     """Periods and patience of the loop: seconds, `patience` in SYNCs.
 
-    A joint has `answer_timeouts_s` for its answer. Simulated time does not pass meanwhile, so that in
+    A joint has `answer_timeouts_s` for its answer; in real time the others' next SYNC waits no longer than
+    that for one that does not answer. Simulated time does not pass meanwhile, so that in
     fast forward a slow machine may take longer. A joint is lost when it missed `patience` SYNCs in
     a row and has been silent for `lost_after_s`; until then a move waits where it is.
 
@@ -96,7 +97,7 @@ class Timing:
     heartbeat_timeout_s: float = 1.0
     sdo_timeout_s: float = 1.0
     answer_timeouts_s: Mapping[Pace, float] = field(
-        default_factory=lambda: {Pace.REAL_TIME: 0.05, Pace.FAST_FORWARD: 0.5}
+        default_factory=lambda: {Pace.REAL_TIME: 0.03, Pace.FAST_FORWARD: 0.5}
     )
     patience: int = 3
     lost_after_s: float = 1.0

@@ -12,6 +12,7 @@ drops because one did not is counted in `LoopbackBus.kernel_drops`.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import hashlib
 import select
 import socket
@@ -29,6 +30,8 @@ HOST = "127.0.0.1"
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 
 # Linux socket options the socket module does not name (asm-generic/socket.h, linux/in.h).
+_SO_ATTACH_FILTER = 26
+_SO_DETACH_FILTER = 27
 _SO_RCVBUFFORCE = 33
 _SO_TIMESTAMPNS = 35
 _SO_RXQ_OVFL = 40
@@ -41,6 +44,12 @@ _HEADER = struct.Struct("!4s8sBBI")  # magic, channel tag, flags, length code, a
 _EXTENDED, _REMOTE, _ERROR, _FD, _BITRATE_SWITCH, _ERROR_STATE = (1 << bit for bit in range(6))
 _ALL_FLAGS = (1 << 6) - 1
 _LARGEST_DATAGRAM = _HEADER.size + 64
+_FLAGS_AT, _IDENTIFIER_AT = 12, 14
+
+# Classic BPF (linux/filter.h, linux/bpf_common.h); a filter sees a datagram from its UDP header on.
+_BPF = struct.Struct("@HBBI")
+_LOAD_WORD, _LOAD_BYTE, _AND, _IS_EQUAL, _ANY_BIT, _RETURN = 0x20, 0x30, 0x54, 0x15, 0x45, 0x06
+_UDP_HEADER_BYTES = 8
 _FD_LENGTHS = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))
 
 
@@ -100,6 +109,31 @@ def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
     )
 
 
+def filter_program(filters: CanFilters) -> bytes:
+    """Classic BPF program (struct sock_filter, Linux) that passes datagrams whose frame a filter matches.
+
+    python-can's rule: ``identifier & mask == id & mask``, and the kind of identifier where one is named.
+    """
+    code = list[bytes]()
+    for wanted in filters:
+        mask = wanted["can_mask"]
+        test = [
+            _BPF.pack(_LOAD_WORD, 0, 0, _UDP_HEADER_BYTES + _IDENTIFIER_AT),
+            _BPF.pack(_AND, 0, 0, mask),
+            _BPF.pack(_IS_EQUAL, 0, 1, wanted["can_id"] & mask),
+            _BPF.pack(_RETURN, 0, 0, _LARGEST_DATAGRAM + _UDP_HEADER_BYTES),
+        ]
+        if "extended" in wanted:
+            flags = _UDP_HEADER_BYTES + _FLAGS_AT
+            of_kind, other = (len(test), 0) if not wanted["extended"] else (0, len(test))
+            code += [
+                _BPF.pack(_LOAD_BYTE, 0, 0, flags),
+                _BPF.pack(_ANY_BIT, of_kind, other, _EXTENDED),
+            ]
+        code += test
+    return b"".join([*code, _BPF.pack(_RETURN, 0, 0, 0)])
+
+
 class LoopbackBus(can.BusABC):
     """python-can bus between processes of one machine.
 
@@ -114,12 +148,14 @@ class LoopbackBus(can.BusABC):
     send_only
         Receive nothing, so that nothing fills up behind a handle that only sends.
     can_filters
-        As in python-can; applied in this process.
+        As in python-can. On Linux the kernel applies them, so that nobody is woken for a frame that
+        is not wanted; elsewhere this process does.
 
     Attributes
     ----------
     kernel_drops
-        Frames the kernel has thrown away because this bus was read too slowly (Linux only).
+        Frames the kernel has thrown away because this bus was read too slowly (Linux only); with filters
+        it counts what these keep out as well.
     ignored
         Datagrams that were no frames of this channel.
 
@@ -237,6 +273,19 @@ class LoopbackBus(can.BusABC):
             elif kind == _SO_RXQ_OVFL and len(value) >= 4:
                 (self.kernel_drops,) = struct.unpack_from("@I", value)
         return time.time() if timestamp is None else timestamp
+
+    def _apply_filters(self, filters: CanFilters | None) -> None:
+        """Let the kernel keep out what no filter matches; python-can looks again in any case."""
+        if not _IS_LINUX:
+            return
+        with contextlib.suppress(OSError):  # too many for it, or not allowed: python-can's will do
+            if not filters:
+                self._receiver.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
+                return
+            program = filter_program(filters)
+            kept = ctypes.create_string_buffer(program, len(program))
+            sock_fprog = struct.pack("@HP", len(program) // _BPF.size, ctypes.addressof(kept))
+            self._receiver.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, sock_fprog)
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when a frame has arrived; -1 when shut down."""

@@ -26,6 +26,7 @@ from hardware.description import (
     RvdtDescription,
 )
 from hardware.objects import HEARTBEAT_TIMEOUT_S
+from hardware.priority import first_in_line
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.faults import ScriptedFault
@@ -108,6 +109,8 @@ def open_arm(
                     heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
                 )
             )
+        else:
+            stack.enter_context(first_in_line())
         arm = CanopenArm(
             describe(procedure.arm),
             settings,

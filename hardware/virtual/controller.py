@@ -20,6 +20,7 @@ from typing import Self
 import can
 
 from hardware import objects
+from hardware.acceptance import controller_filters
 from hardware.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.controller_network import ControllerNetwork
@@ -45,7 +46,7 @@ class VirtualController:
     Parameters
     ----------
     bus
-        Open bus; the caller's, and still open after `close`.
+        Open bus; the caller's, and still open after `close`. It is made to take in what is for this arm.
     plant
         What the drives move.
     axes
@@ -125,6 +126,7 @@ class VirtualController:
         self._nodes: tuple[VirtualNode, ...] = (*self.drives, self.supervisor)
         self._numbers = {node.number for node in self._nodes}
         self._by_rpdo1 = {objects.COB_RPDO1 + node.number: node for node in self.drives}
+        bus.set_filters(controller_filters(len(self.drives)))
         self._network = ControllerNetwork(bus, self.disturbances)
         watched = objects.OPERATOR_NODE << 16 | round(heartbeat_timeout_s * 1e3)
         for node in self._nodes:

@@ -58,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from hardware.buses import bus_settings
+    from hardware.priority import first_in_line
     from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
     from operator_app.composition import run_controller, scenario_of
     from operator_app.config.arm_file import load_arm
@@ -79,6 +80,7 @@ def execute(args: argparse.Namespace) -> int:
     ]
     with (
         ending_signals_interrupt(),
+        first_in_line(),
         run_controller(arm, choices, settings, slots=args.state, script=script),
     ):
         chosen = scenario_of(choices)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
@@ -25,6 +26,7 @@ from operator_app.words_out import say
 if TYPE_CHECKING:
     from operator_app.headless.runner import RunResult
     from operator_app.session.session import Session
+    from operator_app.session.solving import Solver
     from solver.errors import UnidentifiableError
 
 
@@ -71,16 +73,34 @@ def execute(args: argparse.Namespace) -> int:
     listener = ConsoleListener()
     record_to = opening.folder / "bus.blf" if args.record else None
     try:
-        with unattended(opening, record_to=record_to, cut_short=listener.cut_short) as session:
+        with (
+            unattended(opening, record_to=record_to, cut_short=listener.cut_short) as session,
+            _solver_beside(session) as solver,
+        ):
             if opening.resumed:
                 listener.resumed(session)
-            result = run(session, listener, forced=args.force.strip(), homing=args.go_home)
+            result = run(
+                session,
+                listener,
+                forced=args.force.strip(),
+                homing=args.go_home,
+                solver=solver,
+            )
     except UnidentifiableError as error:
         # Only an open session calibrates.
         _report_unidentifiable(args, session, error)
         return ExitCode.NOT_IDENTIFIABLE
     _report(args, session, result)
     return ExitCode.ACCEPTED if result.solution.accepted else ExitCode.NOT_ACCEPTED
+
+
+def _solver_beside(session: Session) -> AbstractContextManager[Solver]:
+    """Return what solves without keeping SYNC from an arm that is in real time; a simulated one waits."""
+    from operator_app.session.solving import SolvingProcess, solve_here
+
+    if session.state.settings["interface"] == "virtual":
+        return nullcontext(solve_here)
+    return SolvingProcess()
 
 
 def _report(args: argparse.Namespace, session: Session, result: RunResult) -> None:

@@ -16,6 +16,7 @@ from operator_app.session.export import Exported
 from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd
 from operator_app.session.session import Session
+from operator_app.session.solving import Solver, solve_here
 from operator_app.session.workflow import connect, take_poses
 
 
@@ -35,12 +36,18 @@ class RunResult:
 
 
 def run(
-    session: Session, listener: Listener, *, forced: str = "", homing: bool = False
+    session: Session,
+    listener: Listener,
+    *,
+    forced: str = "",
+    homing: bool = False,
+    solver: Solver = solve_here,
 ) -> RunResult:
     """Go from Connect to Export; every refusal is raised with its reason.
 
     `forced` says why a calibration is exported even if it is not accepted; empty: it is not.
-    `homing`: the operator agrees that an arm outside its box goes home by itself.
+    `homing`: the operator agrees that an arm outside its box goes home by itself. `solver` calibrates
+    elsewhere, where SYNC must not wait for it.
 
     A resumed session goes through Connect, Fixture and Modes again: the arm may have been moved.
     """
@@ -53,11 +60,11 @@ def run(
         listener.told(f"Capture {'complete' if end.complete else 'ended'}: {end.text}.")
     session.arm.hold()
     known = session.calibrated()
-    solution = session.calibrate() if known is None else known.solution
+    solution = session.calibrate(solver=solver) if known is None else known.solution
     listener.solved(solution)
     checks = None if known is None else known.checks
     if checks is None:
-        checks = session.check(solution)
+        checks = session.check(solution, solver)
     exported = session.export(solution, forced=forced) if solution.accepted or forced else None
     return RunResult(
         solution=solution,

@@ -1,4 +1,4 @@
-"""Solving in a process of its own: the screen keeps its interpreter, and an end is an end at once.
+"""Solving in a process of its own: screen and bus keep their interpreter, and an end is an end at once.
 
 The process has neither the bus nor the terminal, and loads no screen; it ends when this one does,
 however this one ends. Knows nothing of what is solved. This module is both ends of the pipe.
@@ -98,8 +98,10 @@ class SolvingProcess:
 
         Raises
         ------
+        SolverError
+            What it raised.
         SessionError
-            What it raised, as what happened and what to do; or the process ended by itself.
+            Anything else that it raised, as what happened and what to do; or the process ended by itself.
         """
         connection = self._started()
         try:
@@ -111,6 +113,8 @@ class SolvingProcess:
                 what, said = connection.recv()
                 if what == "progress" and progress is not None:
                     progress(*said)
+                elif what == "refused" and isinstance(said, Exception):
+                    raise said
                 elif what == "refused":
                     raise SessionError(*said)
                 elif what == "found":
@@ -158,7 +162,8 @@ _START = "from operator_app.session.solving import serve; serve()"
 def serve() -> None:
     """Solve what comes through the pipe until the other end is gone."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    os.nice(NICENESS)
+    # Absolute: whoever keeps the time of an arm may run before others, and this is not that one.
+    os.nice(NICENESS - min(os.nice(0), 0))
     connection: Connection = Connection(int(sys.argv[1]))
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -175,7 +180,10 @@ def _answer(
         return "found", function(*args, **options)
     except Exception as error:  # noqa: BLE001 - said at the other end
         from operator_app.session.wording import EXPECTED, words
+        from solver.errors import SolverError
 
+        if isinstance(error, SolverError):  # made to travel
+            return "refused", error
         if isinstance(error, EXPECTED):
             said = words(error)
             return "refused", (said.happened, said.remedy)

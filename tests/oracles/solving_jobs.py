@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from solver.errors import SolverError
+from solver.errors import SolverError, UnidentifiableDirection, UnidentifiableError
 
 
 def surroundings(path: str) -> dict[str, object]:
@@ -41,6 +41,17 @@ def never(mark: str, progress: Callable[[int, float], None]) -> None:
 def refuse() -> None:
     """What the poses cannot give."""
     raise SolverError("these poses say nothing")
+
+
+def cannot_tell(name: str) -> None:
+    """What the poses leave open, with its facts."""
+    direction = UnidentifiableDirection(parameters=(name,), weights=(1.0,))
+    raise UnidentifiableError((direction,), note="one note")
+
+
+def niceness() -> int:
+    """Return its own."""
+    return os.getpriority(os.PRIO_PROCESS, 0)
 
 
 def break_down() -> None:

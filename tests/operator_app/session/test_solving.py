@@ -16,8 +16,9 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from operator_app.errors import Cancelled, SessionError
-from operator_app.session.solving import SolvingProcess
+from operator_app.session.solving import NICENESS, SolvingProcess
 from oracles import solving_jobs as jobs
+from solver.errors import SolverError, UnidentifiableError
 
 PATIENCE_S = 60.0
 
@@ -94,7 +95,6 @@ def test_what_is_cancelled_ends_at_once_whatever_it_does(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("job", "words"),
     [
-        ((jobs.refuse,), "These poses say nothing"),
         ((jobs.break_down,), "A defect of this program: ZeroDivisionError"),
         ((jobs.die, "killed"), r"ended by itself \(signal SIGKILL\)"),
         ((jobs.die, "exit"), r"ended by itself \(exit code 7\)"),
@@ -106,10 +106,26 @@ def test_what_goes_wrong_is_said_in_words(job, words: str) -> None:
     assert caught.value.remedy
 
 
+def test_what_the_solver_refuses_is_raised_as_it_is_here() -> None:
+    with SolvingProcess() as process:
+        with pytest.raises(SolverError, match="these poses say nothing"):
+            process(jobs.refuse)
+        with pytest.raises(UnidentifiableError) as caught:
+            process(jobs.cannot_tell, "theta_off_6")
+    assert caught.value.directions[0].parameters == ("theta_off_6",)
+    assert caught.value.note == "one note"
+
+
+def test_whoever_solves_runs_behind_everybody_else() -> None:
+    with SolvingProcess() as process:
+        assert process(jobs.niceness) == max(os.getpriority(os.PRIO_PROCESS, 0), 0) + NICENESS
+
+
 PARENT = """
 import sys
-from operator_app.session.solving import SolvingProcess
+from operator_app.session.solving import NICENESS, SolvingProcess
 from oracles import solving_jobs as jobs
+from solver.errors import SolverError, UnidentifiableError
 with SolvingProcess() as process:
     process(jobs.never, sys.argv[1], progress=lambda *_: print("solving", flush=True))
 """

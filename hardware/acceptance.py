@@ -1,0 +1,69 @@
+"""Which frames each end of an arm's bus takes in, as acceptance filters. Knows identifiers; no bus and no frame.
+
+A bus that others fill costs whoever receives it the time to look at every frame. Adapters, kernels and the
+loopback bus keep out what a filter does not name, before anybody is woken for it; where none of them can,
+python-can does it in this process.
+"""
+
+from __future__ import annotations
+
+from can.typechecking import CanFilter
+
+from hardware.objects import (
+    COB_EMCY,
+    COB_HEARTBEAT,
+    COB_NMT,
+    COB_RPDO1,
+    COB_SDO_FROM_SERVER,
+    COB_SDO_TO_SERVER,
+    COB_SYNC,
+    COB_TPDO1,
+    OPERATOR_NODE,
+    SUPERVISOR_NODE,
+)
+
+_ALL_BITS = 0x7FF
+_FUNCTION_CODE = 0x780
+
+
+def operator_filters(joints: int) -> list[CanFilter]:
+    """What the operator's end looks at: what the arm says, and what others might command it."""
+    return [
+        _joints(COB_TPDO1, joints),
+        _one(COB_SYNC),  # nobody else's business
+        _one(COB_NMT),
+        _joints(COB_RPDO1, joints),
+        *_nodes(COB_SDO_FROM_SERVER, joints),
+        *_nodes(COB_SDO_TO_SERVER, joints),
+        *_nodes(COB_HEARTBEAT, joints),
+        _one(COB_HEARTBEAT + OPERATOR_NODE),
+        *_nodes(COB_EMCY, joints),
+    ]
+
+
+def controller_filters(joints: int) -> list[CanFilter]:
+    """What the arm's end looks at: what it may be told, and the heartbeat of whoever may hold the token."""
+    return [
+        _one(COB_SYNC),
+        _joints(COB_RPDO1, joints),
+        *_nodes(COB_SDO_TO_SERVER, joints),
+        _one(COB_NMT),
+        _filter(COB_HEARTBEAT, _FUNCTION_CODE),
+    ]
+
+
+def _nodes(base: int, joints: int) -> tuple[CanFilter, CanFilter]:
+    return _joints(base, joints), _one(base + SUPERVISOR_NODE)
+
+
+def _joints(base: int, joints: int) -> CanFilter:
+    """Nodes 0 to `joints`, and up to the next power of two: a filter is a mask."""
+    return _filter(base, _ALL_BITS & ~((1 << joints.bit_length()) - 1))
+
+
+def _one(identifier: int) -> CanFilter:
+    return _filter(identifier, _ALL_BITS)
+
+
+def _filter(identifier: int, mask: int) -> CanFilter:
+    return {"can_id": identifier, "can_mask": mask, "extended": False}

@@ -1,0 +1,92 @@
+# ruff: noqa: T201 - a benchmark prints
+"""Forty poses on a bus that others fill: SYNC by the kernel's clock, what was lost, what was accepted.
+
+    python -m tests.benchmarks.busy_bus [--seconds 600] [--rate 8000] [--poses 40] [--busy 0]
+
+`sarcal run` and `sarcal controller` as programs of their own, in real time, with a flood of foreign frames
+and `busy` processes that only compute (4 for a load of 4). Bars: largest gap between two SYNCs below 50 ms,
+no queue full (so that no frame was dropped), all poses accepted and right.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from oracles.loaded_session import session_under_load
+
+LIMIT_MS = 50.0
+BUFFER_MB = 8.0
+"""Of a receiver; the kernel drops what comes when it is full."""
+SECONDS_BESIDE_READING = 4.3
+"""Of a pose, for moving and settling."""
+
+
+def main() -> int:
+    """Run it and print the figures."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--rate", type=float, default=8000.0)
+    parser.add_argument("--poses", type=int, default=40)
+    parser.add_argument("--busy", type=int, default=0)
+    chosen = parser.parse_args()
+    samples = max(8, round((chosen.seconds / chosen.poses - SECONDS_BESIDE_READING) * 100.0))
+    before = os.getloadavg()[0]
+    with tempfile.TemporaryDirectory() as folder:
+        came = session_under_load(
+            Path(folder),
+            f"busy-{os.getpid()}",
+            poses=chosen.poses,
+            samples=samples,
+            rate=chosen.rate,
+            busy=chosen.busy,
+            patience_s=3.0 * chosen.seconds + 120.0,
+        )
+    gaps_ms = np.array(came.rhythm.gaps_s()) * 1e3
+    whole = sum(a == 7 for a in came.rhythm.answers)
+    print(came.said[-1500:])
+    print(f"machine load        {before:.1f} before, {os.getloadavg()[0]:.1f} after")
+    print(
+        f"foreign frames      {came.foreign} in {came.took_s:.0f} s: {came.foreign / came.took_s:.0f} a second"
+    )
+    print(
+        f"poses               {came.poses} accepted, {len(came.wrong)} wrong; exit code {came.code}"
+    )
+    print(f"longest queue       {came.backlog_bytes / 1e6:.2f} MB of {BUFFER_MB:g}")
+    print(
+        f"SYNCs               {len(gaps_ms) + 1}, {len(gaps_ms) + 1 - whole} not answered by all seven"
+    )
+    print(
+        "SYNC gap            "
+        + ", ".join(f"p{p} {np.percentile(gaps_ms, p):.1f}" for p in (50, 99, 99.9))
+        + f", largest {gaps_ms.max():.1f} ms; {int((gaps_ms > LIMIT_MS).sum())} over {LIMIT_MS:g} ms"
+    )
+    for k in np.argsort(gaps_ms)[:-13:-1]:
+        when_s = came.rhythm.at_s[k]
+        after = [name for name, at_s in came.events if at_s <= when_s]
+        print(
+            f"  {gaps_ms[k]:.1f} ms at {when_s - came.rhythm.at_s[0]:.1f} s, {came.rhythm.answers[k]} answers, "
+            f"after event {len(after)} ({after[-1]})"
+        )
+    beats_ms = np.diff(np.array(came.rhythm.beats_s)) * 1e3
+    print(f"operator's beat     largest gap {beats_ms.max():.0f} ms")
+    good = (
+        came.code in (0, 4)
+        and came.poses == chosen.poses
+        and not (came.wrong or came.backlog_bytes > 0.9e6 * BUFFER_MB)
+        and gaps_ms.max() < LIMIT_MS
+    )
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,218 @@
+"""A loopback bus full of other people's frames, and a clock beside it: the kernel's time stamps of every SYNC.
+
+Sockets of its own and the datagrams as `hardware.loopback` documents them. The watcher's socket lets only the
+arm's frames through (a filter in the kernel), so that it is never behind; a stamp is taken when a frame is
+sent, not when a busy machine gets round to reading it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+import random
+import select
+import socket
+import struct
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.synchronize import Event
+from pathlib import Path
+from typing import Any
+
+PORT = 43_117
+HEADER = struct.Struct("!4s8sBBI")
+EXTENDED = 1
+SO_ATTACH_FILTER, SO_TIMESTAMPNS, IP_MULTICAST_ALL = 26, 35, 49
+SYNC, FIRST_ANSWER, LAST_ANSWER, OPERATOR_BEAT = 0x080, 0x181, 0x187, 0x77F
+SPAWN = get_context("spawn")
+
+
+def tag_and_group(channel: str) -> tuple[bytes, str]:
+    tag = hashlib.sha256(channel.encode()).digest()[:8]
+    return tag, f"239.255.{tag[0]}.{tag[1]}"
+
+
+# ---- what others send ----------------------------------------------------------------------------------
+
+
+def foreign(tag: bytes, count: int, seed: int) -> list[bytes]:
+    """Datagrams of nodes that are not this arm's: PDOs, heartbeats, 29-bit frames."""
+    rng = random.Random(seed)  # noqa: S311 - to be repeated, not to be secret
+    made = []
+    for _ in range(count):
+        flags = 0
+        match rng.randrange(10):
+            case 0:
+                identifier, data = 0x700 + rng.randrange(20, 120), b"\x05"
+            case 1:
+                identifier, data = 0x180 + rng.randrange(20, 120), rng.randbytes(8)
+            case 2:
+                identifier, data, flags = rng.randrange(1 << 29), rng.randbytes(8), EXTENDED
+            case _:
+                identifier, data = rng.randrange(0x288, 0x57F), rng.randbytes(rng.randrange(9))
+        made.append(HEADER.pack(b"CANo", tag, flags, len(data), identifier) + data)
+    return made
+
+
+def flood(channel: str, rate: float, seed: int, done: Event, sent: Any) -> None:
+    """Send `rate` frames a second on average until told to stop; `sent` counts them."""
+    tag, group = tag_and_group(channel)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        sender.bind(("127.0.0.1", 0))
+        frames, begun, count = foreign(tag, 4096, seed), time.monotonic(), 0
+        while not done.is_set():
+            due = int((time.monotonic() - begun) * rate)
+            # One that was late itself catches up, as fast as a 1 Mbit/s bus of short frames would at most.
+            for _ in range(min(due - count, 64)):
+                sender.sendto(frames[count % len(frames)], (group, PORT))
+                count += 1
+            sent.value = count
+            time.sleep(0.001)
+
+
+# ---- the clock beside it -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rhythm:
+    """SYNCs of a session by the kernel's clock.
+
+    `at_s`: when each went out, s; `answers`: joints that answered before the next; `beats_s`: when the
+    operator's heartbeat was heard.
+    """
+
+    at_s: tuple[float, ...]
+    answers: tuple[int, ...]
+    beats_s: tuple[float, ...]
+
+    def gaps_s(self) -> list[float]:
+        return [b - a for a, b in zip(self.at_s, self.at_s[1:], strict=False)]
+
+
+def _arms_frames_only() -> bytes:
+    """Classic BPF: the identifier, 22 bytes after the beginning of the UDP header, is one of the arm's."""
+    load, equal, at_least, more, give = 0x20, 0x15, 0x35, 0x25, 0x06
+    program = [
+        (load, 0, 0, 8 + 14),
+        (equal, 4, 0, SYNC),
+        (equal, 3, 0, OPERATOR_BEAT),
+        (at_least, 0, 1, FIRST_ANSWER),
+        (more, 0, 1, LAST_ANSWER),
+        (give, 0, 0, 0),
+        (give, 0, 0, 0xFFFF),
+    ]
+    return b"".join(struct.pack("HBBI", *instruction) for instruction in program)
+
+
+def watch(channel: str, ready: Event, done: Event, pipe: Any) -> None:
+    """Note SYNCs and answers until told to stop; send a `Rhythm` through the pipe."""
+    tag, group = tag_and_group(channel)
+    program = _arms_frames_only()
+    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    at_s: list[float] = []
+    answers: list[int] = []
+    beats_s: list[float] = []
+    with listener:
+        listener.setblocking(False)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        listener.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        listener.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+        kept = ctypes.create_string_buffer(program, len(program))
+        listener.setsockopt(
+            socket.SOL_SOCKET,
+            SO_ATTACH_FILTER,
+            struct.pack("HxxxxxxP", len(program) // 8, ctypes.addressof(kept)),
+        )
+        listener.bind((group, PORT))
+        listener.setsockopt(
+            socket.IPPROTO_IP,
+            socket.IP_ADD_MEMBERSHIP,
+            socket.inet_aton(group) + socket.inet_aton("127.0.0.1"),
+        )
+        ready.set()
+        while True:
+            if not select.select([listener], [], [], 0.05)[0]:
+                if done.is_set():
+                    break
+                continue
+            with contextlib.suppress(BlockingIOError):
+                datagram, ancillary, _, _ = listener.recvmsg(256, 128)
+                magic, its, flags, _, identifier = HEADER.unpack_from(datagram)
+                if (magic, its, flags) != (b"CANo", tag, 0):
+                    continue
+                stamp = 0.0
+                for _, kind, value in ancillary:
+                    if kind == SO_TIMESTAMPNS:
+                        seconds, nano = struct.unpack_from("@qq", value)
+                        stamp = seconds + nano * 1e-9
+                if identifier == SYNC:
+                    at_s.append(stamp)
+                    answers.append(0)
+                elif identifier == OPERATOR_BEAT:
+                    beats_s.append(stamp)
+                elif answers:
+                    answers[-1] += 1
+    pipe.send(Rhythm(at_s=tuple(at_s), answers=tuple(answers), beats_s=tuple(beats_s)))
+
+
+def backlog_bytes(channel: str) -> int:
+    """The longest queue of bytes that wait at a socket of this channel now (/proc/net/udp)."""
+    _, group = tag_and_group(channel)
+    wanted = f"{int.from_bytes(socket.inet_aton(group), 'little'):08X}:{PORT:04X}"
+    rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+    return max((int(row[4].split(":")[1], 16) for row in rows if row[1] == wanted), default=0)
+
+
+def spin(done: Event) -> None:
+    """Keep a processor busy."""
+    x = 1
+    while not done.is_set():
+        for _ in range(100_000):
+            x = x * 1103515245 + 12345 & 0xFFFFFFFF
+
+
+class Watched:
+    """What `busy_bus` yields: the frames sent by others so far, and the rhythm once it is over."""
+
+    def __init__(self, sent: Any) -> None:
+        self._sent = sent
+        self.rhythm: Rhythm | None = None
+
+    @property
+    def sent(self) -> int:
+        return int(self._sent.value)
+
+
+@contextmanager
+def busy_bus(channel: str, *, rate: float, busy: int = 0, seed: int = 0) -> Iterator[Watched]:
+    """Fill a channel with `rate` foreign frames a second beside `busy` processes that only compute."""
+    done, over, ready = SPAWN.Event(), SPAWN.Event(), SPAWN.Event()
+    sent = SPAWN.Value("q", 0, lock=False)
+    near, far = SPAWN.Pipe(duplex=False)
+    watcher = SPAWN.Process(target=watch, args=(channel, ready, over, far), daemon=True)
+    others = [SPAWN.Process(target=spin, args=(done,), daemon=True) for _ in range(busy)]
+    if rate:
+        others.append(
+            SPAWN.Process(target=flood, args=(channel, rate, seed, done, sent), daemon=True)
+        )
+    watched = Watched(sent)
+    for process in (watcher, *others):
+        process.start()
+    try:
+        if not ready.wait(60):
+            raise TimeoutError("the watcher of the bus did not begin")
+        yield watched
+    finally:
+        over.set()
+        if near.poll(60):
+            watched.rhythm = near.recv()
+        done.set()
+        for process in (watcher, *others):
+            process.join(30)

@@ -7,6 +7,9 @@ python-can does it in this process.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterable, Iterator
+
 from can.typechecking import CanFilter
 
 from hardware.objects import (
@@ -17,27 +20,28 @@ from hardware.objects import (
     COB_SDO_FROM_SERVER,
     COB_SDO_TO_SERVER,
     COB_SYNC,
-    COB_TPDO1,
     OPERATOR_NODE,
     SUPERVISOR_NODE,
 )
+from hardware.profile import BusProfile
 
 _ALL_BITS = 0x7FF
 _FUNCTION_CODE = 0x780
 
 
-def operator_filters(joints: int) -> list[CanFilter]:
+def operator_filters(profile: BusProfile) -> list[CanFilter]:
     """What the operator's end looks at: what the arm says, and what others might command it."""
     return [
-        _joints(COB_TPDO1, joints),
+        _covering(pdo.cob_id for joint in profile.joints for pdo in joint.answers),
         _one(COB_SYNC),  # nobody else's business
         _one(COB_NMT),
-        _joints(COB_RPDO1, joints),
-        *_nodes(COB_SDO_FROM_SERVER, joints),
-        *_nodes(COB_SDO_TO_SERVER, joints),
-        *_nodes(COB_HEARTBEAT, joints),
+        _covering(pdo.cob_id for joint in profile.joints for pdo in joint.commands),
+        *(
+            found
+            for base in (COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, COB_HEARTBEAT, COB_EMCY)
+            for found in _nodes_of(profile, base)
+        ),
         _one(COB_HEARTBEAT + OPERATOR_NODE),
-        *_nodes(COB_EMCY, joints),
     ]
 
 
@@ -50,6 +54,20 @@ def controller_filters(joints: int) -> list[CanFilter]:
         _one(COB_NMT),
         _filter(COB_HEARTBEAT, _FUNCTION_CODE),
     ]
+
+
+def _nodes_of(profile: BusProfile, base: int) -> Iterator[CanFilter]:
+    yield _covering(base + node for node in profile.drives)
+    if profile.supervisor is not None:
+        yield _one(base + profile.supervisor)
+
+
+def _covering(identifiers: Iterable[int]) -> CanFilter:
+    """One filter for all of these, and for what lies between them: a filter is a mask."""
+    first, *others = identifiers
+    differing = functools.reduce(lambda bits, other: bits | (first ^ other), others, 0)
+    mask = _ALL_BITS & ~((1 << differing.bit_length()) - 1)
+    return _filter(first & mask, mask)
 
 
 def _nodes(base: int, joints: int) -> tuple[CanFilter, CanFilter]:

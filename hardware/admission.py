@@ -99,7 +99,7 @@ def admit_move(
             drive=state_of(sample.statuswords[at]),
             mode=modes[at],
         )
-        counts = target * scales[at].counts_per_rad
+        counts = scales[at].counts_of(target)
         refusal = refuse_command(limits[at], situation) or refuse_move(
             limits[at], counts, speed_rad_per_s
         )

@@ -19,7 +19,7 @@ from hardware.errors import (
     TwoDevices,
 )
 from hardware.node_watch import NodeWatch
-from hardware.objects import OPERATOR_NODE, SUPERVISOR_NODE, EmergencyCode
+from hardware.objects import OPERATOR_NODE, EmergencyCode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,12 +64,12 @@ def _told(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
     if seen.stop_latched:
         yield Stopped("STOP is latched: reset it before anything moves again")
     for fault in nodes.faults:
-        if fault.node == SUPERVISOR_NODE:
+        if fault.joint is None:
             yield Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
         elif fault.code == EmergencyCode.REFERENCE_LIMIT:
-            yield CommandRefused(f"joint {fault.node}: {fault.text}")
+            yield CommandRefused(f"joint {fault.joint}: {fault.text}")
         else:
-            yield DriveFault(fault.node, fault.code, fault.text)
+            yield DriveFault(fault.joint, fault.code, fault.text)
 
 
 def _noticed(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
@@ -79,9 +79,10 @@ def _noticed(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
         numbers = ", ".join(map(str, down))
         yield BusError(f"Node {numbers} has left operation, as after a loss of power. Reconnect.")
     if nodes.restarted:
-        yield NodeRestarted(tuple(sorted(nodes.restarted)))
+        restarted = tuple(sorted(nodes.restarted))
+        yield NodeRestarted(restarted, [nodes.profile.who(node) for node in restarted])
     if seen.doubled_joints:
-        yield TwoDevices(seen.doubled_joints)
+        yield TwoDevices(tuple(nodes.profile.drives[j - 1] for j in seen.doubled_joints))
     if nodes.intrusion:
         yield Intruder(
             f"Somebody else commands this arm: {nodes.intrusion} came from another program on the bus. "
@@ -100,19 +101,22 @@ def _missing(
     nodes: NodeWatch, seen: Seen, now_s: float, heartbeat_timeout_s: float
 ) -> Iterator[HardwareError]:
     """Who is not there as he should be, and who is there that should not."""
-    silence = _silence(nodes.silent(now_s, heartbeat_timeout_s), seen.lost_joints)
+    drives = nodes.profile.drives
+    silence = _silence(
+        nodes.silent(now_s, heartbeat_timeout_s), tuple(drives[j - 1] for j in seen.lost_joints)
+    )
     if silence is not None:
         yield BusError(silence)
     if nodes.other_operator(now_s, heartbeat_timeout_s):
         yield ControlDenied(OPERATOR_NODE)
 
 
-def _silence(nodes: tuple[int, ...], joints: tuple[int, ...]) -> str | None:
+def _silence(nodes: tuple[int, ...], drives: tuple[int, ...]) -> str | None:
     parts = []
     if nodes:
         parts.append(f"no heartbeat from node {', '.join(map(str, nodes))}")
-    if joints:
-        parts.append(f"no answer to SYNC from node {', '.join(map(str, joints))}")
+    if drives:
+        parts.append(f"no answer to SYNC from node {', '.join(map(str, drives))}")
     if not parts:
         return None
     return f"The arm has gone silent: {' and '.join(parts)}. Check power and cable, then reconnect."

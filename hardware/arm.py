@@ -74,9 +74,10 @@ class ArmIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """An emergency message: which node, which code, in words."""
+    """An emergency message: which node (`joint` is None for the supervisor), which code, in words."""
 
     node: int
+    joint: int | None
     code: int
     text: str
     sync_count: int

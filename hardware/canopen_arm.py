@@ -34,19 +34,12 @@ from hardware.errors import (
     Intruder,
     ModeNotReached,
     NodeRestarted,
-    SdoRefused,
     SensorFault,
     Stopped,
     TwoDevices,
 )
-from hardware.objects import (
-    ERROR_CODE,
-    OPERATOR_NODE,
-    SUPERVISOR_NODE,
-    TOKEN,
-    emergency_text,
-    joint_node,
-)
+from hardware.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
+from hardware.profile import BusProfile
 from hardware.stop_line import StopLatch
 from hardware.trajectory import ACCELERATION_RAD_PER_S2
 
@@ -55,7 +48,7 @@ MODE_ATTEMPTS: Final = 6
 
 
 class CanopenArm:
-    """An arm of CiA 402 joints and a supervisor on a CAN bus; see `hardware.arm.Arm`.
+    """An arm of CiA 402 joints on a CAN bus, with a supervisor or without; see `hardware.arm.Arm`.
 
     Parameters
     ----------
@@ -63,6 +56,8 @@ class CanopenArm:
         The arm expected on the bus.
     settings
         The bus.
+    profile
+        How its nodes are set up.
     pace
         `Pace.FAST_FORWARD` is for simulated arms only: a real one needs SYNCs at all times.
     record_to
@@ -79,6 +74,7 @@ class CanopenArm:
         self,
         description: ArmDescription,
         settings: BusSettings,
+        profile: BusProfile,
         *,
         pace: Pace = Pace.REAL_TIME,
         record_to: Path | None = None,
@@ -86,7 +82,7 @@ class CanopenArm:
         timing: Timing | None = None,
         openers: BusOpeners | None = None,
     ) -> None:
-        self._description, self._settings = description, settings
+        self._description, self._settings, self._profile = description, settings, profile
         self._pace, self._record_to = pace, record_to
         self._acceleration = acceleration_rad_per_s2
         self._timing = timing or Timing()
@@ -116,6 +112,7 @@ class CanopenArm:
         connection = Connection(
             self._description,
             self._settings,
+            self._profile,
             pace=self._pace,
             timing=self._timing,
             openers=self._openers,
@@ -161,7 +158,7 @@ class CanopenArm:
             except HardwareError:  # the drives hold without us as well
                 answered = False
             with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
-                link.access.write_unsigned(SUPERVISOR_NODE, TOKEN, 0, 0, 4)
+                link.give_token_back()
             return answered
         finally:
             link.close()
@@ -199,12 +196,7 @@ class CanopenArm:
         self._raise_if_stopped(link)
         if link.other_operator():
             raise ControlDenied(OPERATOR_NODE)
-        try:
-            link.access.write_unsigned(SUPERVISOR_NODE, TOKEN, 0, OPERATOR_NODE, 4)
-        except SdoRefused as refused:
-            link.token = link.access.read_unsigned(SUPERVISOR_NODE, TOKEN)
-            raise ControlDenied(link.token, uploading.refusal(link.access)) from refused
-        link.token = OPERATOR_NODE
+        link.take_token()
         lagging = link.loop.run(steps.drive_to(link.loop, Wish.ENABLED))
         link.read_modes()
         self._raise_for_drives(link, lagging, "enabled")
@@ -364,11 +356,12 @@ class CanopenArm:
         link = self._link
         if not link.in_control:
             raise CommandRefused("parameters are uploaded by whoever is in control: take control")
-        return uploading.upload(link.access, document, joints=self._n)
+        return uploading.upload(link.access, document, link.profile)
 
     def active_parameters(self) -> bytes:
         """The parameter document active on the controller; empty if there is none."""
-        return uploading.read_document(self._link.access)
+        link = self._link
+        return uploading.read_document(link.access, link.profile)
 
     # ---- helpers ---------------------------------------------------------------------------------
 
@@ -389,6 +382,6 @@ class CanopenArm:
         for joint in joints:
             state = steps.state_of(link.loop.sample.statuswords[joint - 1])
             if state is DriveState.FAULT:
-                code = link.access.read_unsigned(joint_node(joint), ERROR_CODE)
+                code = link.access.read_unsigned(link.profile.drives[joint - 1], ERROR_CODE)
                 raise DriveFault(joint, code, emergency_text(code))
             raise CommandRefused(f"joint {joint} cannot be {wanted}: the drive is in {state.value}")

@@ -14,30 +14,35 @@ from typing import Final
 
 import can
 
-from hardware import identifying, steps
+from hardware import identifying, steps, uploading
 from hardware.acceptance import operator_filters
 from hardware.admission import admit
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode
 from hardware.buses import BusSettings, open_bus, open_sender
 from hardware.continuity import ENCODER_COUNTS, RVDT_COUNTS
 from hardware.control_loop import ControlLoop, Pace, Timing
-from hardware.cyclic import Sample, Setpoints
+from hardware.cyclic import Sample, Setpoints, frames_of
 from hardware.description import ArmDescription, EncoderDescription
-from hardware.errors import BusError, ControlDenied, DriveFault, NodeMissing, Stopped, TwoDevices
-from hardware.limits import joint_limits
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    DriveFault,
+    NodeMissing,
+    SdoRefused,
+    Stopped,
+    TwoDevices,
+)
 from hardware.mapping import check_mapping, check_positions, patience_s
 from hardware.objects import (
     COB_NMT,
     ERROR_CODE,
-    JOINT_MODE,
     MODE_DISPLAY,
     OPERATOR_NODE,
-    SUPERVISOR_NODE,
     TOKEN,
     NmtCommand,
     NmtState,
-    joint_node,
 )
+from hardware.profile import BusProfile
 from hardware.sdo import ObjectAccess
 from hardware.snapshots import build_snapshot
 from hardware.stop_line import StopLine
@@ -68,13 +73,15 @@ class Connection:
     modes
         What 6061h of each drive said when it was last read; None for neither position nor free.
     token
-        Holder of the control token, as last read or written.
+        Holder of the control token, as last read or written; of an arm without a supervisor, whether this
+        program has taken control.
     """
 
     def __init__(
         self,
         description: ArmDescription,
         settings: BusSettings,
+        profile: BusProfile,
         *,
         pace: Pace,
         timing: Timing,
@@ -82,37 +89,31 @@ class Connection:
         record_to: Path | None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        joints = self.joints = len(description.joints)
+        self.profile = profile
         self._description, self._timing, self._clock = description, timing, clock
-        self.scales = tuple(joint.scale for joint in description.joints)
-        self.limits = tuple(
-            joint_limits(
-                number,
-                joint.scale,
-                lower_rad=joint.lower_rad,
-                upper_rad=joint.upper_rad,
-                max_speed_rad_per_s=joint.max_speed_rad_per_s,
-                period_s=timing.period_s,
-            )
-            for number, joint in enumerate(description.joints, 1)
+        self.scales = tuple(
+            identifying.scale_of(joint, drive)
+            for joint, drive in zip(description.joints, profile.joints, strict=True)
         )
-        self.modes: tuple[JointMode | None, ...] = (None,) * joints
+        self.limits = identifying.limits_of(description, profile, period_s=timing.period_s)
+        self.modes: tuple[JointMode | None, ...] = (None,) * len(profile.joints)
         self.token = 0
-        self._rated_nm: tuple[float, ...] = (0.0,) * joints
+        self._rated_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         bus = openers.main(settings)
         if record_to is None:  # a recording is of everything
-            bus.set_filters(operator_filters(joints))
+            bus.set_filters(operator_filters(profile))
         self._wire = Wire(bus, record_to=record_to)
         try:
-            self.stop_line = StopLine(self._second_handle(openers, settings), self._wire)
+            self.stop_line = StopLine(
+                self._second_handle(openers, settings), self._wire, frames_of(profile)
+            )
         except BaseException:
             self._wire.close()
             raise
-        nodes = (*(joint_node(j) for j in range(1, joints + 1)), SUPERVISOR_NODE)
-        self.access = ObjectAccess(self._wire.send, nodes, timeout_s=timing.sdo_timeout_s)
+        self.access = ObjectAccess(self._wire.send, profile.nodes, timeout_s=timing.sdo_timeout_s)
         self.loop = ControlLoop(
             self._wire,
-            joints=joints,
+            profile=profile,
             pace=pace,
             on_sdo=self.access.deliver,
             allow=self._allow,
@@ -140,29 +141,34 @@ class Connection:
         ------
         ControlDenied, NodeMissing, WrongArm, MappingDiffers, BusError, SdoRefused
         """
-        loop, wire, access = self.loop, self._wire, self.access
+        loop, wire, access, profile = self.loop, self._wire, self.access, self.profile
         loop.start()
         if loop.nodes.wait_for_other_operator(LISTEN_S):
             raise ControlDenied(OPERATOR_NODE)
         loop.nodes.expect_boot_up()
         wire.send(COB_NMT, bytes([NmtCommand.RESET_COMMUNICATION, 0]))
-        _require(loop.nodes.wait_for_boot_up(BOOT_TIMEOUT_S))
-        identity = identifying.read_identity(access, self.joints)
+        missing = loop.nodes.wait_for_boot_up(BOOT_TIMEOUT_S)
+        if missing:
+            # Of an arm that is set up in another way some nodes may well be there: say all of it.
+            check_mapping(access, profile, missing)
+        _require(missing)
+        identity = identifying.read_identity(access, profile, self._description)
         self._require_single()
-        identifying.check_arm(access, identity, self._description, period_s=self._timing.period_s)
-        check_mapping(access, self.joints)
-        self._require_single()
-        loop.heartbeat_timeout_s = patience_s(
-            access, (*range(1, self.joints + 1), SUPERVISOR_NODE), loop.heartbeat_timeout_s
+        check_mapping(access, profile)
+        identifying.check_arm(
+            access, identity, self._description, profile, period_s=self._timing.period_s
         )
-        self._rated_nm = identifying.read_rated_torques_nm(access, self.joints)
+        self._require_single()
+        loop.heartbeat_timeout_s = patience_s(access, profile, loop.heartbeat_timeout_s)
+        self._rated_nm = identifying.read_rated_torques_nm(access, profile)
         loop.begin_heartbeat()
         wire.send(COB_NMT, bytes([NmtCommand.START, 0]))
         _require(loop.nodes.wait_for_state(NmtState.OPERATIONAL, BOOT_TIMEOUT_S))
-        self.token = access.read_unsigned(SUPERVISOR_NODE, TOKEN)
+        if profile.supervisor is not None:
+            self.token = access.read_unsigned(profile.supervisor, TOKEN)
         loop.begin_sync()
         first = loop.run(steps.look_until_whole(loop), despite=(DriveFault, Stopped))
-        check_positions(access, first.counts, self.scales)
+        check_positions(access, profile, first.counts, self.scales)
         self._learn_of_trips(first)
         self.read_modes()
         return identity
@@ -175,15 +181,15 @@ class Connection:
     def _learn_of_trips(self, first: Sample) -> None:
         """Ask drives that are in a fault why (603Fh): their emergencies were sent before we listened."""
         codes = {
-            joint: self.access.read_unsigned(joint_node(joint), ERROR_CODE)
-            for joint, status in enumerate(first.statuswords, 1)
+            node: self.access.read_unsigned(node, ERROR_CODE)
+            for node, status in zip(self.profile.drives, first.statuswords, strict=True)
             if steps.state_of(status) in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
         }
         nodes = self.loop.nodes
 
         def note() -> Generator[Setpoints | None, Sample, None]:
-            for joint, code in codes.items():
-                nodes.assume_fault(joint_node(joint), code, first.sync_count)
+            for node, code in codes.items():
+                nodes.assume_fault(node, code, first.sync_count)
             yield from ()
 
         self.loop.run(note())
@@ -220,9 +226,32 @@ class Connection:
     def read_modes(self) -> None:
         """Read 6061h of every drive."""
         self.modes = tuple(
-            JOINT_MODE.get(self.access.read_signed(joint_node(j), MODE_DISPLAY))
-            for j in range(1, self.joints + 1)
+            self.profile.mode_of(self.access.read_signed(node, MODE_DISPLAY))
+            for node in self.profile.drives
         )
+
+    def take_token(self) -> None:
+        """Have control given to this program by the supervisor; without one nobody else can have it.
+
+        Raises
+        ------
+        ControlDenied
+        """
+        supervisor = self.profile.supervisor
+        if supervisor is not None:
+            try:
+                self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
+            except SdoRefused as refused:
+                self.token = self.access.read_unsigned(supervisor, TOKEN)
+                words = uploading.refusal(self.access, supervisor)
+                raise ControlDenied(self.token, words) from refused
+        self.token = OPERATOR_NODE
+
+    def give_token_back(self) -> None:
+        """Let others have control."""
+        if self.profile.supervisor is not None:
+            self.access.write_unsigned(self.profile.supervisor, TOKEN, 0, 0, 4)
+        self.token = 0
 
     def send_quick_stops(self) -> None:
         """Quick stop to all drives now."""

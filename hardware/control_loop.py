@@ -28,21 +28,19 @@ from typing import Any, Protocol
 from hardware.alarms import Seen, find_alarm
 from hardware.attention import Attention
 from hardware.continuity import Continuity, Jump
-from hardware.cyclic import Abandoned, Sample, Setpoint, Setpoints
+from hardware.cyclic import Abandoned, Sample, Setpoint, Setpoints, frames_of
 from hardware.errors import BusError, HardwareError
 from hardware.node_watch import NodeWatch
 from hardware.objects import (
     COB_HEARTBEAT,
-    COB_RPDO1,
     COB_SDO_FROM_SERVER,
     COB_SYNC,
-    COB_TPDO1,
     CONTROL_PERIOD_S,
     HEARTBEAT_PERIOD_S,
     OPERATOR_NODE,
-    SUPERVISOR_NODE,
     NmtState,
 )
+from hardware.profile import BusProfile
 from hardware.sampling import Sampler, View
 from hardware.stop_line import StopLatch
 from hardware.tasks import Steps, Task, TaskQueue
@@ -123,14 +121,14 @@ def _moves_on(before: Setpoint | None, command: Setpoint) -> bool:
 
 
 class ControlLoop:
-    """Runs the cyclic traffic of an arm of `joints` joints.
+    """Runs the cyclic traffic of an arm.
 
     Parameters
     ----------
     wire
         The bus.
-    joints
-        Number of joints; joint j is node j.
+    profile
+        Its nodes and their frames.
     pace
         See the module.
     on_sdo
@@ -168,7 +166,7 @@ class ControlLoop:
         self,
         wire: Link,
         *,
-        joints: int,
+        profile: BusProfile,
         pace: Pace,
         on_sdo: Callable[[int, bytes], None],
         allow: Callable[[Sample, Setpoints | None, Setpoints], None],
@@ -177,7 +175,7 @@ class ControlLoop:
         allowed_counts: Sequence[float] = (),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.nodes = NodeWatch((*range(1, joints + 1), SUPERVISOR_NODE))
+        self.nodes = NodeWatch(profile)
         self.commands: Setpoints | None = None
         self.latch = StopLatch()
         self.moving = False
@@ -185,14 +183,14 @@ class ControlLoop:
         self.jump: Jump | None = None
         self._watched = bool(allowed_counts)
         self._continuity = Continuity(allowed_counts)
-        self._wire, self._joints, self._pace = wire, joints, pace
+        self._wire, self._frames, self._pace = wire, frames_of(profile), pace
         self._on_sdo, self._allow, self._quick_stop = on_sdo, allow, quick_stop
         self._timing, self._clock = timing, clock
         self.heartbeat_timeout_s = timing.heartbeat_timeout_s
         self.attention = Attention(clock)
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
-        self._sampler = Sampler(joints, patience=timing.misses(pace), now_s=clock())
-        self._sent: list[Setpoint | None] = [None] * joints
+        self._sampler = Sampler(self._frames, patience=timing.misses(pace), now_s=clock())
+        self._sent: list[Setpoint | None] = [None] * len(self._frames)
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
         self._tasks = TaskQueue(self._thread.is_alive, self._gone)
         self._syncing = False
@@ -357,7 +355,7 @@ class ControlLoop:
         """Send what changed, and one joint's command again in turn in case a frame was lost."""
         if self.commands is None:
             return
-        again = self.sample.sync_count % self._joints
+        again = self.sample.sync_count % len(self._frames)
         for joint, command in enumerate(self.commands):
             if command == self._sent[joint] and joint != again:
                 continue
@@ -366,10 +364,11 @@ class ControlLoop:
             before = self._sent[joint]
             if before != command and not (self.moving and _moves_on(before, command)):
                 self._continuity.disturb()
-            self._wire.send(COB_RPDO1 + joint + 1, command.pack())
+            for identifier, data in self._frames[joint].pack(command):
+                self._wire.send(identifier, data)
             self._sent[joint] = command
         if self.stop_latched:
-            self._sent = [None] * self._joints
+            self._sent = [None] * len(self._frames)
             self._quick_stop()
 
     def _receive_one(self, timeout_s: float) -> bool:
@@ -379,11 +378,9 @@ class ControlLoop:
         if message is None:
             return False
         identifier: int = message.arbitration_id
-        if COB_TPDO1 < identifier <= COB_TPDO1 + self._joints:
-            self._sampler.note(
-                identifier - COB_TPDO1, message.data, self._clock(), self.attention.late_s
-            )
-        elif COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
+        if self._sampler.note(identifier, message.data, self._clock(), self.attention.late_s):
+            return True
+        if COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
             self._on_sdo(identifier, bytes(message.data))
         else:
             if self._syncing:

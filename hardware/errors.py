@@ -36,8 +36,8 @@ class MappingDiffers(HardwareError):
         self.differences = tuple(differences)
         super().__init__(
             "These nodes are not set up as this program drives them: "
-            f"{'; '.join(self.differences)}. Nothing was enabled. Commission them as expected, then "
-            "connect again."
+            f"{'; '.join(self.differences)}. Nothing was enabled. Commission them as expected, or describe "
+            "them in a bus profile (`sarcal probe --draft FILE` writes one), then connect again."
         )
 
 
@@ -83,9 +83,9 @@ class DriveFault(HardwareError):
 class NodeRestarted(BusError):
     """A node has booted by itself: what it counted since may have begun anew."""
 
-    def __init__(self, nodes: tuple[int, ...]) -> None:
+    def __init__(self, nodes: tuple[int, ...], names: Sequence[str]) -> None:
         self.nodes = nodes
-        named = " and ".join(_joint_or_node(node) for node in nodes)
+        named = " and ".join(names)
         super().__init__(
             f"{named} has restarted, as after a loss of power: its counter may have begun anew. Nothing "
             "was captured since. Connect again: the arm is compared with its poses first"
@@ -129,8 +129,3 @@ class CommandRefused(HardwareError):
 
 class UploadRefused(HardwareError):
     """The supervisor refused a parameter document; its previous one stays active."""
-
-
-def _joint_or_node(node: int) -> str:
-    # Joint j is node j; node 16 is the supervisor (`hardware.objects`, which knows no errors).
-    return f"joint {node} (node {node})" if node < 16 else f"node {node}"

@@ -81,12 +81,13 @@ def joint_limits(
     A target moving at exactly the largest speed passes: both of its ends are rounded to counts, so a
     step may be up to one count longer than the speed says.
     """
-    step = max_speed_rad_per_s * period_s * scale.counts_per_rad
+    step = max_speed_rad_per_s * period_s * scale.density
+    lower, upper = sorted((scale.counts_of(lower_rad), scale.counts_of(upper_rad)))
     return JointLimits(
         joint=joint,
         # 1e-6 of a count: a bound that is a whole count stays one in spite of its rounding error.
-        lower_counts=math.ceil(lower_rad * scale.counts_per_rad - 1e-6),
-        upper_counts=math.floor(upper_rad * scale.counts_per_rad + 1e-6),
+        lower_counts=math.ceil(lower - 1e-6),
+        upper_counts=math.floor(upper + 1e-6),
         max_speed_rad_per_s=max_speed_rad_per_s,
         max_step_counts=math.floor(step + 1e-6) + 1,
     )

@@ -8,29 +8,24 @@ then the first position that came by PDO is compared with the one that the objec
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 
 from hardware.errors import MappingDiffers, SdoRefused
 from hardware.objects import (
     COB_EMCY,
-    COB_RPDO1,
     COB_SYNC,
-    COB_TPDO1,
+    DEVICE_TYPE,
     EMCY_COB_ID,
     HEARTBEAT_PRODUCER,
-    MAX_JOINTS,
     POSITION_ACTUAL,
     RPDO1_COMMUNICATION,
     RPDO1_MAP,
-    RPDO1_MAPPING,
     SYNC_COB_ID,
     TPDO1_COMMUNICATION,
     TPDO1_MAP,
-    TPDO1_MAPPING,
     TPDO_EVERY_SYNC,
     Abort,
-    joint_node,
 )
+from hardware.profile import BusProfile, Entry, Pdo, map_words
 from hardware.scale import JointScale
 from hardware.sdo import ObjectAccess
 
@@ -39,50 +34,45 @@ AGREES_RAD = 0.01
 
 HEARTBEATS = 2.5
 """Heartbeats of a node that may fail to come before it is called silent."""
-SLOWEST_HEARTBEAT_MS = 1000
 
-_NOT_VALID, _EXTENDED, _GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
-_IDENTIFIER = 0x1FFFFFFF
-_ON_RECEIPT = (254, 255)
-_OTHER_PDOS = range(1, 4)
-"""PDO2 to PDO4 of the predefined connection set: allowed, but not on our identifiers."""
+NOT_VALID, _EXTENDED, _GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
+"""Bits beside an identifier."""
+IDENTIFIER = 0x1FFFFFFF
+ON_RECEIPT = (254, 255)
+"""Not with the next SYNC: STOP must not wait for one."""
+EVERY_SYNC = (TPDO_EVERY_SYNC,)
+_PREDEFINED = range(1, 5)
+"""PDO1 to PDO4 of the predefined connection set: those not in use are allowed, but not on our identifiers."""
 _ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 
-Entry = tuple[int, int, int]
-"""Index, sub-index, bits."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Pdo:
-    """One PDO as it has to be."""
-
-    name: str
-    communication: int
-    mapping: int
-    cob_id: int
-    types: tuple[int, ...]
-    entries: tuple[Entry, ...]
-
-
-def check_mapping(access: ObjectAccess, joints: int) -> None:
+def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
     """Compare the PDOs of all drives with what this program sends and reads.
+
+    `silent` are nodes that do not answer, and are named with the others. What is no drive at all is not
+    looked at.
 
     Raises
     ------
     MappingDiffers
         Naming node, object, what was expected and what was found, for everything that differs.
     """
+    absent = sorted(silent)
     found = [
         text
-        for joint in range(1, joints + 1)
-        for text in differences(access, joint_node(joint), joints)
+        for node in profile.drives
+        if node not in absent and profile.is_drive(access.read_unsigned(node, DEVICE_TYPE))
+        for text in differences(access, node, profile)
     ]
     if found:
-        raise MappingDiffers(found)
+        raise MappingDiffers([*found, *(f"{profile.who(node)}: no answer" for node in absent)])
 
 
 def check_positions(
-    access: ObjectAccess, counts: Sequence[int], scales: Sequence[JointScale]
+    access: ObjectAccess,
+    profile: BusProfile,
+    counts: Sequence[int],
+    scales: Sequence[JointScale],
 ) -> None:
     """Compare positions as TPDO1 brought them with 6064h by SDO; the joints are at rest.
 
@@ -91,19 +81,18 @@ def check_positions(
     MappingDiffers
     """
     found = []
-    for joint, (by_pdo, scale) in enumerate(zip(counts, scales, strict=True), 1):
-        node = joint_node(joint)
+    for node, by_pdo, scale in zip(profile.drives, counts, scales, strict=True):
         by_sdo = access.read_signed(node, POSITION_ACTUAL)
-        if abs(by_pdo - by_sdo) > AGREES_RAD * scale.counts_per_rad + 1.0:
+        if abs(by_pdo - by_sdo) > AGREES_RAD * scale.density + 1.0:
             found.append(
                 f"node {node}, {POSITION_ACTUAL:04X}h: expected the {by_sdo} counts that it holds, "
-                f"found {by_pdo} in TPDO1"
+                f"found {by_pdo} in {_carrier(profile, node)}"
             )
     if found:
         raise MappingDiffers(found)
 
 
-def patience_s(access: ObjectAccess, nodes: Iterable[int], least_s: float) -> float:
+def patience_s(access: ObjectAccess, profile: BusProfile, least_s: float) -> float:
     """How long a silence may be: as asked for, and some heartbeats (1017h) of the slowest node.
 
     Raises
@@ -112,91 +101,97 @@ def patience_s(access: ObjectAccess, nodes: Iterable[int], least_s: float) -> fl
         A node sends none, or so seldom that its loss would go unnoticed.
     """
     found, longest_s = [], 0.0
-    for node in nodes:
-        period_ms = _read(access, node, HEARTBEAT_PRODUCER, 0)
+    for node in profile.nodes:
+        period_ms = read_number(access, node, HEARTBEAT_PRODUCER, 0)
         if period_ms is None:  # that it is heard is made sure of
             continue
         longest_s = max(longest_s, 1e-3 * period_ms)
-        if not 0 < period_ms <= SLOWEST_HEARTBEAT_MS:
-            expected = f"a heartbeat every 1 .. {SLOWEST_HEARTBEAT_MS} ms"
+        if not 0 < period_ms <= profile.slowest_heartbeat_ms:
+            expected = f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms"
             found.append(_words(node, HEARTBEAT_PRODUCER, 0, expected, f"{period_ms} ms"))
     if found:
         raise MappingDiffers(found)
     return max(least_s, HEARTBEATS * longest_s)
 
 
-def differences(access: ObjectAccess, node: int, joints: int = MAX_JOINTS) -> Iterator[str]:
+def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[str]:
     """What of a drive's PDOs is not as it has to be: node, object, expected and found, in words."""
     yield from _cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=_GENERATES_SYNC)
-    yield from _cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=_NOT_VALID)
-    for pdo in (
-        _Pdo(
-            name="RPDO1",
-            communication=RPDO1_COMMUNICATION,
-            mapping=RPDO1_MAP,
-            cob_id=COB_RPDO1 + node,
-            types=_ON_RECEIPT,
-            entries=RPDO1_MAPPING,
-        ),
-        _Pdo(
-            name="TPDO1",
-            communication=TPDO1_COMMUNICATION,
-            mapping=TPDO1_MAP,
-            cob_id=COB_TPDO1 + node,
-            types=(TPDO_EVERY_SYNC,),
-            entries=TPDO1_MAPPING,
-        ),
+    yield from _cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=NOT_VALID)
+    joint = profile.joints[profile.joint_of[node] - 1]
+    taken = {pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)} | {
+        COB_SYNC
+    }
+    for letter, communication, mapping, types, pdos in (
+        ("R", RPDO1_COMMUNICATION, RPDO1_MAP, ON_RECEIPT, joint.commands),
+        ("T", TPDO1_COMMUNICATION, TPDO1_MAP, EVERY_SYNC, joint.answers),
     ):
-        yield from _pdo_differences(access, node, pdo)
-    taken = {
-        cob + joint_node(j) for cob in (COB_RPDO1, COB_TPDO1) for j in range(1, joints + 1)
-    } | {COB_SYNC}
-    for first in (RPDO1_COMMUNICATION, TPDO1_COMMUNICATION):
-        for further in _OTHER_PDOS:
-            value = _read(access, node, first + further, 1)
-            if value is not None and not value & _NOT_VALID and value & _IDENTIFIER in taken:
+        for pdo in pdos:
+            at = pdo.number - 1
+            yield from _cob_id(access, node, communication + at, 1, pdo.cob_id, refused=NOT_VALID)
+            yield from _type(access, node, communication + at, types)
+            yield from _map(access, node, mapping + at, f"{letter}PDO{pdo.number}", pdo)
+        used = {pdo.number for pdo in pdos}
+        for number in _PREDEFINED:
+            if number in used:
+                continue
+            value = read_number(access, node, communication + number - 1, 1)
+            if value is not None and not value & NOT_VALID and value & IDENTIFIER in taken:
                 yield _words(
                     node,
-                    first + further,
+                    communication + number - 1,
                     1,
                     "another identifier, or none",
-                    f"{value & _IDENTIFIER:03X}h, on which this arm's own frames travel",
+                    f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel",
                 )
 
 
-def _pdo_differences(access: ObjectAccess, node: int, pdo: _Pdo) -> Iterator[str]:
-    yield from _cob_id(access, node, pdo.communication, 1, pdo.cob_id, refused=_NOT_VALID)
-    kind = _read(access, node, pdo.communication, 2)
-    if kind not in pdo.types:
-        expected = " or ".join(map(str, pdo.types))
-        yield _words(
-            node, pdo.communication, 2, f"transmission type {expected}", _number(kind, "d")
-        )
-    count = _read(access, node, pdo.mapping, 0)
-    entries = [
-        _entry(_read(access, node, pdo.mapping, sub)) for sub in range(1, min(count or 0, 64) + 1)
-    ]
-    if tuple(entries) != pdo.entries:
+def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] | None:
+    """Map of a PDO as the drive holds it; None where there is no such object."""
+    count = read_number(access, node, index, 0)
+    if count is None:
+        return None
+    return tuple(
+        _entry(read_number(access, node, index, sub)) for sub in range(1, min(count, 64) + 1)
+    )
+
+
+def _type(access: ObjectAccess, node: int, index: int, types: tuple[int, ...]) -> Iterator[str]:
+    kind = read_number(access, node, index, 2)
+    if kind not in types:
+        expected = " or ".join(map(str, types))
+        yield _words(node, index, 2, f"transmission type {expected}", _number(kind, "d"))
+
+
+def _map(access: ObjectAccess, node: int, index: int, name: str, pdo: Pdo) -> Iterator[str]:
+    entries = read_map(access, node, index)
+    if entries != pdo.entries:
         yield _words(
             node,
-            pdo.mapping,
+            index,
             None,
-            f"{pdo.name} = {_map_words(pdo.entries)}",
-            "no such object" if count is None else _map_words(entries),
+            f"{name} = {map_words(pdo.entries)}",
+            "no such object" if entries is None else map_words(entries),
         )
+
+
+def _carrier(profile: BusProfile, node: int) -> str:
+    """Name the TPDO that brings a drive's position."""
+    answers = profile.joints[profile.joint_of[node] - 1].answers
+    return next(f"TPDO{pdo.number}" for pdo in answers if POSITION_ACTUAL in pdo.carried)
 
 
 def _cob_id(
     access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
 ) -> Iterator[str]:
     """Compare an identifier; `refused` is the bit that must not be set beside it."""
-    value = _read(access, node, index, sub)
-    wrong = value is None or value & (_IDENTIFIER | _EXTENDED | refused) != expected
+    value = read_number(access, node, index, sub)
+    wrong = value is None or value & (IDENTIFIER | _EXTENDED | refused) != expected
     if wrong:
         yield _words(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
 
 
-def _read(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
+def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
     """Read a number; None where there is no such object."""
     try:
         return access.read_unsigned(node, index, sub)
@@ -209,11 +204,6 @@ def _read(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
 def _entry(value: int | None) -> Entry:
     value = value or 0
     return value >> 16, value >> 8 & 0xFF, value & 0xFF
-
-
-def _map_words(entries: Iterable[Entry]) -> str:
-    words = [f"{index:04X}h{f' sub {sub}' if sub else ''}({bits})" for index, sub, bits in entries]
-    return " + ".join(words) or "nothing"
 
 
 def _number(value: int | None, digits: str) -> str:

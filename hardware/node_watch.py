@@ -7,22 +7,22 @@ of a clock that stands still while nobody listens (`hardware.attention`).
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
 
 from hardware.arm import Fault
 from hardware.cia402 import CONTROLWORD_QUICK_STOP
-from hardware.cyclic import unpack_emergency
+from hardware.cyclic import frames_of, unpack_emergency
 from hardware.objects import (
     COB_EMCY,
     COB_HEARTBEAT,
     COB_NMT,
-    COB_RPDO1,
     COB_SDO_TO_SERVER,
     COB_SYNC,
+    CONTROLWORD,
     OPERATOR_NODE,
     NmtState,
     emergency_text,
 )
+from hardware.profile import BusProfile
 
 _INITIATE_DOWNLOAD = 1
 """Client command specifier of an SDO that writes."""
@@ -33,8 +33,8 @@ class NodeWatch:
 
     Parameters
     ----------
-    nodes
-        Nodes that belong to the arm.
+    profile
+        Nodes that belong to the arm, and the frames that command them.
 
     Attributes
     ----------
@@ -52,8 +52,13 @@ class NodeWatch:
         What somebody else commands on this bus, in words; empty if nobody was seen to.
     """
 
-    def __init__(self, nodes: Iterable[int]) -> None:
-        self.nodes = tuple(nodes)
+    def __init__(self, profile: BusProfile) -> None:
+        self.profile, self.nodes = profile, profile.nodes
+        self._commanded = {
+            identifier: (joint, frames)
+            for joint, frames in enumerate(frames_of(profile), 1)
+            for identifier in frames.command_ids
+        }
         self.heard_at_s: dict[int, float] = {}
         self.nmt_state: dict[int, int] = {}
         self.faults: tuple[Fault, ...] = ()
@@ -67,7 +72,7 @@ class NodeWatch:
     def note_command(self, identifier: int, data: bytes | bytearray) -> None:
         """Take in a frame that commands: the only one on this bus to send such is this program."""
         if not self.intrusion:
-            self.intrusion = _command_of_others(identifier, data, self.nodes)
+            self.intrusion = self._command_of_others(identifier, bytes(data))
 
     def note(self, identifier: int, data: bytes | bytearray, now_s: float, sync_count: int) -> None:
         """Take in a frame; others than heartbeats and emergencies are not looked at."""
@@ -163,24 +168,28 @@ class NodeWatch:
         if code == 0:  # error reset or no error
             self.faults = tuple(fault for fault in self.faults if fault.node != node)
             return
-        fault = Fault(node=node, code=code, text=emergency_text(code), sync_count=sync_count)
+        fault = Fault(
+            node=node,
+            joint=self.profile.joint_of.get(node),
+            code=code,
+            text=emergency_text(code),
+            sync_count=sync_count,
+        )
         self.faults = (*self.faults, fault)
 
-
-def _command_of_others(identifier: int, data: bytes | bytearray, nodes: tuple[int, ...]) -> str:
-    """Say what a frame commands; empty if nothing, or nothing but a stop."""
-    if identifier == COB_SYNC and not data:
-        return "a SYNC (080h)"
-    if identifier == COB_NMT:
-        return "an NMT command (000h)"
-    if identifier - COB_RPDO1 in nodes:
-        if bytes(data[:2]) == CONTROLWORD_QUICK_STOP.to_bytes(2, "little"):
-            return (
-                ""  # our own STOP, which has a handle of its own, or somebody else's: both are good
-            )
-        return f"a command to joint {identifier - COB_RPDO1} ({identifier:03X}h)"
-    node = identifier - COB_SDO_TO_SERVER
-    if node in nodes and len(data) == 8 and data[0] >> 5 == _INITIATE_DOWNLOAD:
-        index = int.from_bytes(data[1:3], "little")
-        return f"a write to {index:04X}h of node {node}"
-    return ""
+    def _command_of_others(self, identifier: int, data: bytes) -> str:
+        """Say what a frame commands; empty if nothing, or nothing but a stop."""
+        if identifier == COB_SYNC and not data:
+            return "a SYNC (080h)"
+        if identifier == COB_NMT:
+            return "an NMT command (000h)"
+        if identifier in self._commanded:
+            joint, frames = self._commanded[identifier]
+            if frames.commanded(identifier, data).get(CONTROLWORD) == CONTROLWORD_QUICK_STOP:
+                return ""  # our own STOP, which has a handle of its own, or somebody else's: both are good
+            return f"a command to joint {joint} ({identifier:03X}h)"
+        node = identifier - COB_SDO_TO_SERVER
+        if node in self.nodes and len(data) == 8 and data[0] >> 5 == _INITIATE_DOWNLOAD:
+            index = int.from_bytes(data[1:3], "little")
+            return f"a write to {index:04X}h of node {node}"
+        return ""

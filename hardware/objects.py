@@ -68,12 +68,6 @@ CONTROL_PERIOD_S: Final = 0.01
 """The plant moves on by this much with every SYNC (60C2h)."""
 
 # ---- PDOs --------------------------------------------------------------------------------------
-TPDO1: Final = struct.Struct("<Hih")
-"""Statusword, position in counts, torque in per mille of rated: sent on every SYNC."""
-TPDO1_MAPPING: Final = ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))
-RPDO1: Final = struct.Struct("<Hib")
-"""Controlword, target position in counts, mode: acted on as it arrives."""
-RPDO1_MAPPING: Final = ((0x6040, 0, 16), (0x607A, 0, 32), (0x6060, 0, 8))
 TPDO_EVERY_SYNC: Final = 1
 RPDO_ON_RECEIPT: Final = 254
 EMCY: Final = struct.Struct("<HB5s")

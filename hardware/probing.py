@@ -19,20 +19,22 @@ from hardware import mapping
 from hardware.buses import BusSettings, open_bus
 from hardware.errors import BusError, HardwareError, SdoRefused
 from hardware.objects import (
+    ARM,
+    ARM_JOINTS,
     COB_HEARTBEAT,
     COB_SDO_FROM_SERVER,
     COB_SDO_TO_SERVER,
     COB_SYNC,
     DEVICE_NAME,
     DEVICE_TYPE,
-    DEVICE_TYPE_MASK,
-    DRIVE_DEVICE_TYPE,
     IDENTITY,
     IDENTITY_SERIAL,
-    MAX_JOINTS,
     OPERATOR_NODE,
     POSITION_ACTUAL,
+    TOKEN,
 )
+from hardware.pdo_reading import FoundPdo, read_described, read_pdos
+from hardware.profile import BusProfile
 from hardware.sdo import ObjectAccess
 from hardware.wire import Wire
 
@@ -43,6 +45,7 @@ NODES: Final = range(1, 127)
 _POLL_S: Final = 0.02
 _READ_DEVICE_TYPE: Final = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
 _UPLOAD_ANSWER: Final = 2
+_SUPERVISES: Final = ((ARM, ARM_JOINTS), (TOKEN, 0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +64,12 @@ class FoundNode:
         Whether it sent a heartbeat while it was listened to.
     problems
         What is not as this program drives it, in words.
+    pdos
+        The PDOs of a drive that are in use.
+    described
+        The objects in which a drive describes itself, of those that can be compared with an arm file.
+    supervises
+        Whether it says which arm this is (2020h) and who is in control (2010h).
     """
 
     node: int
@@ -71,6 +80,9 @@ class FoundNode:
     position_counts: int | None
     heard: bool
     problems: tuple[str, ...]
+    pdos: tuple[FoundPdo, ...] = ()
+    described: tuple[int, ...] = ()
+    supervises: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,12 +143,13 @@ class _Ears:
 
 def probe(
     settings: BusSettings,
+    profile: BusProfile,
     *,
     opener: Callable[[BusSettings], can.BusABC] = open_bus,
     listen_s: float = LISTEN_S,
     clock: Callable[[], float] = time.monotonic,
 ) -> Probe:
-    """Look who is on a bus.
+    """Look who is on a bus, and compare the drives that a profile names with it.
 
     Raises
     ------
@@ -164,18 +177,24 @@ def probe(
         answers = dict(ears.answers)
         access = ObjectAccess(wire.send, sorted(answers))
         ears.deliver = access.deliver
-        found = tuple(_look_at(access, node, ears, answers[node]) for node in sorted(answers))
+        found = tuple(
+            _look_at(access, profile, node, ears, answers[node]) for node in sorted(answers)
+        )
         return Probe(busy="", heard=tuple(sorted(ears.heartbeats)), nodes=found)
     finally:
         ears.close()
         wire.close()
 
 
-def _look_at(access: ObjectAccess, node: int, ears: _Ears, answers: int) -> FoundNode:
+def _look_at(
+    access: ObjectAccess, profile: BusProfile, node: int, ears: _Ears, answers: int
+) -> FoundNode:
     kind = ears.device_types.get(node, 0)
-    drive = kind & DEVICE_TYPE_MASK == DRIVE_DEVICE_TYPE
+    drive = profile.is_drive(kind)
     heard = ears.heartbeats[node] > 0
     problems, name, serial, position = list[str](), "", None, None
+    supervises = False
+    pdos, described = tuple[FoundPdo, ...](), tuple[int, ...]()
     if answers > 1:
         # Nothing that it says can be told from what the other one says.
         problems.append(f"two devices answer as node {node}: give one of them another number")
@@ -183,8 +202,17 @@ def _look_at(access: ObjectAccess, node: int, ears: _Ears, answers: int) -> Foun
         try:
             name = _text(access, node, DEVICE_NAME)
             serial = _number(access, node, IDENTITY, IDENTITY_SERIAL)
-            if drive and node <= MAX_JOINTS:
-                problems += mapping.differences(access, node)
+            if drive and node in profile.drives:
+                problems += mapping.differences(access, node, profile)
+            elif drive:
+                problems.append(
+                    f"node {node}: a drive that the bus profile {profile.name} does not name"
+                )
+            else:
+                supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
+            if drive:
+                pdos = read_pdos(access, node)
+                described = read_described(access, node)
                 position = access.read_signed(node, POSITION_ACTUAL)
         except HardwareError as error:
             problems.append(str(error))
@@ -199,6 +227,9 @@ def _look_at(access: ObjectAccess, node: int, ears: _Ears, answers: int) -> Foun
         position_counts=position,
         heard=heard,
         problems=tuple(problems),
+        pdos=pdos,
+        described=described,
+        supervises=supervises,
     )
 
 

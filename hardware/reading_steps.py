@@ -28,9 +28,7 @@ def settle(
     timeout_syncs: int,
 ) -> Generator[Setpoints | None, Sample, bool]:
     """Wait until no joint spread more than `spread_rad` over the last `window` complete samples."""
-    bounds = np.array(
-        [s * scale.counts_per_rad for s, scale in zip(spread_rad, scales, strict=True)]
-    )
+    bounds = np.array([s * scale.density for s, scale in zip(spread_rad, scales, strict=True)])
     recent: deque[tuple[int, ...]] = deque(maxlen=window)
     for _ in range(timeout_syncs):
         sample = yield None
@@ -59,13 +57,12 @@ def capture(
     if len(rows) < samples:
         raise incomplete_samples(sample)
     counts = np.array(rows, dtype=np.float64)
-    per_rad = np.array([scale.counts_per_rad for scale in scales])
     mean = counts.mean(axis=0)
     spread = counts.std(axis=0, ddof=1) if samples > 1 else np.zeros(len(scales))
     return Reading(
         mean_counts=mean,
-        mean_rad=mean / per_rad,
-        sd_rad=spread / per_rad,
+        mean_rad=np.array([s.to_rad(m) for s, m in zip(scales, mean.tolist(), strict=True)]),
+        sd_rad=spread / [scale.density for scale in scales],
         samples=samples,
         first_sync=first,
     )

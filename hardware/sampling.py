@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hardware.cyclic import Sample, unpack_status
+from hardware.cyclic import JointFrames, Sample
 
 DOUBLED_SYNCS = 10
 """Frames may come twice now and then; whoever is so many answers ahead of one a SYNC is two."""
@@ -28,7 +29,9 @@ class View:
 
 
 class Sampler:
-    """Collects the answers of joints 1..`joints`.
+    """Collects the answers of joints 1..n, whose frames are given.
+
+    A joint has answered when each of its TPDOs has come.
 
     A joint that missed `patience` samples in a row is lost: it is no longer waited for, and comes
     back with its next answer.
@@ -41,21 +44,26 @@ class Sampler:
         Joints whose answer to the present SYNC is still expected.
     """
 
-    def __init__(self, joints: int, *, patience: int, now_s: float) -> None:
-        self._joints, self._patience = joints, patience
-        self._status = [0] * joints
-        self._counts = [0] * joints
-        self._torques = [0] * joints
+    def __init__(self, frames: Sequence[JointFrames], *, patience: int, now_s: float) -> None:
+        joints = len(frames)
+        self._patience = patience
+        self._parts = {
+            identifier: (at, part, answer)
+            for at, joint in enumerate(frames)
+            for part, (identifier, answer) in enumerate(joint.answers.items())
+        }
+        self._blank = [(0,) * len(joint.answers) for joint in frames]
+        self._came = [list(none) for none in self._blank]
+        # Statusword, counts, torque.
+        self._states = [[0, 0, 0] for _ in frames]
         self._answered_at_s = [now_s] * joints
         self._late_at_s = [0.0] * joints
-        self._answers = [0] * joints
         self._missed = [0] * joints
+        self._awaited = [False] * joints
         self._doubled = [0] * joints
         blank = Sample(
             sync_count=0,
-            statuswords=tuple(self._status),
-            counts=tuple(self._counts),
-            torques_per_mille=tuple(self._torques),
+            **self._columns(),
             missing=tuple(range(1, joints + 1)),
         )
         self._history: deque[Sample] = deque(maxlen=SPEED_SYNCS)
@@ -67,42 +75,48 @@ class Sampler:
         # A second answer may have come after the sample was closed: it is looked at only now. It may
         # also come after the next SYNC, and be counted there: what is too many in one sample is kept,
         # and a sample with one answer takes only one of it away.
-        for at, answers in enumerate(self._answers):
-            surplus = answers - 1 if answers > 1 else -1
+        for at, came in enumerate(self._came):
+            surplus = max(came) - 1 if max(came) > 1 else -1
             self._doubled[at] = min(max(self._doubled[at] + surplus, 0), DOUBLED_SYNCS)
-        self._answers = [0] * self._joints
-        self.waiting = sum(missed < self._patience for missed in self._missed)
+            came[:] = self._blank[at]
+        self._awaited = [missed < self._patience for missed in self._missed]
+        self.waiting = sum(self._awaited)
 
-    def note(self, joint: int, data: bytes | bytearray, now_s: float, late_s: float = 0.0) -> None:
-        """Take in a joint's TPDO1; one of another length is not looked at.
+    def note(
+        self, identifier: int, data: bytes | bytearray, now_s: float, late_s: float = 0.0
+    ) -> bool:
+        """Take in a frame if it is a TPDO of a joint; whether it is. One of another length says nothing.
 
         `late_s` is how late the loop has been in all.
         """
-        status = unpack_status(data)
-        if status is None:
-            return
-        at = joint - 1
-        self._status[at], self._counts[at], self._torques[at] = status
+        found = self._parts.get(identifier)
+        if found is None:
+            return False
+        at, part, answer = found
+        if not answer.read_into(self._states[at], data):
+            return True
         self._answered_at_s[at] = now_s
         self._late_at_s[at] = late_s
-        self._answers[at] += 1
+        came = self._came[at]
+        came[part] += 1
         if self._missed[at] >= self._patience:
             # It was not waited for: this answer may come after its sample was closed, and counts.
             self._missed[at] = 0
-        elif self._answers[at] == 1:
+        elif self._awaited[at] and came[part] == min(came) == 1:
             self.waiting -= 1
+        return True
 
     def close(self) -> None:
         """End the sample and publish it."""
-        for at, answers in enumerate(self._answers):
-            self._missed[at] = 0 if answers else self._missed[at] + 1
+        for at, came in enumerate(self._came):
+            self._missed[at] = 0 if min(came) else self._missed[at] + 1
         sample = Sample(
             sync_count=self.view.sample.sync_count + 1,
-            statuswords=tuple(self._status),
-            counts=tuple(self._counts),
-            torques_per_mille=tuple(self._torques),
+            **self._columns(),
             # Two answers in one window: one of them is late and belongs to another SYNC.
-            missing=tuple(j for j, answers in enumerate(self._answers, 1) if answers != 1),
+            missing=tuple(
+                j for j, came in enumerate(self._came, 1) if not min(came) == max(came) == 1
+            ),
         )
         earlier = self._history[0] if self._history else sample
         self._history.append(sample)
@@ -115,3 +129,7 @@ class Sampler:
     def lost(self) -> tuple[int, ...]:
         """Joints that are no longer waited for."""
         return tuple(j for j, missed in enumerate(self._missed, 1) if missed >= self._patience)
+
+    def _columns(self) -> dict[str, tuple[int, ...]]:
+        statuswords, counts, torques = zip(*self._states, strict=True)
+        return {"statuswords": statuswords, "counts": counts, "torques_per_mille": torques}

@@ -37,7 +37,9 @@ def build_snapshot(
             position_counts=counts,
             position_rad=scale.to_rad(counts),
             speed_rad_per_s=(
-                scale.to_rad(counts - earlier.counts[joint]) / elapsed_s if elapsed_s > 0.0 else 0.0
+                (counts - earlier.counts[joint]) / scale.counts_per_rad / elapsed_s
+                if elapsed_s > 0.0
+                else 0.0
             ),
             torque_nm=sample.torques_per_mille[joint] * 1e-3 * rated_torques_nm[joint],
             drive=state_of(sample.statuswords[joint]),

@@ -9,9 +9,9 @@ from functools import partial
 import can
 
 from hardware.cia402 import CONTROLWORD_QUICK_STOP
-from hardware.cyclic import Setpoint, Setpoints
+from hardware.cyclic import JointFrames, Setpoint, Setpoints
 from hardware.errors import BusError
-from hardware.objects import COB_RPDO1, CYCLIC_POSITION, joint_node
+from hardware.objects import CYCLIC_POSITION
 from hardware.wire import Wire
 
 
@@ -57,10 +57,12 @@ class StopLine:
         then STOP goes out by the one handle there is, past its lock.
     spare
         Where a frame goes that the handle does not take; it records what was sent.
+    frames
+        Of joints 1..n.
     """
 
-    def __init__(self, bus: can.BusABC | None, spare: Wire) -> None:
-        self._bus, self._spare = bus, spare
+    def __init__(self, bus: can.BusABC | None, spare: Wire, frames: Sequence[JointFrames]) -> None:
+        self._bus, self._spare, self._frames = bus, spare, tuple(frames)
         own = () if bus is None else (partial(bus.send, timeout=0.0),)
         self._ways: tuple[Callable[[can.Message], None], ...] = (*own, spare.send_at_once)
 
@@ -81,14 +83,14 @@ class StopLine:
         """
         failure: Exception | None = None
         sent: list[can.Message] = []
+        frames: list[tuple[int, bytes]] = []
         for at, measured in enumerate(counts):
             target = given[at].target_counts if given else measured
             mode = given[at].mode if given else CYCLIC_POSITION
-            message = can.Message(
-                arbitration_id=COB_RPDO1 + joint_node(at + 1),
-                data=Setpoint(CONTROLWORD_QUICK_STOP, target, mode).pack(),
-                is_extended_id=False,
-            )
+            stop = Setpoint(CONTROLWORD_QUICK_STOP, target, mode)
+            frames += self._frames[at].pack_controlword(stop)
+        for identifier, data in frames:
+            message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
             message.timestamp = time.time()
             for way in self._ways:
                 try:

@@ -16,67 +16,73 @@ from hardware.objects import (
     REFUSAL,
     SLOTS,
     SLOTS_ACTIVE,
-    SUPERVISOR_NODE,
     TOKEN,
     Abort,
     ParameterCommand,
     Slot,
-    joint_node,
 )
+from hardware.profile import BusProfile
 from hardware.sdo import ObjectAccess
 
 
-def read_document(access: ObjectAccess) -> bytes:
-    """The document the controller holds; empty if it holds none."""
+def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
+    """The document the controller holds; empty if it holds none, and for an arm without a supervisor."""
+    if profile.supervisor is None:
+        return b""
     try:
-        return access.read(SUPERVISOR_NODE, DOCUMENT)
+        return access.read(profile.supervisor, DOCUMENT)
     except SdoRefused as refused:
         if refused.code == Abort.NO_DATA:
             return b""
         raise
 
 
-def upload(access: ObjectAccess, document: bytes, *, joints: int) -> UploadReceipt:
+def upload(access: ObjectAccess, document: bytes, profile: BusProfile) -> UploadReceipt:
     """Write a document, have it checked, read it back, and only then make it the active one.
 
     Raises
     ------
     UploadRefused
-        With the controller's words; the document that was active before stays active.
+        With the controller's words; the document that was active before stays active. Or nobody there
+        keeps one.
     ControlDenied
         If the control token is not held.
     """
+    supervisor = profile.supervisor
+    if supervisor is None:
+        raise UploadRefused(
+            f"The arm of the bus profile {profile.name} has no supervisor that keeps parameters. They "
+            "are in parameters.yaml of the session's folder."
+        )
     try:
-        access.write(SUPERVISOR_NODE, DOCUMENT, 0, document)
-        _command(access, ParameterCommand.STAGE)
-        _compare(access, document)
-        _command(access, ParameterCommand.COMMIT)
+        access.write(supervisor, DOCUMENT, 0, document)
+        _command(access, supervisor, ParameterCommand.STAGE)
+        _compare(access, supervisor, document)
+        _command(access, supervisor, ParameterCommand.COMMIT)
     except SdoRefused as refused:
-        raise _in_its_words(access, refused) from refused
-    sha256 = access.read(SUPERVISOR_NODE, DIGEST, DIGEST_SHA256)
-    active = access.read_unsigned(SUPERVISOR_NODE, SLOTS, SLOTS_ACTIVE)
+        raise _in_its_words(access, supervisor, refused) from refused
+    sha256 = access.read(supervisor, DIGEST, DIGEST_SHA256)
+    active = access.read_unsigned(supervisor, SLOTS, SLOTS_ACTIVE)
     return UploadReceipt(
         slot=Slot(active).name,
         sha256=sha256.hex(),
-        length=access.read_unsigned(SUPERVISOR_NODE, DIGEST, DIGEST_LENGTH),
-        home_offset_counts=tuple(
-            access.read_signed(joint_node(j), HOME_OFFSET) for j in range(1, joints + 1)
-        ),
+        length=access.read_unsigned(supervisor, DIGEST, DIGEST_LENGTH),
+        home_offset_counts=tuple(access.read_signed(node, HOME_OFFSET) for node in profile.drives),
     )
 
 
-def _command(access: ObjectAccess, command: ParameterCommand) -> None:
-    access.write_unsigned(SUPERVISOR_NODE, COMMAND, 0, command, 1)
+def _command(access: ObjectAccess, supervisor: int, command: ParameterCommand) -> None:
+    access.write_unsigned(supervisor, COMMAND, 0, command, 1)
 
 
-def _compare(access: ObjectAccess, document: bytes) -> None:
+def _compare(access: ObjectAccess, supervisor: int, document: bytes) -> None:
     """Compare what the controller staged with what was sent, byte for byte and by digest."""
-    held = access.read(SUPERVISOR_NODE, DOCUMENT)
-    sha256 = access.read(SUPERVISOR_NODE, DIGEST, DIGEST_SHA256)
-    length = access.read_unsigned(SUPERVISOR_NODE, DIGEST, DIGEST_LENGTH)
+    held = access.read(supervisor, DOCUMENT)
+    sha256 = access.read(supervisor, DIGEST, DIGEST_SHA256)
+    length = access.read_unsigned(supervisor, DIGEST, DIGEST_LENGTH)
     if held == document and length == len(document) and sha256 == hashlib.sha256(document).digest():
         return
-    _command(access, ParameterCommand.ROLL_BACK)
+    _command(access, supervisor, ParameterCommand.ROLL_BACK)
     at = next((k for k, (a, b) in enumerate(zip(held, document, strict=False)) if a != b), None)
     where = f"{len(held)} bytes came back" if at is None else f"byte {at} differs"
     raise UploadRefused(
@@ -85,15 +91,17 @@ def _compare(access: ObjectAccess, document: bytes) -> None:
     )
 
 
-def _in_its_words(access: ObjectAccess, refused: SdoRefused) -> UploadRefused | ControlDenied:
+def _in_its_words(
+    access: ObjectAccess, supervisor: int, refused: SdoRefused
+) -> UploadRefused | ControlDenied:
     if refused.code == Abort.LOCAL_CONTROL:
-        return ControlDenied(access.read_unsigned(SUPERVISOR_NODE, TOKEN), refusal(access))
-    return UploadRefused(refusal(access) or str(refused))
+        return ControlDenied(access.read_unsigned(supervisor, TOKEN), refusal(access, supervisor))
+    return UploadRefused(refusal(access, supervisor) or str(refused))
 
 
-def refusal(access: ObjectAccess) -> str:
+def refusal(access: ObjectAccess, supervisor: int) -> str:
     """The supervisor's words for what it refused last; empty if it has none."""
     try:
-        return access.read_text(SUPERVISOR_NODE, REFUSAL)
+        return access.read_text(supervisor, REFUSAL)
     except SdoRefused:
         return ""

@@ -114,6 +114,7 @@ def open_arm(
         arm = CanopenArm(
             describe(procedure.arm),
             settings,
+            procedure.profile,
             pace=pace or (Pace.FAST_FORWARD if embedded else Pace.REAL_TIME),
             record_to=record_to,
             timing=_timing(procedure, speed=speed, embedded=embedded),
@@ -174,12 +175,14 @@ def unattended(
 
 
 def _timing(procedure: Procedure, *, speed: float, embedded: bool) -> Timing:
-    timing = Timing()
+    timing, profile = Timing(), procedure.profile
     if embedded:
         timing = Timing(
             speed=speed, heartbeat_timeout_s=EMBEDDED_PATIENCE_S, lost_after_s=EMBEDDED_PATIENCE_S
         )
-    patience = procedure.bus.sdo_timeout_s
+    elif profile.heartbeat_timeout_s is not None:
+        timing = replace(timing, heartbeat_timeout_s=profile.heartbeat_timeout_s)
+    patience = procedure.bus.sdo_timeout_s or profile.sdo_timeout_s
     return timing if patience is None else replace(timing, sdo_timeout_s=patience)
 
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import copy
+import struct
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -48,6 +49,17 @@ def variables(dictionary: ObjectDictionary) -> dict[tuple[int, int], ODVariable]
         subs = {0: item} if isinstance(item, ODVariable) else item.subindices
         found.update({(index, sub): subs[sub] for sub in subs})
     return found
+
+
+def pdo_struct(product: int, index: int) -> struct.Struct:
+    """Layout of a PDO of a device type, as the mapping record at `index` has it."""
+    entries = variables(_parsed(product))
+    form = "<"
+    for sub in range(1, int(entries[index, 0].default or 0) + 1):
+        mapped = int(entries[index, sub].default or 0)
+        kind = entries[mapped >> 16, mapped >> 8 & 0xFF].data_type
+        form += ODVariable.STRUCT_TYPES[int(kind or 0)].format.lstrip("<")
+    return struct.Struct(form)
 
 
 @cache

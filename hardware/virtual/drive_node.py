@@ -1,6 +1,6 @@
 """A joint drive on the bus: frames and objects in and out of a `Drive`. Knows CANopen, and no plant.
 
-TPDO1 and RPDO1 are packed by hand: they are fixed, and they are on the path of every SYNC.
+TPDO1 and RPDO1 are packed by `struct`, as the EDS file maps them: they are on the path of every SYNC.
 """
 
 from __future__ import annotations
@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 from hardware import cia402, objects
-from hardware.objects import RPDO1, TPDO1, EmergencyCode, ErrorBit, NmtState
+from hardware.eds.dictionary import pdo_struct
+from hardware.objects import JOINT_PRODUCT, EmergencyCode, ErrorBit, NmtState
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.drive import Drive
 from hardware.virtual.node import Value, VirtualNode
@@ -18,6 +19,10 @@ _REGISTER: Final = {
     EmergencyCode.EXTERNAL_STOP: ErrorBit.MANUFACTURER,
     EmergencyCode.EXTERNAL_STOP_SECOND: ErrorBit.MANUFACTURER,
 }
+RPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.RPDO1_MAP)
+"""Controlword, target position in counts, mode: acted on as it arrives."""
+TPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.TPDO1_MAP)
+"""Statusword, position in counts, torque in per mille of rated: sent on every SYNC."""
 _HIGHEST_I16: Final = 2**15 - 1
 _HIGHEST_I32: Final = 2**31 - 1
 

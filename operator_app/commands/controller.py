@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="at which SYNC since the controller began (default 1000: 10 s into a session in real time)",
     )
-    bus_options(parser)
+    bus_options(parser, profile=False)
     scenario_options(parser)
 
 

@@ -34,6 +34,8 @@ def execute(args: argparse.Namespace) -> int:
     from hardware.buses import bus_settings, open_bus
     from hardware.monitoring import BusMonitor
     from hardware.wire import Wire
+    from operator_app.config.procedure import DEFAULT_PROFILE
+    from operator_app.config.profile_file import load_profile
     from operator_app.signals import ending_signals_interrupt
 
     if args.seconds is not None and not 0.0 < args.seconds <= 1e7:
@@ -43,7 +45,8 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(
             "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"
         )
-    wire, seen = Wire(open_bus(settings), record_to=args.record), BusMonitor()
+    seen = BusMonitor(load_profile(args.profile or DEFAULT_PROFILE))
+    wire = Wire(open_bus(settings), record_to=args.record)
     begun = time.monotonic()
     try:
         with ending_signals_interrupt():

@@ -98,14 +98,21 @@ def plan_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def bus_options(parser: argparse.ArgumentParser) -> None:
-    """python-can's own names: ``-i -c -b``."""
+def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> None:
+    """python-can's own names: ``-i -c -b``; and which nodes are expected there."""
     group = parser.add_argument_group("bus (python-can's names; also CAN_INTERFACE and can.conf)")
     group.add_argument(
         "-i", "--interface", help="virtual (default, embedded controller), loopback, socketcan, ..."
     )
     group.add_argument("-c", "--channel", help="e.g. can0, vcan0; for loopback any name")
     group.add_argument("-b", "--bitrate", type=int, help="bit/s, e.g. 1000000")
+    if profile:
+        group.add_argument(
+            "--profile",
+            metavar="P",
+            help="how the arm's nodes are set up: bus profile file or built-in name (default sarcos, or "
+            "what the procedure says); sarcal probe --draft writes one",
+        )
 
 
 def scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -150,6 +157,7 @@ def choices_from(args: argparse.Namespace) -> Choices:
         interface=args.interface,
         channel=args.channel,
         bitrate=args.bitrate,
+        profile=getattr(args, "profile", None),
         scenario=args.scenario,
         seed=args.seed,
     )

@@ -21,6 +21,8 @@ def execute(args: argparse.Namespace) -> int:
     """Look, and report; exit 3 where nobody answers or something differs."""
     from hardware.buses import bus_settings
     from hardware.probing import probe
+    from operator_app.config.procedure import DEFAULT_PROFILE
+    from operator_app.config.profile_file import load_profile
     from operator_app.report.text import aligned
 
     settings = bus_settings(args.interface, args.channel, args.bitrate)
@@ -28,7 +30,7 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(
             "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"
         )
-    found = probe(settings)
+    found = probe(settings, load_profile(args.profile or DEFAULT_PROFILE))
     problems = [problem for node in found.nodes for problem in node.problems]
     fine = bool(found.nodes) and not problems
     if args.json:

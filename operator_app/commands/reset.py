@@ -55,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
             )
         rig.arm.connect()
         before = rig.arm.snapshot()
-        known = {fault.node: f"{fault.text} ({fault.code:04X}h)" for fault in before.faults}
+        known = {fault.joint: f"{fault.text} ({fault.code:04X}h)" for fault in before.faults}
         stopped = {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE, DriveState.QUICK_STOP_ACTIVE}
         found = {
             joint.joint: known.get(joint.joint, drive_words(joint.drive))
@@ -106,10 +106,14 @@ def _opening(args: argparse.Namespace) -> Opening:
     from dataclasses import replace
 
     from operator_app.config.arm_file import load_arm
+    from operator_app.config.procedure import DEFAULT_PROFILE
+    from operator_app.config.profile_file import load_profile
     from operator_app.session.opening import begin, resume
 
     choices = choices_from(args)
     if args.session is not None:
         return resume(args.session, choices, root=args.sessions)
-    opening = begin("hinge", choices, root=args.sessions)
-    return replace(opening, procedure=replace(opening.procedure, arm=load_arm(args.arm)))
+    arm = load_arm(args.arm)
+    profile = load_profile(args.profile or DEFAULT_PROFILE, joints=arm.joint_count)
+    opening = begin("hinge", replace(choices, profile=None), root=args.sessions)
+    return replace(opening, procedure=replace(opening.procedure, arm=arm, profile=profile))

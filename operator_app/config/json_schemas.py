@@ -14,18 +14,22 @@ from operator_app.config.arm_file import ArmFile
 from operator_app.config.fixture_models import MODELS
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.procedure import ProcedureFile
+from operator_app.config.profile import ProfileFile
 from operator_app.config.schema import StrictModel, StrictRecord, adapter
 
 FILES: dict[str, tuple[type[StrictModel | StrictRecord], ...]] = {
     "arm": (ArmFile,),
     "fixture": tuple(MODELS.values()),
     "procedure": (ProcedureFile,),
+    "profile": (ProfileFile,),
     "parameters": (ParametersDocument,),
 }
 """Models of the whole file of each kind."""
 
 
-def json_schema(kind: Literal["arm", "fixture", "procedure", "parameters"]) -> dict[str, Any]:
+def json_schema(
+    kind: Literal["arm", "fixture", "procedure", "profile", "parameters"],
+) -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a kind of file, with its ``schema`` line."""
     line = {"const": f"sarcal/{kind}/1", "description": "The first line of the file."}
     models: list[tuple[Any, Literal["validation"], TypeAdapter[Any]]] = [

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
+from hardware.profile import BusProfile
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.quantities import (
     AngleDeg,
@@ -30,6 +31,8 @@ from operator_app.config.resources import Resource
 from operator_app.config.schema import StrictRecord
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
+
+DEFAULT_PROFILE = "sarcos"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,13 +63,15 @@ class AcceptanceLimits(StrictRecord):
 class ProcedureBus(StrictRecord):
     """Which bus, in python-can's words; None leaves it to python-can's own configuration.
 
-    `sdo_timeout_s` is how long a node may take to answer an object access.
+    `sdo_timeout_s` is how long a node may take to answer an object access; `profile` names the bus
+    profile, by built-in name or path.
     """
 
     interface: Text
     channel: Text | None = None
     bitrate: Annotated[int, Field(strict=True, ge=10_000, le=8_000_000)] | None = None
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
+    profile: Text = DEFAULT_PROFILE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -213,7 +218,7 @@ class ProcedureFile(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Procedure:
-    """A procedure with the arm and the fixture it names.
+    """A procedure with the arm, the fixture and the bus profile it names.
 
     Attributes
     ----------
@@ -221,8 +226,10 @@ class Procedure:
         What the operator calls it.
     arm, fixture
         As read from their files.
+    profile
+        How the arm's nodes are set up on the bus.
     sources
-        The three files as found (procedure, arm, fixture), for the session's snapshot.
+        The four files as found (procedure, arm, fixture, profile), for the session's snapshot.
     position_joints
         Joints (1-based) in position mode; None: chosen automatically.
     trial
@@ -240,7 +247,8 @@ class Procedure:
     name: str
     arm: ArmModel
     fixture: FixtureSpec
-    sources: tuple[Resource, Resource, Resource]
+    profile: BusProfile
+    sources: tuple[Resource, Resource, Resource, Resource]
     bus: ProcedureBus
     position_joints: tuple[int, ...] | None
     unsensed_joints: tuple[int, ...]

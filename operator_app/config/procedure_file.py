@@ -1,8 +1,9 @@
-"""The procedure file (``sarcal/procedure/1``): read with the arm and the fixture it names. Knows no bus."""
+"""The procedure file (``sarcal/procedure/1``), read with the files it names. Knows no bus."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -11,9 +12,11 @@ from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import parse_fixture
 from operator_app.config.procedure import Procedure, ProcedureFile
 from operator_app.config.procedure_checks import check_joints, check_requested
+from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.config.schema import check_model
 from operator_app.config.strict_yaml import load_strict
+from operator_app.config.yaml_document import Path as KeyPath
 from operator_app.config.yaml_document import YamlDocument
 
 T = TypeVar("T")
@@ -22,15 +25,15 @@ T = TypeVar("T")
 def parse_procedure(
     source: Resource, *, snapshot: Mapping[Kind, Resource] | None = None
 ) -> Procedure:
-    """Read a procedure and the arm and fixture it names.
+    """Read a procedure and the arm, the fixture and the bus profile it names.
 
-    Names are built-in names or paths; relative paths start from the procedure's own folder. With a
-    `snapshot` the arm and fixture in it are taken instead, whatever the procedure names.
+    Names are built-in names or paths; relative paths start from the procedure's own folder. The files in
+    a `snapshot` are taken instead, whatever the procedure names.
 
     Raises
     ------
     ConfigError
-        With all that is wrong in any of the three files.
+        With all that is wrong in any of the four files.
     """
     document = load_strict(source.data, source.file)
     found = check_model(ProcedureFile, document, kind="procedure")
@@ -38,17 +41,28 @@ def parse_procedure(
     known = snapshot or {}
     arm = _referred("arm", document, source, known, parse=parse_arm, problems=problems)
     fixture = _referred("fixture", document, source, known, parse=parse_fixture, problems=problems)
+    profile = _referred(
+        "profile",
+        document,
+        source,
+        known,
+        parse=partial(parse_profile, joints=None if arm is None else arm[1].joint_count),
+        problems=problems,
+        at=("bus", "profile"),
+        name=found.bus.profile,
+    )
     problems += check_joints(found, None if arm is None else arm[1], document)
     if not problems and arm is not None and fixture is not None:
         loop = fixture[1].fixture.model(arm[1], unsensed_joints=found.unsensed_joints)
         problems += check_requested(found, loop.parameters, document)
-    if problems or arm is None or fixture is None:
+    if problems or arm is None or fixture is None or profile is None:
         raise ConfigError(problems)
     return Procedure(
         name=found.name,
         arm=arm[1],
         fixture=fixture[1],
-        sources=(source, arm[0], fixture[0]),
+        profile=profile[1],
+        sources=(source, arm[0], fixture[0], profile[0]),
         bus=found.bus,
         position_joints=found.chosen_modes.listed or None,
         trial=found.chosen_modes.trial,
@@ -73,14 +87,20 @@ def _referred(
     *,
     parse: Callable[[bytes, str], T],
     problems: list[Problem],
+    at: KeyPath = (),
+    name: str = "",
 ) -> tuple[Resource, T] | None:
-    """File that the procedure names under the key `kind`; what is wrong with it goes to `problems`."""
+    """File that the procedure names, under the key `kind` unless told otherwise.
+
+    What is wrong with it goes to `problems`.
+    """
     try:
-        found = known.get(kind) or resolve(kind, str(document.data[kind]), folder=source.folder)
+        named = name or str(document.data[kind])
+        found = known.get(kind) or resolve(kind, named, folder=source.folder)
     except ConfigError as error:
         # The reference is what is wrong: say where it stands.
         problems += (
-            document.problem((kind,), f"{p.file} {p.text}", p.remedy) for p in error.problems
+            document.problem(at or (kind,), f"{p.file} {p.text}", p.remedy) for p in error.problems
         )
         return None
     try:

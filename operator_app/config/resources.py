@@ -17,7 +17,9 @@ from typing import Literal
 
 from operator_app.config.errors import ConfigError, Problem
 
-Kind = Literal["arm", "fixture", "procedure"]
+Kind = Literal["arm", "fixture", "procedure", "profile"]
+
+WORDS = {kind: kind for kind in ("arm", "fixture", "procedure")} | {"profile": "bus profile"}
 
 YAML_LIMIT_BYTES = 256 * 1024
 """Far above any file of ours (the largest is some 10 kB); a larger one is the wrong file."""
@@ -79,7 +81,7 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         hint = f"did you mean {near[0]}? " if near else ""
         problem = Problem(
             file=text,
-            text=f"is neither a built-in {kind} nor a file",
+            text=f"is neither a built-in {WORDS[kind]} nor a file",
             remedy=f"{hint}built-in: {', '.join(names)}; or give a path",
         )
         raise ConfigError((problem,))

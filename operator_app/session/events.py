@@ -224,6 +224,7 @@ SETTINGS = fields(
     interface_0=nothing_or(text),
     channel_0=nothing_or(text),
     bitrate_0=nothing_or(COUNT),
+    profile_0=nothing_or(text),
     scenario_0=nothing_or(one_of(*SCENARIOS)),
     seed_0=nothing_or(whole(0)),
     verifies_0=text,

@@ -15,6 +15,7 @@ from typing import Any
 from hardware.arm import Arm
 from operator_app.config.procedure import CapturePlan, Procedure
 from operator_app.config.procedure_file import parse_procedure
+from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.errors import SessionError
 from operator_app.planning.task import require_closed_chain
@@ -25,8 +26,10 @@ from operator_app.session.session import Session
 from operator_app.session.state import session_state
 from solver.estimators.estimate import require_enough_poses
 
-KINDS: tuple[Kind, Kind, Kind] = ("procedure", "arm", "fixture")
+KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Order of `Procedure.sources`."""
+LATER: frozenset[Kind] = frozenset({"profile"})
+"""Kinds that journals of earlier versions do not have: what the procedure names is what it was then."""
 
 MOST_POSES = 100_000
 """As in a procedure file."""
@@ -39,8 +42,8 @@ PLANNED_POSES = 12
 class Choices:
     """What the operator chose beside the procedure file; None leaves it as the file says.
 
-    `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` name the bus;
-    `scenario` and `seed` the virtual arm.
+    `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` name the bus, `profile` how
+    the arm is set up on it; `scenario` and `seed` the virtual arm.
     """
 
     poses: int | None = None
@@ -52,6 +55,7 @@ class Choices:
     interface: str | None = None
     channel: str | None = None
     bitrate: int | None = None
+    profile: str | None = None
     scenario: str | None = None
     seed: int | None = None
 
@@ -138,7 +142,10 @@ def remove_if_empty(session: Session) -> bool:
 
 def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:
     """Open a new session of a procedure, by built-in name or path; raises ConfigError."""
-    procedure = parse_procedure(resolve("procedure", reference))
+    chosen: dict[Kind, Resource] = {}
+    if choices.profile is not None:
+        chosen["profile"] = resolve("profile", choices.profile)
+    procedure = parse_procedure(resolve("procedure", reference), snapshot=chosen)
     sources: dict[str, str] = {
         kind: source.data.decode() for kind, source in zip(KINDS, procedure.sources, strict=True)
     }
@@ -162,7 +169,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
             f"{folder} holds poses that verify {state.settings['verifies']}",
             "name that session instead; its poses alone are its calibration",
         )
-    if set(KINDS) - set(state.sources):
+    if set(KINDS) - LATER - set(state.sources):
         raise SessionError(
             f"the journal of {folder} does not say which procedure it follows",
             "start a new session; its poses can be solved with `sarcal solve`",
@@ -170,10 +177,12 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
     found = {
         kind: Resource(file=f"{folder}: {kind}", folder=None, data=state.sources[kind].encode())
         for kind in KINDS
+        if kind in state.sources
     }
     procedure = parse_procedure(found["procedure"], snapshot=found)
     # Now that it is known how many joints the arm has.
     session_state(contents, joint_count=procedure.arm.joint_count)
+    _require_profile(procedure, choices)
     earlier: dict[str, Any] = {
         k: tuple(v) if isinstance(v, list) else v for k, v in state.settings.items()
     }
@@ -195,6 +204,20 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         choices=merged,
         sources=state.sources,
     )
+
+
+def _require_profile(procedure: Procedure, choices: Choices) -> None:
+    """Refuse another bus profile than the session's: its poses were counted by that."""
+    if choices.profile is None:
+        return
+    asked = resolve("profile", choices.profile)
+    found = parse_profile(asked.data, asked.file, joints=procedure.arm.joint_count)
+    if found != procedure.profile:
+        raise SessionError(
+            f"this session is of an arm with the bus profile {procedure.profile.name} as it was when the "
+            f"session began, and {asked.file} is not that",
+            "leave --profile out, or start a new session",
+        )
 
 
 def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:

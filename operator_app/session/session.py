@@ -147,7 +147,7 @@ class Session:
         if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
             return ()
         self.arm.reset_stop()
-        joints = tuple(sorted({f.node for f in faults}))
+        joints = tuple(sorted({f.joint for f in faults if f.joint is not None}))
         self.record("reset", {"joints": list(joints), "code": int(EmergencyCode.HEARTBEAT_LOST)})
         return joints
 

@@ -25,6 +25,7 @@ from hardware.buses import BusSettings, open_bus
 from hardware.canopen_arm import CanopenArm
 from hardware.control_loop import Pace
 from hardware.errors import Stopped
+from oracles.profiles import sarcos
 from tests.contracts.test_arm_contract import MODEL, TWO_DRIVEN, controller_on, describe
 
 DOCUMENT = b"11 -22 33 -44 55 -6 7".ljust(4000)
@@ -111,7 +112,7 @@ def stop_ms(settings: BusSettings, arm: CanopenArm) -> tuple[float, float]:
 
 def measure(settings: BusSettings, pace: Pace) -> None:
     """Run all measurements and print them."""
-    arm = CanopenArm(describe(MODEL), settings, pace=pace)
+    arm = CanopenArm(describe(MODEL), settings, sarcos(), pace=pace)
     arm.connect()
     try:
         arm.take_control()

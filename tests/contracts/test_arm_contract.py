@@ -41,6 +41,7 @@ from hardware.virtual.parameters import ValidatedParameters
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.config.arm_file import load_arm
+from oracles.profiles import sarcos
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
 from tests.contracts.transports import TRANSPORTS
@@ -126,7 +127,7 @@ def controller(settings: BusSettings) -> Iterator[VirtualController]:
 
 @pytest.fixture
 def arm(controller: VirtualController, settings: BusSettings) -> Iterator[CanopenArm]:
-    made = CanopenArm(describe(MODEL), settings, pace=Pace.FAST_FORWARD)
+    made = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
     made.connect()
     yield made
     made.close()
@@ -142,7 +143,7 @@ def driven(arm: CanopenArm) -> CanopenArm:
 def run_a_little(settings: BusSettings) -> tuple[int, list[float], list[float]]:
     """A short session from scratch: SYNCs taken, and what was read."""
     with controller_on(settings):
-        arm = CanopenArm(describe(MODEL), settings, pace=Pace.FAST_FORWARD)
+        arm = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
         arm.connect()
         arm.take_control()
         arm.set_modes(TWO_DRIVEN)
@@ -270,7 +271,7 @@ def test_a_controller_without_parameters_has_none(arm: CanopenArm) -> None:
 
 
 def test_two_operators_exclude_each_other(driven: CanopenArm, settings: BusSettings) -> None:
-    second = CanopenArm(describe(MODEL), settings, pace=Pace.FAST_FORWARD)
+    second = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
     with pytest.raises(ControlDenied):
         second.connect()
     assert driven.snapshot().token == 127
@@ -283,7 +284,7 @@ def test_closing_leaves_the_arm_held_and_free_to_take(
     before = driven.capture(10).mean_rad
     driven.close()
     driven.close()
-    again = CanopenArm(describe(MODEL), settings, pace=Pace.FAST_FORWARD)
+    again = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
     again.connect()
     try:
         assert again.snapshot().token == 0
@@ -295,7 +296,7 @@ def test_closing_leaves_the_arm_held_and_free_to_take(
 
 
 def test_real_time_keeps_the_period(controller: VirtualController, settings: BusSettings) -> None:
-    arm = CanopenArm(describe(MODEL), settings, pace=Pace.REAL_TIME)
+    arm = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.REAL_TIME)
     observer = open_bus(settings)
     try:
         arm.connect()
@@ -384,7 +385,7 @@ def test_two_controllers_on_one_bus_are_named(
     controller: VirtualController, settings: BusSettings
 ) -> None:
     with controller_on(settings):
-        arm = CanopenArm(describe(MODEL), settings, pace=Pace.FAST_FORWARD)
+        arm = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
         with pytest.raises(TwoDevices, match="two devices answer as node"):
             arm.connect()
 

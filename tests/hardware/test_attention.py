@@ -12,6 +12,7 @@ from hardware.attention import LONGEST_LOOK_S, Attention
 from hardware.control_loop import ControlLoop, Pace, Timing
 from hardware.errors import BusError
 from hardware.objects import COB_HEARTBEAT, NmtState
+from oracles.profiles import sarcos
 
 JOINTS = 2
 NODES = (1, 2, 16)
@@ -60,7 +61,7 @@ def bus() -> Bus:
 def loop(bus: Bus) -> ControlLoop:
     made = ControlLoop(
         bus,
-        joints=JOINTS,
+        profile=sarcos(JOINTS),
         pace=Pace.REAL_TIME,
         on_sdo=lambda *_: None,
         allow=lambda *_: None,

@@ -40,6 +40,7 @@ from hardware.errors import (
     WrongArm,
 )
 from hardware.tasks import Steps, Task
+from oracles.profiles import sarcos
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus
 
 PER_RAD = COUNTS_PER_REV / (2 * math.pi)
@@ -76,6 +77,7 @@ def make(
     return CanopenArm(
         description or describe(),
         BusSettings(channel="fake"),
+        options.pop("profile", sarcos()),
         openers=BusOpeners(main=lambda _settings: bus, stop=lambda _settings: bus.stop_handle()),
         **options,
     )

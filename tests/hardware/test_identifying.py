@@ -15,6 +15,7 @@ from hardware.description import (
 )
 from hardware.errors import WrongArm
 from hardware.identifying import check_arm
+from oracles.profiles import sarcos
 
 Objects = dict[tuple[int, int, int], int | str]
 
@@ -76,7 +77,7 @@ DESCRIPTION = ArmDescription(
 def check(objects: Objects, model: str = "two joints") -> None:
     identity = ArmIdentity(model=model, serial_number="X", nodes=())
     access = FakeAccess(objects)
-    check_arm(access, identity, DESCRIPTION, period_s=0.01)  # type: ignore[arg-type]
+    check_arm(access, identity, DESCRIPTION, sarcos(2), period_s=0.01)  # type: ignore[arg-type]
 
 
 def test_the_arm_described_is_accepted(objects: Objects) -> None:

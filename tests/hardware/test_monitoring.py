@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 
 from hardware.monitoring import BusMonitor
+from oracles.profiles import sarcos
 
 
 def said(monitor: BusMonitor, identifier: int, data: bytes, now_s: float = 0.0) -> list[str]:
@@ -12,7 +13,7 @@ def said(monitor: BusMonitor, identifier: int, data: bytes, now_s: float = 0.0) 
 
 
 def test_a_node_boots_works_falls_silent_and_is_back() -> None:
-    monitor = BusMonitor()
+    monitor = BusMonitor(sarcos())
     assert said(monitor, 0x703, b"\x00", 0.0) == ["joint 3: has booted"]
     assert said(monitor, 0x703, b"\x7f", 0.1) == ["joint 3: pre-operational"]
     assert said(monitor, 0x703, b"\x05", 0.2) == ["joint 3: operational"]
@@ -24,7 +25,7 @@ def test_a_node_boots_works_falls_silent_and_is_back() -> None:
 
 
 def test_emergencies_commands_and_writes_are_named() -> None:
-    monitor = BusMonitor()
+    monitor = BusMonitor(sarcos())
     assert said(monitor, 0x084, struct.pack("<HB5x", 0x8311, 0x21)) == [
         "joint 4: excess torque (8311h)"
     ]
@@ -44,7 +45,7 @@ def test_emergencies_commands_and_writes_are_named() -> None:
 
 
 def test_drives_and_positions_are_summed_up() -> None:
-    monitor = BusMonitor()
+    monitor = BusMonitor(sarcos())
     said(monitor, 0x080, b"")
     assert said(monitor, 0x181, struct.pack("<Hih", 0x0227, -5, 0)) == [
         "joint 1: drive operation enabled"
@@ -58,7 +59,7 @@ def test_drives_and_positions_are_summed_up() -> None:
 
 
 def test_frames_of_others_are_counted_and_nothing_else() -> None:
-    monitor = BusMonitor()
+    monitor = BusMonitor(sarcos())
     for identifier, data in ((0x7EE, b"babble"), (0x181, b"short"), (0x201, b""), (0x580, b"")):
         assert said(monitor, identifier, data) == []
     assert monitor.summary()["frames"] == 4

@@ -9,6 +9,7 @@ import pytest
 
 from hardware.buses import BusSettings
 from hardware.probing import Probe, probe
+from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
 
 
@@ -28,7 +29,7 @@ def bus() -> Iterator[FakeArmBus]:
 
 
 def look(bus: FakeArmBus) -> Probe:
-    return probe(BusSettings(channel="fake"), opener=lambda _: bus, listen_s=0.3)
+    return probe(BusSettings(channel="fake"), sarcos(), opener=lambda _: bus, listen_s=0.3)
 
 
 def test_every_node_is_found_with_its_name_and_where_it_stands(bus: FakeArmBus) -> None:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from hardware.cyclic import TPDO1
+import struct
+
+from hardware.cyclic import frames_of
 from hardware.sampling import Sampler
+from oracles.profiles import sarcos
 
 PATIENCE = 3
-ANSWER = TPDO1.pack(0x1237, 1000, 50)
+ANSWER = struct.pack("<Hih", 0x1237, 1000, 50)
 
 
 def answered(sampler: Sampler, joint: int, now_s: float) -> None:
-    sampler.note(joint, ANSWER, now_s)
+    assert sampler.note(0x180 + joint, ANSWER, now_s)
 
 
 def test_a_lost_joint_comes_back_with_an_answer_after_its_sample_was_closed() -> None:
-    sampler = Sampler(2, patience=PATIENCE, now_s=0.0)
+    sampler = Sampler(frames_of(sarcos(2)), patience=PATIENCE, now_s=0.0)
     for _ in range(PATIENCE):
         sampler.open()
         sampler.close()

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 import can
 import pytest
 
-from hardware.cyclic import Setpoint
+from hardware.cyclic import Setpoint, frames_of
 from hardware.errors import BusError
 from hardware.stop_line import StopLatch, StopLine
 from hardware.wire import Wire
+from oracles.profiles import sarcos
 
 COUNTS = (11, -22, 33)
 ALL = [0x201, 0x202, 0x203]
@@ -48,7 +49,7 @@ def spare() -> FakeBus:
 
 
 def line(own: FakeBus, spare: FakeBus) -> StopLine:
-    return StopLine(own, Wire(spare))
+    return StopLine(own, Wire(spare), frames_of(sarcos(3)))
 
 
 def test_every_drive_gets_quick_stop_with_the_target_and_mode_it_had(

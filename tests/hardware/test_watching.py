@@ -24,6 +24,7 @@ from hardware.errors import (
     SensorFault,
     TwoDevices,
 )
+from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.test_canopen_arm import TWO_DRIVEN, capture_for_ever, describe, make
 
@@ -263,6 +264,7 @@ def test_an_adapter_that_opens_once_connects_and_stops(bus: FakeArmBus) -> None:
     arm = CanopenArm(
         describe(),
         BusSettings(channel="fake"),
+        sarcos(),
         pace=Pace.FAST_FORWARD,
         openers=BusOpeners(main=lambda _: bus, stop=only_once),
     )

@@ -29,6 +29,7 @@ from operator_app.session.wording import EXPECTED
 from operator_app.session.workflow import connect, take_poses
 from oracles.loop_oracle import paper_truth, product
 from oracles.opened import opened
+from oracles.profiles import sarcos
 
 CLOSES = 3e-4
 """Largest element of the loop's error, rad and m: 400,000-count encoders round to 8e-6 rad each."""
@@ -82,6 +83,7 @@ def session_with(kind: str, folder: Path, *, joint: int, at_sync: int, poses: in
         arm = CanopenArm(
             describe(procedure.arm),
             settings,
+            sarcos(),
             pace=Pace.FAST_FORWARD,
             timing=Timing(
                 heartbeat_timeout_s=PATIENCE_S,

@@ -101,7 +101,9 @@ class LiveArm(PlantArm):
     def trip(self, joint: int) -> None:
         """One drive faults; all are off then."""
         self._faults = (
-            Fault(node=joint, code=0x8311, text="torque limit", sync_count=self._syncs),
+            Fault(
+                node=joint, joint=joint, code=0x8311, text="torque limit", sync_count=self._syncs
+            ),
         )
         self._drives = DriveState.FAULT
 

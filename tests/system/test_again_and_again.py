@@ -60,6 +60,7 @@ class Bench:
         arm = CanopenArm(
             describe(opening.procedure.arm),
             self.settings,
+            opening.procedure.profile,
             pace=Pace.FAST_FORWARD,
             timing=Timing(heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S),
         )

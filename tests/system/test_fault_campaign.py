@@ -27,6 +27,7 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.session.opening import Choices
 from oracles.fault_session import PATIENCE_S, loop_error, session_with
 from oracles.parameter_documents import VALUES, make_document
+from oracles.profiles import sarcos
 
 BEFORE, FIRST_SYNCS, IN_CAPTURE = 0, 30, (450, 640, 700)
 """When it happens: before anybody connects, as the drives are enabled, and among the poses."""
@@ -141,6 +142,7 @@ def uploading(kind: str, joint: int = 4) -> Iterator[tuple[CanopenArm, bytes]]:
         arm = CanopenArm(
             describe(arm_file),
             settings,
+            sarcos(),
             pace=Pace.FAST_FORWARD,
             timing=Timing(
                 heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S, sdo_timeout_s=5.0

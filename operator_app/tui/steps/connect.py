@@ -61,9 +61,8 @@ class NodesPanel(Lines):
 
 def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
     beat = None if s.arm is None else s.arm.heartbeat_age_s.get(node.node)
-    joint = None
-    if s.arm is not None and 1 <= node.node <= len(s.arm.joints):
-        joint = s.arm.joints[node.node - 1]
+    joints = () if s.arm is None else s.arm.joints
+    joint = next((j for j in joints if node.role == f"joint {j.joint}"), None)
     heartbeat = "     —" if beat is None else f"{DATA_AGE(beat).with_unit:>7}"
     age = "     —" if joint is None else f"{DATA_AGE(joint.age_s).with_unit:>7}"
     device = f"{node.device_name[:26]:<26} " if wide else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import configparser
 import os
 import shutil
+import struct
 import subprocess
 import sys
 import sysconfig
@@ -16,8 +17,12 @@ from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware import objects
 from hardware.eds.dictionary import EDS_FILES, node_dictionary, product_dictionary, variables
+from hardware.profile import Pdo
+from hardware.virtual.drive_node import RPDO1, TPDO1
+from oracles.profiles import sarcos
 
 NODE = 3
+OWN = sarcos().joints[NODE - 1]
 BY_FILE = pytest.mark.parametrize(
     ("product", "file"), EDS_FILES.items(), ids=[path.name for path in EDS_FILES.values()]
 )
@@ -239,23 +244,27 @@ def test_every_section_is_listed_once_where_it_belongs(product: int, file: Path)
 
 
 @pytest.mark.parametrize(
-    ("mapping", "layout", "index"),
+    ("pdo", "communication", "index", "layout"),
     [
-        (objects.TPDO1_MAPPING, objects.TPDO1, objects.TPDO1_MAP),
-        (objects.RPDO1_MAPPING, objects.RPDO1, objects.RPDO1_MAP),
+        (OWN.answers[0], objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, TPDO1),
+        (OWN.commands[0], objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, RPDO1),
     ],
 )
-def test_pdo_layout_matches_the_mapped_objects(mapping, layout, index) -> None:  # type: ignore[no-untyped-def]
+def test_the_packaged_profile_is_what_our_drives_are(
+    pdo: Pdo, communication: int, index: int, layout: struct.Struct
+) -> None:
+    """Operator's side and device's side are stated apart, and agree."""
     entries = variables(node_dictionary(NODE))
-    signed = {datatypes.INTEGER8: "b", datatypes.INTEGER16: "h", datatypes.INTEGER32: "i"}
+    signed = {datatypes.INTEGER8: "b", datatypes.INTEGER16: "h", datatypes.INTEGER32: "l"}
     codes = signed | {
         datatypes.UNSIGNED8: "B",
         datatypes.UNSIGNED16: "H",
-        datatypes.UNSIGNED32: "I",
+        datatypes.UNSIGNED32: "L",
     }
-    assert layout.size * 8 == sum(bits for _, _, bits in mapping)
-    assert entries[index, 0].default == len(mapping)
-    for number, (object_index, sub, bits) in enumerate(mapping, start=1):
+    assert entries[communication, 1].default & 0x7FF == pdo.cob_id
+    assert layout.size * 8 == sum(bits for _, _, bits in pdo.entries)
+    assert entries[index, 0].default == len(pdo.entries)
+    for number, (object_index, sub, bits) in enumerate(pdo.entries, start=1):
         mapped = entries[object_index, sub]
         assert len(mapped) == bits
         assert mapped.pdo_mappable

@@ -54,6 +54,7 @@ def test_hinge_procedure() -> None:
         "packaged:hinge.yaml",
         "packaged:sarcos_dextrous.yaml",
         "packaged:hinge.yaml",
+        "packaged:sarcos.yaml",
     ]
 
 

@@ -1,0 +1,78 @@
+"""Which PDOs a drive uses, and in which objects it describes itself, read by SDO. Changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from hardware.errors import SdoRefused
+from hardware.mapping import IDENTIFIER, NOT_VALID, read_map, read_number
+from hardware.objects import (
+    CONTROL_PERIOD,
+    ENCODER_RESOLUTION,
+    POSITION_LIMITS,
+    RPDO1_COMMUNICATION,
+    RPDO1_MAP,
+    SENSOR,
+    TPDO1_COMMUNICATION,
+    TPDO1_MAP,
+)
+from hardware.profile import Entry
+from hardware.sdo import ObjectAccess
+
+DESCRIBING: Final = (POSITION_LIMITS, ENCODER_RESOLUTION, CONTROL_PERIOD, SENSOR)
+"""What can be compared with an arm file."""
+MOST_PDOS: Final = 16
+"""Looked at of each kind; drives have four, some eight."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundPdo:
+    """A PDO in use: `sent` by the drive or taken by it, its number, identifier, type and map."""
+
+    sent: bool
+    number: int
+    cob_id: int
+    transmission: int
+    entries: tuple[Entry, ...]
+
+    @property
+    def name(self) -> str:
+        """``TPDO1``, ``RPDO3``."""
+        return f"{'T' if self.sent else 'R'}PDO{self.number}"
+
+
+def read_pdos(access: ObjectAccess, node: int) -> tuple[FoundPdo, ...]:
+    """Read the PDOs of a drive that are in use, those it takes first."""
+    return (*_pdos(access, node, sent=False), *_pdos(access, node, sent=True))
+
+
+def read_described(access: ObjectAccess, node: int) -> tuple[int, ...]:
+    """Which of the objects that can be compared with an arm file a drive has."""
+    found = []
+    for index in DESCRIBING:
+        try:
+            access.read(node, index, 1)
+        except SdoRefused:
+            continue
+        found.append(index)
+    return tuple(found)
+
+
+def _pdos(access: ObjectAccess, node: int, *, sent: bool) -> Iterator[FoundPdo]:
+    communication, mapping = (
+        (TPDO1_COMMUNICATION, TPDO1_MAP) if sent else (RPDO1_COMMUNICATION, RPDO1_MAP)
+    )
+    for at in range(MOST_PDOS):
+        cob_id = read_number(access, node, communication + at, 1)
+        if cob_id is None or cob_id & NOT_VALID:
+            continue
+        transmission = read_number(access, node, communication + at, 2)
+        yield FoundPdo(
+            sent=sent,
+            number=at + 1,
+            cob_id=cob_id & IDENTIFIER,
+            transmission=255 if transmission is None else transmission,
+            entries=read_map(access, node, mapping + at) or (),
+        )

@@ -1,0 +1,180 @@
+"""A bus profile (``sarcal/profile/1``): how an arm's nodes are set up. Knows no YAML and no bus.
+
+`ProfileFile` is what the file holds; `ProfileFile.for_joints` what the hardware works with.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, StringConstraints, WithJsonSchema
+
+from hardware.arm import JointMode
+from hardware.objects import (
+    CYCLIC_POSITION,
+    CYCLIC_TORQUE,
+    DEVICE_TYPE_MASK,
+    DRIVE_DEVICE_TYPE,
+    MAX_JOINTS,
+    OPERATOR_NODE,
+)
+from hardware.profile import SLOWEST_HEARTBEAT_MS, BusProfile, Entry, JointProfile, Pdo
+from operator_app.config.quantities import Count, Integer, Name, PositiveNumber, Text, refuse
+from operator_app.config.schema import StrictRecord
+
+_ENTRY = r"([0-9A-Fa-f]{4})h(?: sub (\d{1,3}))?\((\d{1,2})\)"
+_COB_ID = r"([0-9A-Fa-f]{1,3})h( \+ node)?"
+_HEXADECIMAL = r"([0-9A-Fa-f]{1,8})h"
+
+
+def _form(
+    pattern: str, what: str, example: str
+) -> tuple[StringConstraints, object, WithJsonSchema]:
+    """Text of a form, refused in words."""
+
+    def check(text: str) -> str:
+        if not re.fullmatch(pattern, text):
+            raise refuse(f"{text[:40]!r} is no {what}", f"write e.g. {example}")
+        return text
+
+    return (
+        StringConstraints(strict=True),
+        AfterValidator(check),
+        WithJsonSchema({"type": "string", "pattern": f"^{pattern}$"}),
+    )
+
+
+MappedObject = Annotated[str, *_form(_ENTRY, "mapped object", "6064h(32) or 2011h sub 3(16)")]
+CobId = Annotated[str, *_form(_COB_ID, "identifier", "180h + node, or 1A3h")]
+Hexadecimal = Annotated[str, *_form(_HEXADECIMAL, "hexadecimal number", "00020192h")]
+NodeNumber = Annotated[int, Field(strict=True, ge=1, le=OPERATOR_NODE - 1)]
+ModeCode = Annotated[int, Field(strict=True, ge=-128, le=127)]
+
+
+def hexadecimal(text: str) -> int:
+    """Read ``00020192h``."""
+    return int(text.removesuffix("h"), 16)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PdoSpec(StrictRecord):
+    """One PDO: its number, its identifier (``180h + node``), and what it carries (``6064h(32)``)."""
+
+    pdo: Annotated[Count, Field(le=512)]
+    cob_id: CobId
+    map: Annotated[tuple[MappedObject, ...], Field(min_length=1, max_length=64)]
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """Index, sub-index and bits of everything mapped."""
+        found = [re.fullmatch(_ENTRY, text) for text in self.map]
+        return tuple((int(m[1], 16), int(m[2] or 0), int(m[3])) for m in found if m is not None)
+
+    def at(self, node: int) -> Pdo:
+        """Return it as it is on one node."""
+        match = re.fullmatch(_COB_ID, self.cob_id)
+        base = 0 if match is None else int(match[1], 16) + (node if match[2] else 0)
+        return Pdo(number=self.pdo, cob_id=base, entries=self.entries)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointSpec(StrictRecord):
+    """What one joint has of its own; what it does not say is as for all."""
+
+    joint: Annotated[Count, Field(le=MAX_JOINTS)]
+    node: NodeNumber | None = None
+    commands: tuple[PdoSpec, ...] = ()
+    answers: tuple[PdoSpec, ...] = ()
+    direction: Literal[-1, 1] = 1
+    counts_per_rev: PositiveNumber | None = None
+    zero_counts: Integer = 0
+    rated_torque_nm: PositiveNumber | None = None
+
+    @property
+    def counts_otherwise(self) -> bool:
+        """Whether its drive counts in another way than the arm file's sensor."""
+        return (self.direction, self.counts_per_rev, self.zero_counts) != (1, None, 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceType(StrictRecord):
+    """1000h of a drive that can be driven, in the bits of the mask."""
+
+    value: Hexadecimal
+    mask: Hexadecimal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeCodes(StrictRecord):
+    """6060h of position mode and of free mode."""
+
+    position: ModeCode = CYCLIC_POSITION
+    free: ModeCode = CYCLIC_TORQUE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Patience(StrictRecord):
+    """How slow heartbeats may be, and after what silence a node is lost."""
+
+    slowest_ms: Annotated[Count, Field(le=10_000)] = SLOWEST_HEARTBEAT_MS
+    silent_after_s: Annotated[PositiveNumber, Field(ge=0.2, le=60.0)] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileFile(StrictRecord):
+    """The whole file, without its ``schema`` line."""
+
+    name: Name
+    supervisor: Literal["none"] | NodeNumber
+    serial_number: Text | None = None
+    commands: tuple[PdoSpec, ...] = ()
+    answers: tuple[PdoSpec, ...] = ()
+    joints: tuple[JointSpec, ...] = ()
+    compared: tuple[Hexadecimal, ...] = ()
+    device_type: DeviceType = DeviceType(
+        value=f"{DRIVE_DEVICE_TYPE:08X}h", mask=f"{DEVICE_TYPE_MASK:08X}h"
+    )
+    modes: ModeCodes = ModeCodes()
+    heartbeat: Patience = Patience()
+    sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
+
+    def for_joints(self, count: int | None = None) -> BusProfile:
+        """Profile of an arm of that many joints; None: of as many as it has room for."""
+        if count is None:
+            listed = max((joint.joint for joint in self.joints), default=0)
+            room = MAX_JOINTS if self.supervisor == "none" else min(MAX_JOINTS, self.supervisor - 1)
+            count = listed or room
+        return BusProfile(
+            name=self.name,
+            joints=tuple(self._joint(j, self.own(j)) for j in range(1, count + 1)),
+            supervisor=None if self.supervisor == "none" else self.supervisor,
+            serial_number=self.serial_number or "",
+            device_type=hexadecimal(self.device_type.value),
+            device_type_mask=hexadecimal(self.device_type.mask),
+            mode_codes=MappingProxyType(
+                {JointMode.POSITION: self.modes.position, JointMode.FREE: self.modes.free}
+            ),
+            compared=frozenset(map(hexadecimal, self.compared)),
+            slowest_heartbeat_ms=self.heartbeat.slowest_ms,
+            heartbeat_timeout_s=self.heartbeat.silent_after_s,
+            sdo_timeout_s=self.sdo_timeout_s,
+        )
+
+    def own(self, number: int) -> JointSpec:
+        """What one joint has of its own."""
+        return next((j for j in self.joints if j.joint == number), JointSpec(joint=number))
+
+    def _joint(self, number: int, own: JointSpec) -> JointProfile:
+        node = own.node or number
+        return JointProfile(
+            node=node,
+            commands=tuple(pdo.at(node) for pdo in own.commands or self.commands),
+            answers=tuple(pdo.at(node) for pdo in own.answers or self.answers),
+            direction=own.direction,
+            counts_per_rev=own.counts_per_rev,
+            zero_counts=own.zero_counts,
+            rated_torque_nm=own.rated_torque_nm,
+        )

@@ -1,0 +1,10 @@
+"""The packaged bus profile, for an arm of so many joints."""
+
+from __future__ import annotations
+
+from hardware.profile import BusProfile
+from operator_app.config.profile_file import load_profile
+
+
+def sarcos(joints: int = 7) -> BusProfile:
+    return load_profile("sarcos", joints=joints)

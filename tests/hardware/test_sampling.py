@@ -40,7 +40,7 @@ def test_a_lost_joint_comes_back_with_an_answer_after_its_sample_was_closed() ->
 
 def doubled_after(pattern: tuple[int, ...], syncs: int) -> tuple[int, ...]:
     """Who is seen as two when joint 1 answers so many times between one SYNC and the next, in turn."""
-    sampler = Sampler(2, patience=PATIENCE, now_s=0.0)
+    sampler = Sampler(frames_of(sarcos(2)), patience=PATIENCE, now_s=0.0)
     for sync in range(syncs):
         sampler.open()
         answered(sampler, 2, float(sync))
@@ -65,7 +65,7 @@ def test_frames_that_come_twice_now_and_then_are_no_second_device() -> None:
 
 
 def test_who_answers_once_again_is_one_device_at_once() -> None:
-    sampler = Sampler(1, patience=PATIENCE, now_s=0.0)
+    sampler = Sampler(frames_of(sarcos(1)), patience=PATIENCE, now_s=0.0)
     for _ in range(100):
         sampler.open()
         answered(sampler, 1, 0.0)

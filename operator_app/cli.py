@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from operator_app.own_names import ForeignPackageError, require_own_names
 from operator_app.words_out import harmless, say
 
 COMMANDS = {
@@ -50,6 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     # Our matrices are small: more threads only fight each other and the bus for two cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        require_own_names()
+    except ForeignPackageError as error:
+        say(f"sarcal: {error}.", err=True)
+        return 2
     try:
         return _dispatch(sys.argv[1:] if argv is None else list(argv))
     except KeyboardInterrupt:

@@ -88,12 +88,99 @@ def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(tmp_path:
     assert built.returncode == 0, built.stderr
     (wheel,) = tmp_path.glob("*.whl")
     held = {n for n in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in n}
-    assert held == {
+    wanted = {
         path.relative_to(source).as_posix()
         for package in PACKAGES
         for path in (source / package).rglob("*")
         if path.suffix in {".py", ".yaml", ".eds", ".tcss"} or path.name == "py.typed"
     }
+    wanted -= {"operator_app/api/__init__.py"}
+    # One name for each module: what is imported as `sarcal` is not there as anything else.
+    assert held == {name.removeprefix("operator_app/api/") for name in wanted}
+    assert "sarcal/__init__.py" in held
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target"]
+    subprocess.run([*pip, tmp_path / "site", wheel], check=True)
+    assert _calibrated_in(tmp_path / "site") == (tmp_path / "site/sarcal/__init__.py").as_posix()
+
+
+def test_an_editable_installation_imports_the_sources_under_their_one_name(tmp_path: Path) -> None:
+    source = _copy_of_sources(tmp_path / "source")
+    build = (
+        "import sys; from setuptools.build_meta import build_editable; build_editable(sys.argv[1])"
+    )
+    made = subprocess.run(
+        [sys.executable, "-c", build, tmp_path],
+        cwd=source,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert made.returncode == 0, made.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target"]
+    subprocess.run([*pip, tmp_path / "site", wheel], check=True)
+    assert (
+        _calibrated_in(tmp_path / "site")
+        == (source / "operator_app/api/sarcal/__init__.py").as_posix()
+    )
+
+
+def _calibrated_in(site: Path) -> str:
+    """Use the installation in `site` from elsewhere, away from this repository; return what was imported."""
+    code = f"""
+import sys, site
+sys.path = [p for p in sys.path if p != {str(REPOSITORY)!r} and "__editable__" not in p]
+sys.meta_path = [f for f in sys.meta_path if "editable" not in repr(f)]
+for name in [n for n in sys.modules if "__editable__" in n]:
+    del sys.modules[name]
+before = list(sys.path)
+site.addsitedir({str(site)!r})
+sys.path = [p for p in sys.path if p not in before] + before
+import sarcal, operator_app
+assert sarcal.load_arm("franka_panda").joint_count == 7
+assert sarcal.Result.__module__ == "sarcal.result"
+print(sarcal.__file__)
+"""
+    ran = subprocess.run(
+        [sys.executable, "-c", code], cwd=site, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout.strip()
+
+
+@pytest.mark.parametrize("name", ["fixtures", "solver", "hardware"])
+def test_a_foreign_package_of_our_name_is_told_at_start_with_what_to_do(
+    tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "__init__.py").write_text("raise SystemExit('imported')\n")
+    for start in (
+        "from operator_app.cli import main; sys.exit(main(['--version']))",
+        "import sarcal",
+    ):
+        code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); "
+        code += f"sys.path.append({str(REPOSITORY / 'operator_app/api')!r}); {start}"
+        ran = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path
+        )
+        assert ran.returncode == (2 if "cli" in start else 1)
+        said = ran.stderr.splitlines()[-1]
+        assert f"the name '{name}' belongs to another package here" in said
+        assert str(tmp_path / name / "__init__.py") in said
+        assert f"pip uninstall {name}" in said
+
+
+def test_a_foreign_package_installed_over_ours_is_told_too(tmp_path: Path) -> None:
+    source = _copy_of_sources(tmp_path / "source")
+    # As PyPI's `fixtures` leaves it: its files in our folder, its __init__.py in place of ours.
+    (source / "fixtures/__init__.py").write_text('"""Fixtures provide a way to create state."""\n')
+    start = "from operator_app.cli import main; sys.exit(main(['--version']))"
+    code = f"import sys; sys.path.insert(0, {str(source)!r}); {start}"
+    ran = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert ran.returncode == 2
+    assert "the name 'fixtures' belongs to another package here" in ran.stderr
 
 
 def _copy_of_sources(target: Path) -> Path:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from operator_app.calibration.checks import Checks, check
-from operator_app.calibration.record import RecordError, from_dict
+from operator_app.calibration.record import RecordError, from_dict, to_dict
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
 from operator_app.config.procedure import Procedure
@@ -101,6 +102,7 @@ def solve(
         state.pose_set(),
         estimator=estimator,
         unsensed_joints=unsensed_joints,
+        drop=bool(state.settings.get("drop_unidentifiable")),
         length_tolerance_m=procedure.length_tolerance_m,
         limits=procedure.acceptance,
         rereads=state.rereads,
@@ -113,6 +115,26 @@ def checked(found: Calibrated, state: SessionState, procedure: Procedure) -> Cal
         return found
     fixture = procedure.fixture.fixture
     return replace(found, checks=check(found.solution, procedure.arm, fixture, state.pose_set()))
+
+
+def solved_data(
+    solution: Solution, state: SessionState, *, length_tolerance_m: float | None
+) -> dict[str, Any]:
+    """Return what the journal keeps of a solution of the poses that count."""
+    estimate = solution.estimate
+    return {
+        "estimator": estimate.estimator,
+        "unsensed_joints": list(solution.model.unsensed_joints),
+        "length_tolerance_m": length_tolerance_m,
+        "poses": [p.number for p in state.used_poses],
+        "rereads": len(state.rereads),
+        "parameters": {
+            p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)
+        },
+        "scaled_condition_number": solution.seen.scaled_condition_number,
+        "accepted": solution.accepted,
+        "record": to_dict(solution),
+    }
 
 
 def recorded(state: SessionState) -> Calibrated | str:

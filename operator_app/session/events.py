@@ -146,6 +146,12 @@ def of_joints(item: Check) -> Check:
     return check
 
 
+def measured(value: Any, joints: int | None) -> str:
+    """Accept a measured endpoint: a point, or a point and how it is turned."""
+    problem = many(ANGLE)(value, joints)
+    return problem or ("" if len(value) in (3, 6) else f"has {len(value)} items, 3 or 6 are wanted")
+
+
 def keyed(key: Check, item: Check) -> Check:
     """Accept an object of such keys and values."""
 
@@ -228,6 +234,7 @@ SETTINGS = fields(
     scenario_0=nothing_or(one_of(*SCENARIOS)),
     seed_0=nothing_or(whole(0)),
     verifies_0=text,
+    drop_unidentifiable_0=nothing_or(yes_or_no),
 )
 NODE = fields(node=whole(0, 127), serial_number=whole(0), device_name_0=text)
 RECEIPT = fields(slot=text, length=whole(0), sha256=text)
@@ -238,6 +245,7 @@ OF_EVERY_JOINT = ("start_rad", "mean_rad", "sd_rad", "modes", "at_rad", "q_rad")
 EVENTS: Mapping[str, Mapping[str, Check]] = {
     "opened": {"sources": keyed(text, text), "settings": SETTINGS},
     "resumed": {"settings": SETTINGS},
+    "imported": {"file": text, "serial_number": text},
     "connected": {"serial_number": text, "model?": text, "nodes?": many(NODE)},
     "reset": {"joints?": JOINTS, "code?": whole(0)},
     "sensor_fault": {"joint": joint, "text": text},
@@ -256,6 +264,9 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
         "note?": text,
         "planned?": yes_or_no,
         "first_sync?": whole(0),
+        "placement?": COUNT,
+        "endpoint?": measured,
+        "taken_utc?": text,
     },
     "reading": {
         "number": COUNT,

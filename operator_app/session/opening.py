@@ -113,6 +113,11 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     opening, settings = rig.opening, asdict(rig.opening.choices)
     journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
     try:
+        if opening.resumed and (file := session_state(journal.contents).imported):
+            raise SessionError(
+                f"{opening.folder} was made from {file}: no arm took its poses, and none can go on",
+                "calibrate the arm in a session of its own: sarcal run",
+            )
         session = Session(journal=journal, arm=rig.arm, procedure=opening.procedure, clock=clock)
         if opening.resumed:
             session.record("resumed", {"settings": settings})

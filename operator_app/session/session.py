@@ -34,7 +34,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError, JournalLostError
 from operator_app.planning.exploration import Box, box_of, overload, range_watch, waypoints
 from operator_app.planning.mode_rule import modes_problem
-from operator_app.session.calibrated import Calibrated, recorded
+from operator_app.session.calibrated import Calibrated, recorded, solved_data
 from operator_app.session.export import (
     PARAMETERS_NAME,
     POSES_NAME,
@@ -478,23 +478,10 @@ class Session:
 
     def _record_solution(self, solution: Solution) -> None:
         """Keep a solution of the poses that count."""
-        estimate = solution.estimate
-        self.record(
-            "solved",
-            {
-                "estimator": estimate.estimator,
-                "unsensed_joints": list(solution.model.unsensed_joints),
-                "length_tolerance_m": self.procedure.length_tolerance_m,
-                "poses": [p.number for p in self.state.used_poses],
-                "rereads": len(self.state.rereads),
-                "parameters": {
-                    p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)
-                },
-                "scaled_condition_number": solution.seen.scaled_condition_number,
-                "accepted": solution.accepted,
-                "record": to_dict(solution),
-            },
+        kept = solved_data(
+            solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m
         )
+        self.record("solved", kept)
 
     def check(self, solution: Solution, solver: Solver = solve_here) -> Checks:
         """Ask for second opinions on the last calibration, and keep them."""

@@ -23,7 +23,8 @@ class CapturedPose:
     """One captured pose; `planned` when a plan chose it.
 
     `number` counts captures from 1 and is never used twice; `waypoint` is the index in the plan it
-    was taken for, -1 for none; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates.
+    was taken for, -1 for none; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates. `placement`
+    and `endpoint` (m and rad; empty without an instrument) are of poses that came out of a file.
     """
 
     number: int
@@ -35,6 +36,8 @@ class CapturedPose:
     note: str = ""
     excluded: str = ""
     planned: bool = False
+    placement: int = 1
+    endpoint: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +90,8 @@ class SessionState:
 
     Attributes
     ----------
+    imported
+        File that the poses were read from; empty where an arm took them.
     sources
         The arm, fixture and procedure documents the session was opened with, as text by kind.
     serial_number
@@ -132,6 +137,7 @@ class SessionState:
     """
 
     opened_utc: str = ""
+    imported: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     serial_number: str = ""
@@ -202,7 +208,13 @@ class SessionState:
 
     def pose_set(self) -> PoseSet:
         """Return the used poses as the estimators take them."""
-        return pose_set_of(self.used_poses)
+        used = self.used_poses
+        measured = {len(p.endpoint) for p in used} in ({3}, {6})
+        return replace(
+            pose_set_of(used),
+            placement=np.array([p.placement for p in used], dtype=np.int64),
+            endpoint=np.array([p.endpoint for p in used]) if measured else None,
+        )
 
 
 def pose_set_of(poses: Sequence[CapturedPose | CheckReading]) -> PoseSet:
@@ -243,6 +255,8 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             # What was chosen last is what a session goes on with.
             settings = {**state.settings, **data["settings"]}
             return replace(_another_try(state), resumed=True, settings=settings)
+        case "imported":
+            return replace(state, imported=data["file"], serial_number=data["serial_number"])
         case "connected":
             serials = {n["node"]: n["serial_number"] for n in data.get("nodes", ())}
             return replace(
@@ -274,9 +288,13 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 mean_rad=frozen(data["mean_rad"]),
                 sd_rad=frozen(data["sd_rad"]),
                 samples=data["samples"],
-                utc=utc,
+                # When a file's poses were read is not when they were taken, and their order there
+                # need not be that in which they were.
+                utc=data.get("taken_utc", utc),
                 note=data.get("note", ""),
                 planned=bool(data.get("planned")),
+                placement=data.get("placement", 1),
+                endpoint=tuple(data.get("endpoint", ())),
             )
             log = state.campaign
             return replace(

@@ -1,0 +1,102 @@
+"""`calibrate`: from an arm, a fixture and poses to a judged result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any, Literal
+
+from operator_app.calibration.checks import check
+from operator_app.calibration.judgement import Notice
+from operator_app.calibration.solve import calibrate as solve
+from operator_app.session.importing import How
+
+from .machines import Arm, Fixture, load_arm, load_fixture
+from .poses import Poses, load_poses
+from .result import Result
+
+
+def calibrate(
+    *,
+    arm: str | PathLike[str] | Arm,
+    fixture: str | PathLike[str] | Fixture,
+    poses: str | PathLike[str] | Poses | Any,
+    estimator: Literal["implicit", "paper"] = "implicit",
+    unsensed_joints: Sequence[int] = (),
+    global_start: bool = False,
+    drop_unidentifiable: bool = False,
+    length_tolerance_mm: float | None = None,
+    checks: bool = False,
+) -> Result:
+    """Calibrate an arm from measured poses of the closed chain, as ``sarcal solve`` does.
+
+    Parameters
+    ----------
+    arm, fixture
+        What `load_arm` and `load_fixture` take: a path, a packaged name, or an object of theirs.
+    poses
+        What `load_poses` takes: a path, a data frame, or `Poses`.
+    estimator
+        ``implicit`` weights every joint by its sensor and takes in whatever the files state as not
+        exactly known; ``paper`` is the published unweighted least squares.
+    unsensed_joints
+        Joints (from 1) whose readings are not to be used.
+    global_start
+        Search everywhere instead of starting from the nominal values.
+    drop_unidentifiable
+        Hold at its nominal value what the poses cannot see, instead of refusing.
+    length_tolerance_mm
+        How well the maker's lengths are known (standard deviation); None: as the arm's file states.
+    checks
+        Ask for second opinions as well: jackknife and hold-out.
+
+    Returns
+    -------
+    Result
+        Also when it is not accepted: `Result.accepted` and `Result.reasons` say so.
+
+    Raises
+    ------
+    ConfigError
+        A file is wrong; says all that is.
+    UnidentifiableError, SolverError, FixtureError
+        The poses cannot give what is asked for; each says what is missing.
+
+    Examples
+    --------
+    >>> import sarcal
+    >>> made = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=30, seed=1)
+    >>> result = sarcal.calibrate(
+    ...     arm="sarcos_dextrous", fixture="hinge", poses=made.poses, estimator="paper"
+    ... )
+    >>> len(result.values)
+    14
+    """
+    its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
+    its_poses = load_poses(poses, joint_count=its_arm.joint_count)
+    how = How(
+        estimator=estimator,
+        unsensed_joints=tuple(sorted(set(unsensed_joints))),
+        length_tolerance_m=None if length_tolerance_mm is None else length_tolerance_mm / 1e3,
+        drop_unidentifiable=drop_unidentifiable,
+    )
+    model, metal = its_arm._model, its_fixture._spec.fixture
+    solution = solve(
+        model,
+        metal,
+        its_poses._set,
+        estimator=how.estimator,
+        unsensed_joints=how.unsensed_joints,
+        search=global_start,
+        drop=how.drop_unidentifiable,
+        length_tolerance_m=how.length_tolerance_m,
+    )
+    solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in its_poses._warnings)
+    return Result(
+        arm=its_arm,
+        fixture=its_fixture,
+        poses=its_poses,
+        solution=solution,
+        checks=check(solution, model, metal, its_poses._set) if checks else None,
+        how=how,
+    )

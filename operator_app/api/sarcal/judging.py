@@ -1,0 +1,159 @@
+"""`verify` and `compare`: a calibration against new poses, and against an earlier one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+from operator_app.calibration.compare import DEFAULT_LEVEL
+from operator_app.calibration.compare import Comparison as Found
+from operator_app.calibration.compare import compare as compared
+from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
+from operator_app.config.parameters import ParametersDocument
+from operator_app.documents import parameters_at
+from operator_app.report.comparison_result import comparison_json, comparison_text
+from operator_app.report.verification import verification_json, verification_text
+
+from .poses import Poses, load_poses
+from .result import Result
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What new poses say of a calibration; made by `verify`. Its ``str`` is text for 80 columns."""
+
+    _found: Prediction = field(repr=False)
+    _poses: Poses = field(repr=False)
+    _of: str = field(repr=False)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the calibration predicts these poses as well as it claims to."""
+        return self._found.holds
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """Squared misfit over what the files state; 1 or less when all is as stated."""
+        return self._found.verification.chi2.per_dof
+
+    @property
+    def odd_poses(self) -> tuple[str, ...]:
+        """Names of poses too improbable to be chance, the worst first."""
+        return tuple(self._poses.names[k] for k in self._found.odd_poses)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the object of ``sarcal verify --json``."""
+        return verification_json(self._found, self._poses._set)
+
+    def __str__(self) -> str:
+        return verification_text(self._found, self._poses._set, self._of)
+
+    def __repr__(self) -> str:
+        said = "holds" if self.holds else "does not hold"
+        return f"<sarcal.Verification {said}: {len(self._poses)} new poses>"
+
+
+def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verification:
+    """Judge new poses, of the same arm in the same mounting, by a calibration made before them.
+
+    Parameters
+    ----------
+    result
+        The calibration; nothing of it is fitted again.
+    poses
+        What `load_poses` takes; other poses than those it was made from.
+
+    Raises
+    ------
+    ValueError
+        They are the same poses, or of another number of placements.
+
+    Examples
+    --------
+    >>> import sarcal
+    >>> made = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=40, seed=0)
+    >>> q_rad = made.poses.q_rad
+    >>> result = sarcal.calibrate(
+    ...     arm="sarcos_dextrous", fixture="hinge", poses=sarcal.poses_of(q_rad=q_rad[:30])
+    ... )
+    >>> sarcal.verify(result, sarcal.poses_of(q_rad=q_rad[30:]))
+    <sarcal.Verification holds: 10 new poses>
+    """
+    new = load_poses(poses, joint_count=result.arm.joint_count)
+    if new._set.sha256() == result.poses._set.sha256():
+        raise ValueError("these are the poses the calibration is made from: they verify nothing")
+    if new._set.placements != result.poses._set.placements:
+        raise ValueError("new poses must be of the placements that were calibrated")
+    found = judge_poses(
+        result.arm._model, result.fixture._spec.fixture, new._set, fixed_by(result._solution)
+    )
+    return Verification(found, new, repr(result))
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What drifted between two calibrations; made by `compare`. Its ``str`` is text for 80 columns."""
+
+    _found: Found = field(repr=False)
+
+    @property
+    def drifted(self) -> tuple[str, ...]:
+        """Parameters that changed by more than noise, the largest change first."""
+        return tuple(d.name for d in self._found.drifted)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the object of ``sarcal compare --json``."""
+        return comparison_json(self._found)
+
+    def __str__(self) -> str:
+        return comparison_text(self._found)
+
+    def __repr__(self) -> str:
+        return f"<sarcal.Comparison: {len(self.drifted)} of {len(self._found.drifts)} drifted>"
+
+
+def compare(
+    before: Result | str | PathLike[str],
+    after: Result | str | PathLike[str],
+    *,
+    level: float = DEFAULT_LEVEL,
+    remounted: bool = False,
+) -> Comparison:
+    """Compare two calibrations of one arm, as ``sarcal compare`` does.
+
+    Parameters
+    ----------
+    before, after
+        Results, parameters files, or session folders.
+    level
+        Chance of a false alarm over all parameters together.
+    remounted
+        The fixture was taken off in between: compare the arm's own parameters only.
+
+    Raises
+    ------
+    operator_app.calibration.compare.IncomparableError
+        They are not of the same arm, or have no parameter in common.
+
+    Examples
+    --------
+    >>> import sarcal
+    >>> made = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=60, seed=0)
+    >>> halves = [sarcal.poses_of(q_rad=made.poses.q_rad[k::2]) for k in (0, 1)]
+    >>> a, b = (
+    ...     sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=half) for half in halves
+    ... )
+    >>> sarcal.compare(a, b).drifted
+    ()
+    """
+    return Comparison(
+        compared(_document(before), _document(after), level=level, remounted=remounted)
+    )
+
+
+def _document(calibration: Result | str | PathLike[str]) -> ParametersDocument:
+    if isinstance(calibration, Result):
+        return calibration._document()
+    return parameters_at(fspath(calibration), Path("sessions"))

@@ -1,0 +1,114 @@
+"""Arms and fixtures as a program holds them: a file's content, named. Computes nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+
+from operator_app.config.arm_file import parse_arm
+from operator_app.config.fixture_file import FixtureSpec, parse_fixture
+from operator_app.config.resources import Resource, resolve
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """An arm as its file describes it; made by `load_arm`.
+
+    Attributes
+    ----------
+    name
+        Model name, e.g. ``sarcos_dextrous``.
+    source_file
+        Where it was read, ``packaged:...`` for a packaged one.
+
+    Examples
+    --------
+    >>> import sarcal
+    >>> arm = sarcal.load_arm("franka_panda")
+    >>> arm
+    <sarcal.Arm franka_panda: 7 joints>
+    >>> arm.upper_rad.shape
+    (7,)
+    """
+
+    name: str
+    source_file: str
+    _model: ArmModel = field(repr=False)
+    _resource: Resource = field(repr=False)
+
+    @property
+    def joint_count(self) -> int:
+        """Number n of joints."""
+        return self._model.joint_count
+
+    @property
+    def lower_rad(self) -> FloatArray:
+        """Lower ends of the ranges, sensor coordinates, shape (n,)."""
+        return self._model.lower_rad
+
+    @property
+    def upper_rad(self) -> FloatArray:
+        """Upper ends of the ranges, sensor coordinates, shape (n,)."""
+        return self._model.upper_rad
+
+    @property
+    def home_rad(self) -> FloatArray:
+        """Home pose, sensor coordinates, shape (n,)."""
+        return self._model.home_rad
+
+    def __repr__(self) -> str:
+        return f"<sarcal.Arm {self.name}: {self.joint_count} joints>"
+
+
+@dataclass(frozen=True, slots=True)
+class Fixture:
+    """What holds the hand, as its file describes it; made by `load_fixture`.
+
+    Attributes
+    ----------
+    name, kind
+        What the operator calls it; ``hinge``, ``ball``, ``rigid`` or ``measured``.
+    source_file
+        Where it was read, ``packaged:...`` for a packaged one.
+
+    Examples
+    --------
+    >>> import sarcal
+    >>> sarcal.load_fixture("ball")
+    <sarcal.Fixture ball: a ball>
+    """
+
+    name: str
+    kind: str
+    source_file: str
+    _spec: FixtureSpec = field(repr=False)
+    _resource: Resource = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"<sarcal.Fixture {self.name}: a {self.kind}>"
+
+
+def load_arm(arm: str | PathLike[str] | Arm) -> Arm:
+    """Read an arm by the path of its file or the name of a packaged one; an `Arm` is returned as it is.
+
+    Raises
+    ------
+    ConfigError
+        With all that is wrong with the file, each with line, key and remedy.
+    """
+    if isinstance(arm, Arm):
+        return arm
+    found = resolve("arm", fspath(arm))
+    model = parse_arm(found.data, found.file)
+    return Arm(model.name, found.file, model, found)
+
+
+def load_fixture(fixture: str | PathLike[str] | Fixture) -> Fixture:
+    """Read a fixture by the path of its file or the name of a packaged one; raises as `load_arm`."""
+    if isinstance(fixture, Fixture):
+        return fixture
+    found = resolve("fixture", fspath(fixture))
+    spec = parse_fixture(found.data, found.file)
+    return Fixture(spec.name, spec.kind, found.file, spec, found)

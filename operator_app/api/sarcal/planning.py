@@ -1,0 +1,175 @@
+"""`plan` and `simulate`: what poses would tell before anything moves, and poses to try things out with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+
+import numpy as np
+
+from operator_app.planning.preview import Preview, preview
+from operator_app.planning.simulated import simulated_poses
+from operator_app.report.plan_json import plan_json
+from operator_app.report.plan_text import plan_text
+from solver.arrays import FloatArray
+
+from .machines import Arm, Fixture, load_arm, load_fixture
+from .naming import with_units
+from .poses import Poses
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Poses worth taking, in the order of the way, and what they will tell; made by `plan`."""
+
+    _shown: Preview = field(repr=False)
+    _title: str = field(repr=False)
+
+    @property
+    def drive_joints(self) -> tuple[int, ...]:
+        """Joints (from 1) to put into position mode; the others are free."""
+        return self._shown.choice.drives
+
+    @property
+    def q_rad(self) -> FloatArray:
+        """Predicted readings of the planned poses, (m, n)."""
+        return np.array([p.q_rad for p in self._shown.poses])
+
+    @property
+    def sigmas(self) -> Mapping[str, float]:
+        """Predicted standard deviations by name and unit, as `Result.sigmas`, from sensor noise alone."""
+        return with_units(self._shown.parameters, self._shown.plan.predicted_sigma.tolist())
+
+    @property
+    def scaled_condition_number(self) -> float:
+        """Of the reduced Jacobian at the planned poses."""
+        return self._shown.seen.scaled_condition_number
+
+    def to_json(self) -> dict[str, object]:
+        """Return the object of ``sarcal plan --json``."""
+        return dict(plan_json(self._shown, basis="nominal geometry"))
+
+    def __str__(self) -> str:
+        return plan_text(self._shown, title=self._title, ascii_only=False)
+
+    def __repr__(self) -> str:
+        drives = ", ".join(map(str, self.drive_joints))
+        return f"<sarcal.Plan: {len(self._shown.poses)} poses, drive joints {drives}>"
+
+
+def plan(
+    *,
+    arm: str | PathLike[str] | Arm,
+    fixture: str | PathLike[str] | Fixture,
+    poses: int = 12,
+    drive_joints: Sequence[int] | None = None,
+    unsensed_joints: Sequence[int] = (),
+    samples: int = 32,
+    seed: int = 0,
+) -> Plan:
+    """Choose drive joints and poses that tell most, from nominal geometry, as ``sarcal plan`` does.
+
+    Parameters
+    ----------
+    arm, fixture
+        What `load_arm` and `load_fixture` take.
+    poses
+        How many.
+    drive_joints
+        Joints (from 1) for position mode; None ranks them all and takes the best.
+    unsensed_joints
+        Joints whose readings will not be used.
+    samples
+        Readings averaged into one pose.
+    seed
+        Of the covering of the reachable poses.
+
+    Raises
+    ------
+    SessionError
+        No plan can be made; says why and what to do.
+
+    Examples
+    --------
+    >>> import sarcal
+    >>> planned = sarcal.plan(arm="sarcos_dextrous", fixture="hinge", drive_joints=[1, 5])
+    >>> planned
+    <sarcal.Plan: 12 poses, drive joints 1, 5>
+    >>> planned.q_rad.shape
+    (12, 7)
+    """
+    its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
+    shown = preview(
+        its_arm._model,
+        its_fixture._spec.fixture,
+        poses=poses,
+        position_joints=None if drive_joints is None else tuple(drive_joints),
+        unsensed_joints=tuple(unsensed_joints),
+        samples=samples,
+        seed=seed,
+    )
+    return Plan(shown, f"Plan: {its_arm.name} in fixture {its_fixture.name}, from nominal geometry")
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """Simulated readings and the truth behind them; made by `simulate`.
+
+    Attributes
+    ----------
+    poses
+        The readings.
+    truth
+        True values by name and unit, as `Result.values`: what a calibration should find.
+    """
+
+    poses: Poses
+    truth: Mapping[str, float] = field(repr=False)
+
+
+def simulate(
+    *,
+    arm: str | PathLike[str] | Arm,
+    fixture: str | PathLike[str] | Fixture,
+    poses: int = 40,
+    samples: int = 32,
+    seed: int = 0,
+) -> Simulation:
+    """Draw an arm and a mounting, and read poses of it: something to try things out with.
+
+    Offsets are off by some 2 deg, the fixture by up to half of its stated tolerance, lengths and twists by
+    theirs; sensors count, have their stated noise, and RVDTs a curve as large as their linearity allows.
+    Encoders' scales, play, sag and a fixture that gives are left out; ``sarcal run`` simulates a machine.
+
+    Parameters
+    ----------
+    arm, fixture
+        What `load_arm` and `load_fixture` take.
+    poses
+        How many.
+    samples
+        Readings averaged into one pose.
+    seed
+        The same seed gives the same arm and the same readings.
+
+    Raises
+    ------
+    SessionError
+        The loop does not close near the arm's home, or leaves no room for that many poses.
+
+    Examples
+    --------
+    >>> import sarcal
+    >>> made = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=20, seed=3)
+    >>> made.poses
+    <sarcal.Poses: 20 poses of 7 joints>
+    >>> "s_1_mm" in made.truth
+    True
+    """
+    its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
+    made = simulated_poses(
+        its_arm._model, its_fixture._spec, poses=poses, samples=samples, seed=seed
+    )
+    truth = with_units(made.parameters, made.x.tolist())
+    return Simulation(Poses(f"simulated, seed {seed}", made.poses), truth)

@@ -1,0 +1,196 @@
+"""Measured poses as a program holds them: arrays, CSV files and data frames in, the same out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from operator_app.config.poses_file import (
+    FileWarning,
+    format_poses,
+    parse_poses,
+)
+from operator_app.config.poses_file import (
+    load_poses as load_poses_file,
+)
+from solver.arrays import FloatArray, IntArray
+from solver.chain.poses import PoseSet
+
+FRAME = "data frame"
+
+
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """Joint readings of m poses; made by `poses_of` or `load_poses`.
+
+    Attributes
+    ----------
+    source
+        Where they come from, in words.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sarcal
+    >>> poses = sarcal.poses_of(q_deg=np.zeros((12, 7)))
+    >>> poses
+    <sarcal.Poses: 12 poses of 7 joints>
+    >>> len(poses), poses.q_rad.shape
+    (12, (12, 7))
+    """
+
+    source: str
+    _set: PoseSet = field(repr=False)
+    _warnings: tuple[FileWarning, ...] = field(default=(), repr=False)
+
+    @property
+    def q_rad(self) -> FloatArray:
+        """Readings, sensor coordinates, shape (m, n), read-only."""
+        return self._set.q_rad
+
+    @property
+    def q_deg(self) -> FloatArray:
+        """The same in degrees."""
+        return np.rad2deg(self._set.q_rad)
+
+    @property
+    def placement(self) -> IntArray:
+        """Placement of the fixture that each pose belongs to, from 1, shape (m,)."""
+        return self._set.placement
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each pose is called, unique within its placement."""
+        return self._set.label
+
+    def to_csv(self, path: str | PathLike[str]) -> Path:
+        """Write them as a poses file (degrees), which reads back as the very same numbers."""
+        target = Path(path)
+        target.write_bytes(format_poses(self._set))
+        return target
+
+    def __len__(self) -> int:
+        return len(self._set)
+
+    def __repr__(self) -> str:
+        placements = len(self._set.placements)
+        where = f" in {placements} placements" if placements > 1 else ""
+        return f"<sarcal.Poses: {len(self)} poses of {self._set.joint_count} joints{where}>"
+
+
+def poses_of(
+    *,
+    q_rad: ArrayLike | None = None,
+    q_deg: ArrayLike | None = None,
+    placement: Sequence[int] | None = None,
+    names: Sequence[str] | None = None,
+    samples: Sequence[int] | None = None,
+    sd_rad: ArrayLike | None = None,
+    endpoint_m: ArrayLike | None = None,
+) -> Poses:
+    """Make poses of arrays.
+
+    Parameters
+    ----------
+    q_rad, q_deg
+        Readings (m, n), in one of the two units: the sensors' angles as they are, continuous, without
+        offsets.
+    placement
+        Placement of the fixture that each pose belongs to, from 1; None: all of one.
+    names
+        What each pose is called; None: 1 to m.
+    samples, sd_rad
+        How many samples each pose is the mean of (m,), and their spread (m, n); None: one each.
+    endpoint_m
+        What an instrument measured, (m, 3), for a ``measured`` fixture.
+
+    Raises
+    ------
+    ValueError
+        These are no poses; the text says why.
+
+    Examples
+    --------
+    >>> import sarcal
+    >>> sarcal.poses_of(q_rad=[[0.1, 0.2], [0.3, 0.4]], names=["left", "right"]).names
+    ('left', 'right')
+    >>> sarcal.poses_of(q_rad=[0.1, 0.2])
+    Traceback (most recent call last):
+    ...
+    ValueError: q_rad must have one row a pose and one column a joint
+    """
+    if (q_rad is None) == (q_deg is None):
+        raise ValueError("give the readings once: q_rad=... or q_deg=...")
+    given = np.asarray(q_rad if q_deg is None else np.deg2rad(np.asarray(q_deg, float)), float)
+    m = len(given) if given.ndim else 0
+    found = PoseSet(
+        placement=np.ones(m, dtype=np.int64) if placement is None else np.asarray(placement),
+        label=tuple(str(k) for k in range(1, m + 1)) if names is None else tuple(names),
+        q_rad=given,
+        sd_rad=None if sd_rad is None else np.asarray(sd_rad, float),
+        samples=None if samples is None else np.asarray(samples),
+        endpoint=None if endpoint_m is None else np.asarray(endpoint_m, float),
+    )
+    return Poses("an array", found)
+
+
+def load_poses(
+    source: str | PathLike[str] | Poses | Any, *, joint_count: int | None = None
+) -> Poses:
+    """Read poses from a CSV file, or from a data frame with the same columns.
+
+    Parameters
+    ----------
+    source
+        Path of a file, or anything with ``to_csv`` (pandas, polars has ``write_csv``) that has the columns
+        ``theta1_deg`` to ``thetaN_deg``, and as far as there are any ``placement``, ``pose``, ``sd1_deg``..,
+        ``samples``, ``x_m``,``y_m``,``z_m``. `Poses` are returned as they are.
+    joint_count
+        Joints of the arm they belong to; None takes what there is.
+
+    Raises
+    ------
+    ConfigError
+        With all that is wrong, each with line, column and remedy.
+    TypeError
+        It is a bare array: say its unit with ``poses_of(q_rad=...)`` or ``poses_of(q_deg=...)``.
+    """
+    if isinstance(source, Poses):
+        return source
+    if isinstance(source, str | PathLike):
+        read = load_poses_file(fspath(source), joint_count=joint_count)
+        return Poses(fspath(source), read.poses, read.warnings)
+    columns = getattr(source, "columns", None)
+    if columns is None:
+        raise TypeError(
+            "a bare array does not say its unit: use sarcal.poses_of(q_rad=...) or "
+            "sarcal.poses_of(q_deg=...)"
+        )
+    read = parse_poses(_csv_of(source, [str(c) for c in columns]), FRAME, joint_count=joint_count)
+    return Poses(FRAME, read.poses, read.warnings)
+
+
+def _csv_of(frame: Any, columns: list[str]) -> bytes:
+    """Write a data frame as a poses file: by columns, so that any library's frame will do."""
+    cells = {name: [_cell(v) for v in frame[name]] for name in columns}
+    count = len(next(iter(cells.values()), []))
+    head = {
+        "placement": ["1"] * count,
+        "pose": [str(k) for k in range(1, count + 1)],
+    }
+    whole = {**{k: v for k, v in head.items() if k not in cells}, **cells}
+    from operator_app.config.csv_table import write_records
+
+    return write_records([list(whole), *zip(*whole.values(), strict=True)])
+
+
+def _cell(value: Any) -> str:
+    """Write one value with the digits that read back as the same double."""
+    plain = value.item() if hasattr(value, "item") else value
+    return repr(plain) if isinstance(plain, float) else str(plain)

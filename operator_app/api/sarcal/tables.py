@@ -1,0 +1,68 @@
+"""A table of figures with their units: text in a terminal, HTML in a notebook, rows for a program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from operator_app.report.page_table import table_html
+from operator_app.report.table import Table as Facts
+from operator_app.report.table import shown
+from operator_app.report.text import table_text
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table as `Result.table` gives it.
+
+    Its ``str`` is text for 80 columns; a notebook shows it as HTML.
+
+    Attributes
+    ----------
+    name, title
+        What it is asked for by, and its heading.
+
+    Examples
+    --------
+    >>> import sarcal
+    >>> made = sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=30, seed=0)
+    >>> result = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=made.poses)
+    >>> result.table()
+    <sarcal.Table parameters: 14 rows>
+    >>> result.table().columns[:3]
+    ('parameter', 'unit', 'nominal')
+    >>> result.table("dh").rows[0][0]
+    '0'
+    """
+
+    name: str
+    title: str
+    _facts: Facts = field(repr=False)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Headers, the unit in brackets where all of a column share one."""
+        return tuple(
+            " ".join(filter(None, (c.group, c.title, f"[{c.unit}]" if c.unit else "")))
+            for c in self._facts.whole.columns
+        )
+
+    @property
+    def rows(self) -> tuple[tuple[str, ...], ...]:
+        """Cells as they are shown; the numbers themselves are in `Result.values` and `Result.to_json`."""
+        return tuple(tuple(shown(cell) for cell in row) for row in self._facts.whole.rows)
+
+    def to_frame(self) -> Any:
+        """Return a pandas data frame; ImportError where pandas is not installed."""
+        import pandas as pd  # type: ignore[import-not-found,import-untyped,unused-ignore]
+
+        return pd.DataFrame(list(self.rows), columns=list(self.columns))
+
+    def __str__(self) -> str:
+        return table_text(self._facts)
+
+    def __repr__(self) -> str:
+        return f"<sarcal.Table {self.name}: {len(self._facts.rows)} rows>"
+
+    def _repr_html_(self) -> str:
+        return str(table_html(self._facts))

@@ -1,0 +1,135 @@
+"""The calibrated arm by itself, without the loop that it was calibrated in: where the hand is, how well known.
+
+Of what a calibration finds, some belongs to the mounting: where the fixture stood (`ground_side`) and
+how the hand held it (`hand_side`). The arm's own entries outlive it. Knows no file, no fixture, no screen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from operator_app.calibration.solution import Solution
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable, forward
+from solver.chain.parameters import DhEntry, is_entry
+from solver.loops.closure import ClosureModel
+from solver.loops.open_arm import MeasuredClosure
+from solver.loops.point import TIP, PointClosure
+
+Frame = Literal["tip", "flange"]
+
+TIP_NAMES = frozenset(TIP)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibratedArm:
+    """Links 1..n of an arm, and the point of its hand that the fixture held.
+
+    The base is the arm's own: what is measured to where the fixture stood is as the arm's file has it.
+
+    Attributes
+    ----------
+    flange
+        Rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
+    hand
+        The same with the hand's side of the fixture as calibrated: its last frame carries the tip.
+    tip_m
+        The tip in that frame, (3,): the ball's centre, an instrument's target; zero for a hinge, whose
+        axis is the z axis of that frame, and for a rigid attachment.
+    identified
+        Entries of `flange` that were calibrated.
+    """
+
+    flange: DhTable
+    hand: DhTable
+    tip_m: FloatArray
+    identified: tuple[str, ...]
+    _free: tuple[str, ...]
+    _covariance: FloatArray
+
+    def T_base(self, q_rad: FloatArray, frame: Frame = "tip") -> FloatArray:
+        """Place of the tip, or of frame n, in the base frame at readings (..., n): (..., 4, 4), m.
+
+        The tip is turned as the last frame is.
+        """
+        table = self.hand if frame == "tip" else self.flange
+        frames = forward(q_rad + table.theta_off_rad, table.s_m, table.a_m, table.alpha_rad)
+        T = np.zeros((*np.shape(q_rad)[:-1], 4, 4))
+        T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = frames.R_end, frames.p_end, 1.0
+        if frame == "tip":
+            T[..., :3, 3] += (frames.R_end @ self.tip_m[:, None])[..., 0]
+        return T
+
+    def tip_sigma_m(self, q_rad: FloatArray) -> FloatArray:
+        """Standard deviation of the tip's distance from there at readings (m, n): (m,), m.
+
+        ``sqrt(trace(J C J'))``, J = dp/dx of the parameters that are not the ground's, C their covariance.
+        """
+        rates = self._position_rates(q_rad)
+        squares = ((rates @ self._covariance) * rates).sum((-2, -1))
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+    def _position_rates(self, q_rad: FloatArray) -> FloatArray:
+        """How fast the tip moves with each free parameter, (m, 3, P)."""
+        own = tuple(name for name in self._free if name in TIP_NAMES)
+        point = PointClosure(
+            table=self.hand,
+            entries=tuple(DhEntry.parse(name) for name in self._free if name not in TIP_NAMES),
+            tip_m=self.tip_m,
+            ground_m=np.zeros(3),
+            own=own,
+        )
+        x = np.array([p.nominal for p in point.parameters])
+        rates = point.loop(x, q_rad, np.zeros((*q_rad.shape[:-1], 0))).jac_x
+        order = [p.name for p in point.parameters]
+        return np.asarray(rates[..., [order.index(name) for name in self._free]])
+
+
+def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
+    """Take the arm out of a calibration of it."""
+    estimate, model = solution.estimate, solution.model
+    x = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
+    # A fixture that was put up anew for every placement has a side of the hand in each: the first counts.
+    part, columns, _ = model.parts()[0]
+    plain = [p.name for p in part.parameters]
+    names = [p.name for p in estimate.parameters]
+    given = dict(zip(plain, [names[k] for k in np.arange(len(names))[columns]], strict=True))
+    ground, hand = set(part.ground_side), set(part.hand_side)
+    entries = [name for name in plain if is_entry(name) and name not in ground]
+    own = [name for name in entries if name not in hand]
+    tip = np.zeros(3)
+    if isinstance(part, PointClosure | MeasuredClosure):
+        tip = np.array([x.get(given.get(n, ""), v) for n, v in zip(TIP, part.tip_m, strict=True)])
+    free = [*entries, *(n for n in plain if n in TIP_NAMES)]
+    rows = [names.index(given[n]) for n in free]
+    flange = _with(arm.table, {n: x[given[n]] for n in own})
+    held = _hand_rows(part, arm.table, flange)
+    return CalibratedArm(
+        flange=flange,
+        hand=_with(held, {n: x[given[n]] for n in entries}),
+        tip_m=tip,
+        identified=tuple(own),
+        _free=tuple(free),
+        _covariance=estimate.covariance[np.ix_(rows, rows)],
+    )
+
+
+def _hand_rows(part: ClosureModel, nominal: DhTable, flange: DhTable) -> DhTable:
+    """Put what the fixture says of the last link, identified or not, into the calibrated rows."""
+    stated, ours = part.arm_rows(), nominal.stacked()
+    rows = flange.stacked()
+    last = stated[:, -1] != ours[:, -1]
+    rows[last, -1] = stated[last, -1]
+    return DhTable(theta_off_rad=rows[0], s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])
+
+
+def _with(table: DhTable, values: dict[str, float]) -> DhTable:
+    rows = table.stacked()
+    for name, value in values.items():
+        entry = DhEntry.parse(name)
+        rows[entry.kind, entry.row - 1] = value
+    return DhTable(theta_off_rad=rows[0], s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])

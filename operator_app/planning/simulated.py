@@ -1,0 +1,151 @@
+"""Poses that an arm in a fixture would have given: drawn truth, closed loops, sensors as stated. No bus.
+
+For trying things out before there is an arm. The loops close exactly; of what files state as not exactly
+known, lengths and twists are off and sensors err (counts, noise, an RVDT's curve), while encoders' scales,
+play, sag and a fixture that gives are left out: the virtual controller simulates a machine, this does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hardware.virtual.sensors import JointSensor, RvdtCurve, joint_sensor
+from operator_app.calibration.noise import soften
+from operator_app.config.fixture_file import FixtureSpec
+from operator_app.errors import SessionError
+from operator_app.planning.task import margin_rad, ranges_of, require_closed_chain
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import Parameter, nominal_vector
+from solver.chain.poses import PoseSet
+from solver.chain.sensors import NoSensor, Rvdt
+from solver.design.manifold import Manifold, candidate_poses
+from solver.loops.closure import ClosureModel
+
+OFFSET_RAD = float(np.deg2rad(2.0))
+"""Standard deviation of the offsets' errors."""
+OF_TOLERANCE = 0.5
+"""Share of the fixture's stated tolerance by which its placement is off, at most."""
+TRIES = 40
+ROOM = 4
+"""Closed poses to choose from, for each that is wanted."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedPoses:
+    """Readings and the truth behind them.
+
+    Attributes
+    ----------
+    parameters, x
+        What is unknown of them, lengths and twists within their tolerance included, and the true
+        values (P,), rad and m.
+    """
+
+    poses: PoseSet
+    parameters: tuple[Parameter, ...]
+    x: FloatArray
+
+
+def simulated_poses(
+    arm: ArmModel, fixture: FixtureSpec, *, poses: int, samples: int = 32, seed: int = 0
+) -> SimulatedPoses:
+    """Draw an arm and a mounting, and read `poses` closed poses of them; the same for the same seed.
+
+    Raises
+    ------
+    SessionError
+        The chain is not closed, or no mounting near the nominal one lets the arm move that much.
+    """
+    require_closed_chain(fixture.fixture)
+    rng = np.random.default_rng([seed, 7])
+    model, spread = soften(fixture.fixture.model(arm), arm)
+    x, reached = _moving(arm, fixture, model, spread, rng, most=ROOM * poses, least=poses)
+    chosen = np.sort(rng.choice(reached.size, size=poses, replace=False))
+    sensors = [_sensor(arm, j, rng) for j in range(arm.joint_count)]
+    draws = rng.standard_normal((poses, samples, arm.joint_count))
+    readings = np.array(
+        [
+            [
+                [s.counts(angle, z) * s.resolution_rad for z in draws[k, :, j].tolist()]
+                if s is not None
+                else [0.0] * samples
+                for j, (s, angle) in enumerate(zip(sensors, reached.q[pose].tolist(), strict=True))
+            ]
+            for k, pose in enumerate(chosen)
+        ]
+    )
+    return SimulatedPoses(
+        poses=PoseSet(
+            placement=np.ones(poses, dtype=np.int64),
+            label=tuple(str(k) for k in range(1, poses + 1)),
+            q_rad=readings.mean(-1),
+            sd_rad=readings.std(-1, ddof=1) if samples > 1 else None,
+            samples=np.full(poses, samples, dtype=np.int64),
+        ),
+        parameters=model.parameters,
+        x=x,
+    )
+
+
+def _moving(
+    arm: ArmModel,
+    fixture: FixtureSpec,
+    model: ClosureModel,
+    spread: Mapping[str, float],
+    rng: np.random.Generator,
+    *,
+    most: int,
+    least: int,
+) -> tuple[FloatArray, Manifold]:
+    """Draw until there is a mounting in which the arm can take that many poses."""
+    ranges = ranges_of(arm).within(margin_rad(arm))
+    for _ in range(TRIES):
+        x = _drawn(fixture, model, spread, rng)
+        try:
+            reached = candidate_poses(model, x, arm.home_rad, ranges, count=most)
+        except ValueError:
+            continue
+        if reached.size >= least:
+            return x, reached
+    raise SessionError(
+        f"the loop of {arm.name} in fixture {fixture.name} does not close near home with room for "
+        f"{least} poses in any of {TRIES} drawn mountings",
+        "check the fixture's placement and the arm's home pose (sarcal plan), or ask for fewer poses",
+    )
+
+
+def _drawn(
+    fixture: FixtureSpec,
+    model: ClosureModel,
+    spread: Mapping[str, float],
+    rng: np.random.Generator,
+) -> FloatArray:
+    """True values (P,) of all parameters."""
+    mounted = {*model.ground_side, *model.hand_side}
+    off = []
+    for p in model.parameters:
+        if p.name in spread:
+            off.append(spread[p.name] * rng.standard_normal())
+        elif p.name in mounted and not p.name.startswith("theta_off"):
+            most = fixture.tolerance_rad if p.is_angle else fixture.tolerance_m
+            off.append(OF_TOLERANCE * most * rng.uniform(-1.0, 1.0))
+        else:
+            off.append((OFFSET_RAD if p.is_angle else 0.0) * rng.standard_normal())
+    return np.asarray(nominal_vector(model.parameters) + np.array(off))
+
+
+def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
+    """The sensor of one joint (from 0), an RVDT with a curve as large as it may have; None without one."""
+    found = arm.joints[joint]
+    if isinstance(found.sensor, NoSensor):
+        return None
+    curve = None
+    if isinstance(found.sensor, Rvdt) and found.sensor.linearity > 0.0:
+        curve = RvdtCurve.drawn(
+            rng, full_scale_rad=found.sensor.full_scale_rad, peak=found.sensor.linearity
+        )
+    return joint_sensor(found, with_noise=True, curve=curve)

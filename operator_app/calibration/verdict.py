@@ -27,8 +27,9 @@ IMPACT = 2.0
 POSSIBLE = 0.1
 """Least probability of an explanation whose truth the sigmas have to cover as well."""
 
-UNNAMED_SCALE = 4.0
-"""chi2/dof at stated variances that nothing explains and that no sigma is believed beyond."""
+MOST_BELIEVED = 4.0
+"""chi2/dof at stated variances beyond which no sigma is believed: readings that scatter twice as much as
+the files state leave another calibration when what is wrong with them is mended, named or not."""
 
 WORTHLESS_RAD, WORTHLESS_M = np.deg2rad(10.0), 0.03
 """How well a tape measure and a protractor know a parameter beforehand, unless a file says otherwise."""
@@ -154,7 +155,7 @@ def _unnamed(trial: Trial) -> Iterable[NamedCause]:
     last = trial.rounds[-1][0] if trial.rounds else None
     if last is not None and last.evidence is not None:
         ratio = last.evidence.chi2 / max(last.evidence.dof, 1)
-        if ratio <= UNNAMED_SCALE:
+        if ratio <= MOST_BELIEVED:
             return
         probability = 1.0 - sum(x.probability for x in trial.rounds[-1] if x.candidate)
     else:
@@ -167,7 +168,7 @@ def _unnamed(trial: Trial) -> Iterable[NamedCause]:
         "single fault explains it",
         remedy="check that arm file, fixture file and poses belong together, and what was done "
         "between the poses; try --global-start",
-        refuses=ratio > UNNAMED_SCALE,
+        refuses=ratio > MOST_BELIEVED,
     )
 
 

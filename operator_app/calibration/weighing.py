@@ -18,7 +18,7 @@ from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeats import Repeat, Reread
 from operator_app.calibration.rivals import named_rivals, named_shift
 from operator_app.calibration.verdict import (
-    UNNAMED_SCALE,
+    MOST_BELIEVED,
     Judgement,
     causes_of,
     little_motion,
@@ -107,7 +107,7 @@ def weigh(
     model = found.linear.design.model
     unsensed = model.unsensed_joints
     scale = trial.stated_chi2_per_dof
-    gross = _left(trial) > UNNAMED_SCALE
+    gross = _left(trial) > MOST_BELIEVED
     by_tests = causes_of(trial, found.estimate, judged, _labels(used))
     rivals: tuple[NamedCause, ...] = ()
     if gross:
@@ -124,6 +124,9 @@ def weigh(
         by_tests = _of_rvdts(known.rvdt)
     if by_tests and not gross and not _one_story(trial):
         by_tests = (*_several(found.linear), *by_tests)
+    if scale > MOST_BELIEVED and by_tests:
+        # What is named may move nothing by more than its sigmas: these are as wide as the misfit made them.
+        by_tests = (replace(by_tests[0], refuses=True), *by_tests[1:])
     far = (
         other_basin(model, found.estimate, used.q_rad[found.order], judged)
         if known.search is None and not unsensed

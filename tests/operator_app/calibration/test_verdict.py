@@ -167,3 +167,16 @@ def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_f
     assert not judge_poses(arm, hinge, moved, fixed).holds
     excused = replace(fixed, fixture_variance=np.full(6, 1e-2), rvdt_sd_rad={6: 1.0, 7: 1.0})
     assert not judge_poses(arm, hinge, moved, excused).holds
+
+
+def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_hold() -> None:
+    """One reading of 13 poses off by 3 degrees: the variances grew until everything fitted."""
+    found = session(SEED, poses=13)
+    readings = found.readings.copy()
+    readings[3, 3] += np.deg2rad(3.0)
+    judgement = solved(replace(found, readings=readings)).judgement
+    assert judgement is not None
+    assert judgement.stated_chi2_per_dof is not None
+    assert judgement.stated_chi2_per_dof > 20.0
+    assert judgement.causes[0].code == "OUTLIERS"
+    assert judgement.verdict is Verdict.NOT_ACCEPTED

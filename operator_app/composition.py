@@ -29,13 +29,15 @@ from hardware.objects import HEARTBEAT_TIMEOUT_S
 from hardware.priority import first_in_line
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
+from hardware.virtual.drawn import Stated
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
 from hardware.virtual.parameters import ValidatedParameters
 from hardware.virtual.scenario_names import DEFAULT_SCENARIO
-from hardware.virtual.scenarios import Scenario, scenario
+from hardware.virtual.scenarios import Scenario, scenario, scenario_of
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.config.errors import ConfigError
+from operator_app.config.fixture_file import FixtureSpec, load_fixture
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
@@ -106,6 +108,7 @@ def open_arm(
                     opening.procedure.arm,
                     opening.choices,
                     settings,
+                    fixture=opening.procedure.fixture,
                     heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
                 )
             )
@@ -191,19 +194,43 @@ def carried_procedure(opening: Opening) -> Procedure:
     procedure, choices = opening.procedure, opening.choices
     if _bus(choices, procedure).interface != "virtual" and choices.scenario is None:
         return procedure
-    return replace(procedure, arm=scenario_of(choices).arm(procedure.arm))
+    return replace(procedure, arm=_named(choices).arm(procedure.arm))
 
 
 def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices:
     if not embedded:
         return replace(choices, interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate)
-    chosen = scenario_of(choices)
+    chosen = _named(choices)
     return replace(choices, interface="virtual", scenario=chosen.name, seed=chosen.seed)
 
 
-def scenario_of(choices: Choices) -> Scenario:
-    """Return the virtual arm these choices mean."""
+def _named(choices: Choices) -> Scenario:
+    """Return the scenario these choices name, whatever arm it is of."""
     return scenario(choices.scenario or DEFAULT_SCENARIO, choices.seed or 0)
+
+
+def virtual_arm(arm: ArmModel, fixture: FixtureSpec, choices: Choices) -> Scenario:
+    """Return the virtual arm that stands in for these files.
+
+    Raises
+    ------
+    SessionError
+        None can be built of them. Another one never takes its place.
+    """
+    stated = Stated(
+        arm=arm,
+        fixture=fixture.fixture,
+        tolerance_m=fixture.tolerance_m,
+        tolerance_rad=fixture.tolerance_rad,
+    )
+    named = _named(choices)
+    try:
+        return scenario_of(named.name, named.seed, stated)
+    except ValueError as error:
+        raise SessionError(
+            f"no virtual arm can be built of {arm.name} in {fixture.name}: {error}",
+            "change the files as said, or connect a real bus with -i",
+        ) from error
 
 
 @contextmanager
@@ -212,28 +239,30 @@ def run_controller(
     choices: Choices,
     settings: BusSettings,
     *,
+    fixture: FixtureSpec | None = None,
     slots: Path | None = None,
     heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
     script: Sequence[ScriptedFault] = (),
 ) -> Iterator[VirtualController]:
     """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory.
 
-    `script` are faults that happen at given SYNCs.
+    The plant is of this arm in this `fixture` (default: the packaged hinge). `script` are faults that
+    happen at given SYNCs.
     """
-    chosen = scenario_of(choices)
+    chosen = virtual_arm(arm, load_fixture("hinge") if fixture is None else fixture, choices)
     carried = chosen.arm(arm)
     try:
-        plant = chosen.build(arm)
+        plant, axes = chosen.build(arm), arm_axes(carried)
     except ValueError as error:
         raise SessionError(
-            f"the virtual arm cannot stand in for {arm.name}: {error}",
-            "use an arm file of the Sarcos Dextrous Arm, or connect a real bus with -i",
+            f"no virtual arm can be built of {arm.name}: {error}",
+            "change its file as said, or connect a real bus with -i",
         ) from error
     bus = open_bus(settings)
     controller = VirtualController(
         bus,
         plant,
-        axes=arm_axes(carried),
+        axes=axes,
         arm=ArmLabel(model=arm.name, serial_number=SERIAL_NUMBER),
         validate=validated_parameters,
         store=ParameterStore(MemoryDisk() if slots is None else FolderDisk(slots)),

@@ -1,4 +1,4 @@
-"""One pose's closure and Jacobian, tuned for the plant's inner loop. Knows D-H links, no forces.
+"""One pose's closure and Jacobian, tuned for the plant's inner loop. Knows D-H links and points, no forces.
 
 `solver.loops.closure.DhLoop.loop` does the same for many poses at once; on a single pose its broadcasting
 costs ten times as much. A test holds the two together to 1e-12.
@@ -14,20 +14,20 @@ from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
 
-class LoopPoint:
+class ChainPoint:
     """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; buffers are overwritten by every call.
 
     Attributes
     ----------
     error
-        (6,) rotation vector (rad) over position (m) of frame n, seen in frame -1.
+        (k,) how far the chain is from closed; which components, a subclass says.
     jacobian
-        (6, n + 1) its derivative for theta_0 .. theta'_n.
+        (k, n + 1) its derivative for theta_0 .. theta'_n; the first column is zero where nothing turns.
     axes_z, origins_m
         (n + 2, 3) z axis and origin of frames -1 .. n, seen in frame -1.
     """
 
-    def __init__(self, table: DhTable) -> None:
+    def __init__(self, table: DhTable, components: int) -> None:
         links = table.links
         c, s = np.cos(table.alpha_rad), np.sin(table.alpha_rad)
         # Rows of A_j are linear in cos theta and sin theta: A = cos * even + sin * odd + constant.
@@ -49,12 +49,15 @@ class LoopPoint:
         self.axes_z = self._frames[:, :3, 2]
         self.base_axes = self._frames[1, :3, :3]
         self.origins_m = self._frames[:, :3, 3]
-        self.error = np.empty(6)
-        self.jacobian = np.empty((6, links))
-        self._rotation = np.empty((links, 3))
+        self.error = np.zeros(components)
+        self.jacobian = np.zeros((components, links))
 
     def at(self, theta_rad: FloatArray) -> None:
         """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
+        raise NotImplementedError
+
+    def _place(self, theta_rad: FloatArray) -> FloatArray:
+        """Put all frames where these angles (n + 1,) have them; the last one (4, 4)."""
         cosine, sine = np.cos(theta_rad), np.sin(theta_rad)
         np.multiply(self._even, cosine[:, None, None], out=self._links)
         self._links += self._odd * sine[:, None, None]
@@ -62,18 +65,38 @@ class LoopPoint:
         dot = np.dot
         for before, link, after in self._products:
             dot(before, link, after)
-        end = self._frames[-1]
+        end: FloatArray = self._frames[-1]
+        return end
+
+    def _swung(self, p: FloatArray, rows: FloatArray) -> None:
+        """Put into `rows` (3, n + 1) how fast each joint moves a point `p` (3,) of the last link."""
+        z = self.axes_z[:-1]
+        arm = p - self.origins_m[:-1]
+        z0, z1, z2 = z[:, 0], z[:, 1], z[:, 2]
+        d0, d1, d2 = arm[:, 0], arm[:, 1], arm[:, 2]
+        rows[0] = z1 * d2 - z2 * d1
+        rows[1] = z2 * d0 - z0 * d2
+        rows[2] = z0 * d1 - z1 * d0
+
+
+class LoopPoint(ChainPoint):
+    """The hand held in frame -1: rotation vector (rad) over position (m) of frame n, seen from there.
+
+    Without a `hinge` theta_0 turns nothing: whoever moves the joints leaves it at zero.
+    """
+
+    def __init__(self, table: DhTable, *, hinge: bool = True) -> None:
+        super().__init__(table, 6)
+        self._hinge = hinge
+
+    def at(self, theta_rad: FloatArray) -> None:
+        """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
+        end = self._place(theta_rad)
         r0, r1, r2 = _rotation_vector(end[:3, :3].tolist())
         p = end[:3, 3]
         self.error[:] = (r0, r1, r2, *p.tolist())
-        z = self.axes_z[:-1]
-        arm = p - self.origins_m[:-1]
         J = self.jacobian
-        z0, z1, z2 = z[:, 0], z[:, 1], z[:, 2]
-        d0, d1, d2 = arm[:, 0], arm[:, 1], arm[:, 2]
-        J[3] = z1 * d2 - z2 * d1
-        J[4] = z2 * d0 - z0 * d2
-        J[5] = z0 * d1 - z1 * d0
+        self._swung(p, J[3:])
         # dr = E w with E = 1 - [r]/2 + f [r]^2 (solver.chain.rotations.rotation_vector_differential).
         square = r0 * r0 + r1 * r1 + r2 * r2
         f = _second_order_factor(math.sqrt(square))
@@ -85,7 +108,28 @@ class LoopPoint:
                 (0.5 * r1 + f * r0 * r2, -0.5 * r0 + f * r1 * r2, diagonal + f * r2 * r2),
             )
         )
-        J[:3] = E @ z.T
+        J[:3] = E @ self.axes_z[:-1].T
+        if not self._hinge:
+            J[:, 0] = 0.0
+
+
+class BallPoint(ChainPoint):
+    """A point `tip_m` (3,) of the last link held at `ground_m` (3,) of the base: ball less socket, m.
+
+    Frame -1 is the base: row 0 of the table is nothing, and theta_0 turns nothing.
+    """
+
+    def __init__(self, table: DhTable, *, tip_m: FloatArray, ground_m: FloatArray) -> None:
+        super().__init__(table, 3)
+        self._tip, self._ground = tip_m, ground_m
+
+    def at(self, theta_rad: FloatArray) -> None:
+        """Evaluate at angles theta_0 (left at zero), theta'_1 .. theta'_n, shape (n + 1,), rad."""
+        end = self._place(theta_rad)
+        ball = end[:3, :3] @ self._tip + end[:3, 3]
+        self.error[:] = ball - self._ground
+        self._swung(ball, self.jacobian)
+        self.jacobian[:, 0] = 0.0
 
 
 def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:

@@ -1,7 +1,8 @@
-"""The arm in its hinge, moved by forces: a compliant closed chain. Knows no bus, no estimator.
+"""The arm in its fixture, moved by forces: a compliant closed chain. Knows no bus, no estimator.
 
 Quasi-static: hydraulic joints at calibration speeds are damped far above their inertia. In each
-control period the increment D of the true angles (hinge, then joints) minimises
+control period the increment D of the true angles minimises (hinge first, then joints; where there is no
+hinge, an angle that moves nothing)
 
     1/2 sum_position k (target - theta - D)^2 + 1/2 e(theta + D)' K e(theta + D)
         + 1/2 sum d D^2 / dt - gravity' D + friction(D)
@@ -18,10 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.arm import JointMode
-from hardware.virtual.loop_point import LoopPoint
 from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.sensors import SensorBank
-from hardware.virtual.truth import LoopTruth
+from hardware.virtual.truth import Truth
 from solver.arrays import FloatArray, frozen
 
 CONVERGED_RAD = 1e-9
@@ -31,9 +31,12 @@ LONGEST_NEWTON_STEP_RAD = 0.1
 """Near a fold a joint wants to jump: let it run, but over a path that the chain can follow."""
 
 
-def fixture_stiffness(*, n_per_m: float, nm_per_rad: float) -> FloatArray:
-    """Stiffness (6, 6) of a fixture that is alike in every direction: rotations, then positions."""
-    return np.diag([nm_per_rad] * 3 + [n_per_m] * 3)
+def fixture_stiffness(*, n_per_m: float, nm_per_rad: float, components: int = 6) -> FloatArray:
+    """Stiffness (k, k) of a fixture that is alike in every direction: rotations, then positions.
+
+    Of three `components` all are positions.
+    """
+    return np.diag(([nm_per_rad] * 3 + [n_per_m] * 3)[-components:])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,8 +46,8 @@ class Dynamics:
     Attributes
     ----------
     fixture
-        (6, 6) symmetric stiffness for the closure error (rotation over position, frame -1), N m/rad
-        and N/m.
+        (k, k) symmetric stiffness for the k components of the closure error (of hinge and rigid
+        attachment rotation over position, frame -1; of a ball position), N m/rad and N/m.
     payload_kg
         (n,) mass at the origins of frames 1..n that the drives' gravity compensation misses.
     gravity_m_per_s2
@@ -74,8 +77,9 @@ class Dynamics:
     def __post_init__(self) -> None:
         for name in ("fixture", "payload_kg", "gravity_m_per_s2", "friction_nm"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
-        if self.fixture.shape != (6, 6) or self.gravity_m_per_s2.shape != (3,):
-            raise ValueError("the fixture's stiffness is 6 x 6, gravity has three components")
+        k = len(self.fixture)
+        if self.fixture.shape != (k, k) or self.gravity_m_per_s2.shape != (3,):
+            raise ValueError("the fixture's stiffness is square, gravity has three components")
         if self.payload_kg.shape != self.friction_nm.shape:
             raise ValueError("payload and friction need one entry per joint each")
         if min(self.damping_nm_s_per_rad, self.hinge_damping_nm_s_per_rad, self.period_s) <= 0.0:
@@ -100,7 +104,7 @@ class Plant:
     def __init__(
         self,
         *,
-        truth: LoopTruth,
+        truth: Truth,
         dynamics: Dynamics,
         sensors: SensorBank,
         start_rad: FloatArray,
@@ -118,7 +122,9 @@ class Plant:
         self._last = np.zeros(n + 1)
         self._bristle = np.zeros(n + 1)
         self._valve: list[float | None] = [None] * n
-        self._point = LoopPoint(truth.table)
+        self._point = truth.point()
+        if len(dynamics.fixture) != len(self._point.error):
+            raise ValueError("the fixture's stiffness is for another number of closure components")
         self._point.at(self._angles)
         d = np.full(n + 1, dynamics.damping_nm_s_per_rad)
         d[0] = dynamics.hinge_damping_nm_s_per_rad
@@ -134,7 +140,7 @@ class Plant:
 
     @property
     def closure_error(self) -> FloatArray:
-        """How far the fixture gives: rotation vector (rad) over position (m), shape (6,)."""
+        """How far the fixture gives: closure components (k,), rotation vector (rad) over position (m)."""
         return self._point.error.copy()
 
     def step(self, commands: Sequence[JointCommand]) -> PlantReading:

@@ -1,5 +1,8 @@
 """Named virtual arms: a truth, what its sensors get wrong and how its fixture gives. Knows no bus.
 
+The truth is the paper's arm in the paper's hinge where the files may mean that one; of any other arm or
+fixture it is a specimen drawn by seed within what its files state (`scenario_of`).
+
 The paper names three error sources (section 4): RVDTs, fixed lengths, fixture. Each is one field of
 a `Scenario`, on or off with a stated size, drawn from its own stream of the seed, so that switching
 one off leaves the others as they were.
@@ -7,17 +10,18 @@ one off leaves the others as they were.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
 
+from hardware.virtual.drawn import Stated, drawn_truth, may_be
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
 from hardware.virtual.scenario_names import SCENARIOS
 from hardware.virtual.sensors import RvdtCurve, SensorBank, joint_sensor
 from hardware.virtual.truth import (
     PAPER_HOME_RAD,
-    LoopTruth,
+    Truth,
     paper_loop,
     with_length_errors,
 )
@@ -29,6 +33,14 @@ from solver.chain.sensors import Encoder, Rvdt
 ENCODER_COUNTS_PER_REV = 400_000
 """The arm's encoders (paper, section 3); scenario `exact` has them on the wrist as well."""
 
+GRAVITY_M_PER_S2 = 9.81
+PAPER_DOWN = frozen([-1.0, 0.0, 0.0])
+"""In frame 0, the arm's base: z_0, the first shoulder axis, is level."""
+UPRIGHT_DOWN = frozen([0.0, 0.0, -1.0])
+"""Of an arm whose file does not say which way is down: its first axis stands upright."""
+PAPER_TORQUE_NM = 100.0
+"""What the drives of the paper's arm can do, by its file."""
+
 
 class _Stream(IntEnum):
     """Independent random streams of one seed."""
@@ -37,6 +49,7 @@ class _Stream(IntEnum):
     CURVES = 1
     NOISE = 2
     WILD = 3
+    SPECIMEN = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,20 +72,34 @@ class Loads:
         Dry friction of each joint, shape (n,).
     payload_kg
         Uncompensated mass at the origin of each frame, shape (n,).
+    down
+        (3,) unit vector along gravity in frame 0.
     """
 
     fixture_n_per_m: float
     fixture_nm_per_rad: float
     friction_nm: FloatArray
     payload_kg: FloatArray
+    down: FloatArray = field(default_factory=lambda: PAPER_DOWN)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "friction_nm", frozen(self.friction_nm))
-        object.__setattr__(self, "payload_kg", frozen(self.payload_kg))
+        for name in ("friction_nm", "payload_kg", "down"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
+    def of(self, arm: ArmModel) -> Loads:
+        """The same for another arm: masses halfway along it, friction in proportion to its drives."""
+        n, payload = arm.joint_count, self.payload_kg
+        if n == len(payload):
+            placed, friction = payload, self.friction_nm
+        else:
+            placed, friction = np.zeros(n), np.zeros(n)
+            placed[[n // 2 - 1, max(n - 3, 0)]] = float(payload.max())
+        if np.any(self.friction_nm > 0.0):
+            share = self.friction_nm.max() / PAPER_TORQUE_NM
+            friction = share * np.array([joint.max_torque_nm for joint in arm.joints])
+        down = UPRIGHT_DOWN if arm.masses is None else arm.masses.down
+        return replace(self, payload_kg=placed, friction_nm=friction, down=down)
 
-GRAVITY_M_PER_S2 = frozen([-9.81, 0.0, 0.0])
-"""In frame 0, the arm's base: z_0, the first shoulder axis, is level."""
 
 STIFF = Loads(
     fixture_n_per_m=2e9,
@@ -94,7 +121,7 @@ YIELDING = Loads(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """A virtual arm in a hinge: frozen description, from which `build` makes a plant.
+    """A virtual arm in its fixture: frozen description, from which `build` makes a plant.
 
     Attributes
     ----------
@@ -119,7 +146,7 @@ class Scenario:
 
     name: str
     seed: int
-    truth: LoopTruth
+    truth: Truth
     specimen: int | None = None
     encoders_only: bool = False
     noise: bool = True
@@ -134,7 +161,7 @@ class Scenario:
         encoder = Encoder(counts_per_rev=ENCODER_COUNTS_PER_REV)
         return replace(arm, joints=tuple(replace(j, sensor=encoder) for j in arm.joints))
 
-    def true_loop(self) -> LoopTruth:
+    def true_loop(self) -> Truth:
         """Geometry with the length errors in."""
         if self.lengths is None:
             return self.truth
@@ -182,10 +209,12 @@ class Scenario:
             truth=truth,
             dynamics=Dynamics(
                 fixture=fixture_stiffness(
-                    n_per_m=self.loads.fixture_n_per_m, nm_per_rad=self.loads.fixture_nm_per_rad
+                    n_per_m=self.loads.fixture_n_per_m,
+                    nm_per_rad=self.loads.fixture_nm_per_rad,
+                    components=truth.loop().components,
                 ),
                 payload_kg=self.loads.payload_kg,
-                gravity_m_per_s2=GRAVITY_M_PER_S2,
+                gravity_m_per_s2=GRAVITY_M_PER_S2 * self.loads.down,
                 friction_nm=self.loads.friction_nm,
             ),
             sensors=SensorBank(sensors, rng=self._rng(_Stream.NOISE)),
@@ -234,3 +263,26 @@ def scenario(name: str, seed: int = 0) -> Scenario:
             return Scenario(name=name, seed=seed, truth=truth, curve_of_full_scale=0.02)
         case _:
             raise ValueError(f"no scenario {name!r}; there are {', '.join(SCENARIOS)}")
+
+
+def scenario_of(name: str, seed: int, stated: Stated) -> Scenario:
+    """Return a scenario for an arm and a fixture: the paper's own where the files may mean it.
+
+    Of all others the truth is drawn by seed within what the files state; lengths and twists that
+    nothing identifies are off as well, but in ``exact``. What scenarios have beside their truth
+    (sensors, curves, loads, length errors) they have for every arm.
+
+    Raises
+    ------
+    ValueError
+        There is no such scenario, or no plant can be built of these files; says why.
+    """
+    of_paper = scenario(name, seed)
+    if may_be(stated, paper_loop(), PAPER_HOME_RAD):
+        return of_paper
+    truth = drawn_truth(
+        stated,
+        np.random.default_rng([seed, int(_Stream.SPECIMEN)]),
+        maker_errors=name != "exact" and of_paper.lengths is None,
+    )
+    return replace(of_paper, truth=truth, specimen=None, loads=of_paper.loads.of(stated.arm))

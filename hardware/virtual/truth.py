@@ -6,20 +6,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hardware.virtual.loop_point import BallPoint, ChainPoint, LoopPoint
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.closing import close_loops
+from solver.loops.arm_loop import ArmLoop
 from solver.loops.dh import DhLoop
+from solver.loops.point import PointClosure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LoopTruth:
-    """A hinge loop as it really is.
+class Truth:
+    """An arm and what holds its hand, as they really are.
 
     Attributes
     ----------
     table
-        D-H rows 0..n; row 0 is the hinge (`theta_off_rad[0]` is 0), rows 1..n the arm with its true
+        D-H rows 0..n; row 0 is the fixture (`theta_off_rad[0]` is 0), rows 1..n the arm with its true
         joint-angle offsets.
     """
 
@@ -35,9 +38,13 @@ class LoopTruth:
         """True offsets of joints 1..n, shape (n,)."""
         return self.table.theta_off_rad[1:]
 
-    def loop(self) -> DhLoop:
+    def loop(self) -> ArmLoop:
         """Closure model with nothing unknown; its joint angles are sensor coordinates."""
-        return DhLoop(table=self.table, entries=(), hinge=True)
+        raise NotImplementedError
+
+    def point(self) -> ChainPoint:
+        """The same for the plant's inner loop, one pose at a time."""
+        raise NotImplementedError
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
         """Nearest closed pose to a reading.
@@ -49,7 +56,7 @@ class LoopTruth:
 
         Returns
         -------
-        True joint angles theta' (n,) and the hinge angle theta_0, rad.
+        True joint angles theta' (n,) and the hinge angle theta_0, rad; 0 where there is no hinge.
 
         Raises
         ------
@@ -62,7 +69,47 @@ class LoopTruth:
         closed = close_loops(loop, nothing, start)
         if flipped or not bool(closed.closed[0]):
             raise ValueError("this loop does not close near the given pose")
-        return closed.q[0] + self.offsets_rad, float(closed.u[0, 0])
+        return closed.q[0] + self.offsets_rad, float(closed.u[0].sum())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopTruth(Truth):
+    """A hinge, or with ``hinge=False`` a rigid attachment: row 0 is a link that turns, or does not."""
+
+    hinge: bool = True
+
+    def loop(self) -> DhLoop:
+        """The closed chain of links 0..n."""
+        return DhLoop(table=self.table, entries=(), hinge=self.hinge)
+
+    def point(self) -> LoopPoint:
+        """Six closure components."""
+        return LoopPoint(self.table, hinge=self.hinge)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BallTruth(Truth):
+    """A ball on the hand in a socket on the table; row 0 is nothing.
+
+    Attributes
+    ----------
+    tip_m, ground_m
+        Centre of the ball in the last frame, of the socket in the arm's base frame, (3,).
+    """
+
+    tip_m: FloatArray
+    ground_m: FloatArray
+
+    def loop(self) -> PointClosure:
+        """The distance of ball and socket."""
+        arm = DhTable(
+            **{name: getattr(self.table, name)[1:] for name in DhTable.__dataclass_fields__}
+        )
+        return PointClosure(table=arm, entries=(), own=(), tip_m=self.tip_m, ground_m=self.ground_m)
+
+    def point(self) -> BallPoint:
+        """Three closure components."""
+        return BallPoint(self.table, tip_m=self.tip_m, ground_m=self.ground_m)
 
 
 def paper_loop() -> LoopTruth:
@@ -84,8 +131,8 @@ PAPER_HOME_RAD = frozen(
 
 
 def with_length_errors(
-    truth: LoopTruth, *, smallest_m: float, largest_m: float, rng: np.random.Generator
-) -> LoopTruth:
+    truth: Truth, *, smallest_m: float, largest_m: float, rng: np.random.Generator
+) -> Truth:
     """Put every length that calibration takes from the maker's table off by a random amount.
 
     These are s_2..s_n-1 and a_1..a_n-1: the fixture's own entries (s_1, s_n, a_n, row 0) are
@@ -100,4 +147,4 @@ def with_length_errors(
         size = rng.uniform(smallest_m, largest_m, column[rows].shape)
         column[rows] += size * rng.choice((-1.0, 1.0), column[rows].shape)
         columns[name] = column
-    return LoopTruth(table=replace(truth.table, **columns))
+    return replace(truth, table=replace(truth.table, **columns))

@@ -22,6 +22,7 @@ FAULTS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("--arm", default="sarcos_dextrous", help="arm file or built-in name")
+    parser.add_argument("--fixture", default="hinge", help="fixture file or built-in name (hinge)")
     parser.add_argument(
         "--state",
         type=Path,
@@ -60,8 +61,9 @@ def execute(args: argparse.Namespace) -> int:
     from hardware.buses import bus_settings
     from hardware.priority import first_in_line
     from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
-    from operator_app.composition import run_controller, scenario_of
+    from operator_app.composition import run_controller, virtual_arm
     from operator_app.config.arm_file import load_arm
+    from operator_app.config.fixture_file import load_fixture
     from operator_app.signals import ending_signals_interrupt
 
     choices = choices_from(args)
@@ -70,7 +72,7 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(
             "a virtual bus ends at this process; use -i loopback (no set-up) or -i socketcan -c vcan0"
         )
-    arm = load_arm(args.arm)
+    arm, fixture = load_arm(args.arm), load_fixture(args.fixture)
     if not 1 <= args.fault_joint <= arm.joint_count:
         raise UsageError(f"--fault-joint: joints are 1 to {arm.joint_count}")
     if args.fault_sync < 1:
@@ -81,12 +83,14 @@ def execute(args: argparse.Namespace) -> int:
     with (
         ending_signals_interrupt(),
         first_in_line(),
-        run_controller(arm, choices, settings, slots=args.state, script=script),
+        run_controller(arm, choices, settings, fixture=fixture, slots=args.state, script=script),
     ):
-        chosen = scenario_of(choices)
+        chosen = virtual_arm(arm, fixture, choices)
         say(
-            f"Virtual {arm.name} (scenario {chosen.name}, seed {chosen.seed}) on {settings}. "
-            f"In another terminal: sarcal run hinge -i {settings.interface} -c {settings.channel}"
+            f"Virtual {arm.name} in {fixture.name} (scenario {chosen.name}, seed {chosen.seed}) on "
+            f"{settings}. "
+            f"In another terminal: sarcal run {fixture.kind} -i {settings.interface} "
+            f"-c {settings.channel}"
             f"{' --scenario exact' if chosen.name == 'exact' else ''}\n"
             + "".join(
                 f"At SYNC {args.fault_sync}: {FAULT_KINDS[kind].text} (joint {args.fault_joint}).\n"

@@ -184,7 +184,8 @@ class ParametersDocument(StrictRecord):
     software_version, utc
         What made the document, and when (aware, UTC).
     joints, dh, calibrated
-        Offsets, the whole D-H table (rows 0..n), and which of its entries were calibrated.
+        Offsets, the whole D-H table (rows 0..n), and which of its entries were calibrated. Row 0 is the
+        fixture's where that is a D-H link (hinge, rigid), and all zero where it is none (ball).
     pose_set_sha256
         `solver.chain.poses.PoseSet.sha256` of the poses.
     """
@@ -272,8 +273,12 @@ class ParametersDocument(StrictRecord):
     @field_validator("quality")
     @classmethod
     def _rank_fits(cls, value: Quality, info: ValidationInfo) -> Quality:
-        calibrated = info.data.get("calibrated")
-        if calibrated is not None and value.rank > len(calibrated):
+        calibrated, fixture = info.data.get("calibrated"), info.data.get("fixture")
+        if calibrated is None:
+            return value
+        # A ball's unknowns, its centre and the socket's, are no entries of the arm's table.
+        beside = 6 if fixture is not None and fixture.kind == "ball" else 0
+        if value.rank > len(calibrated) + beside:
             text = f"rank {value.rank} for {len(calibrated)} calibrated entries"
             report(info, ("quality", "rank"), text, CHANGED_IN_ONE_PLACE)
         return value

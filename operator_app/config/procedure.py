@@ -197,7 +197,11 @@ class ExportChoice(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcedureFile(StrictRecord):
-    """The whole file, without its ``schema`` line; arm and fixture by name or path."""
+    """The whole file, without its ``schema`` line; arm and fixture by name or path.
+
+    `home_deg` takes the place of the arm's home, which need not be a pose in this fixture. `held` are
+    free entries of the arm that are not identified here, each with the reason why.
+    """
 
     name: Name
     arm: Text
@@ -205,6 +209,8 @@ class ProcedureFile(StrictRecord):
     bus: ProcedureBus
     modes: Literal["auto"] | Modes
     unsensed_joints: tuple[Count, ...] = ()
+    home_deg: tuple[AngleDeg, ...] | None = None
+    held: dict[str, Text] = field(default_factory=dict)
     capture: CapturePlan
     estimator: Literal["paper", "implicit"]
     acceptance: AcceptanceLimits
@@ -225,7 +231,10 @@ class Procedure:
     name
         What the operator calls it.
     arm, fixture
-        As read from their files.
+        As read from their files; the arm with this procedure's home, and without the free entries that
+        it holds.
+    held
+        Those entries by name, each with the reason why.
     profile
         How the arm's nodes are set up on the bus.
     sources
@@ -258,3 +267,4 @@ class Procedure:
     upload: bool
     length_tolerance_m: float | None = None
     trial: bool = False
+    held: Mapping[str, str] = field(default_factory=dict)

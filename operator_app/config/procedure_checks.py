@@ -50,6 +50,28 @@ def check_joints(
         yield from _check_limits(found, arm, document)
 
 
+def check_own(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
+    """A home of its own for every joint and inside its range; held entries that are free in the arm."""
+    if found.home_deg is not None:
+        if len(found.home_deg) != arm.joint_count:
+            text = f"has {len(found.home_deg)} angles for {arm.joint_count} joints"
+            yield document.problem(("home_deg",), text, "give one angle for each joint")
+        else:
+            for k, (home, joint) in enumerate(zip(found.home_deg, arm.joints, strict=True)):
+                low, high = math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)
+                if not low <= home <= high:
+                    text = f"{home:.6g} deg is outside joint {k + 1}'s range {low:.6g} to {high:.6g} deg"
+                    yield document.problem(("home_deg", k), text, "give an angle inside it")
+    free = {entry.name for entry in arm.free}
+    for name in found.held:
+        if name not in free:
+            yield document.problem(
+                ("held", name),
+                "is none of the arm's free entries: it is held anyway",
+                f"leave it out; free are {', '.join(sorted(free))}",
+            )
+
+
 def _check_exploration(
     found: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None, document: YamlDocument
 ) -> Iterator[Problem]:

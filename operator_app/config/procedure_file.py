@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
+
+import numpy as np
 
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import parse_fixture
 from operator_app.config.procedure import Procedure, ProcedureFile
-from operator_app.config.procedure_checks import check_joints, check_requested
+from operator_app.config.procedure_checks import check_joints, check_own, check_requested
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.config.schema import check_model
 from operator_app.config.strict_yaml import load_strict
 from operator_app.config.yaml_document import Path as KeyPath
 from operator_app.config.yaml_document import YamlDocument
+from solver.arrays import frozen
+from solver.chain.arm_model import ArmModel
 
 T = TypeVar("T")
 
@@ -51,6 +56,9 @@ def parse_procedure(
         at=("bus", "profile"),
         name=found.bus.profile,
     )
+    if arm is not None:
+        problems += check_own(found, arm[1], document)
+        arm = arm[0], _as_here(found, arm[1])
     problems += check_joints(found, None if arm is None else arm[1], document)
     if not problems and arm is not None and fixture is not None:
         loop = fixture[1].fixture.model(arm[1], unsensed_joints=found.unsensed_joints)
@@ -71,12 +79,24 @@ def parse_procedure(
         estimator=found.estimator,
         acceptance=found.acceptance,
         upload=found.export.upload,
+        held=found.held,
     )
 
 
 def load_procedure(reference: str | Path) -> Procedure:
     """Read a procedure by built-in name or path; raises as `parse_procedure`."""
     return parse_procedure(resolve("procedure", reference))
+
+
+def _as_here(found: ProcedureFile, arm: ArmModel) -> ArmModel:
+    """Return the arm with this procedure's home, and without the free entries that it holds."""
+    home = found.home_deg
+    fits = home is not None and len(home) == arm.joint_count
+    return replace(
+        arm,
+        free=tuple(entry for entry in arm.free if entry.name not in found.held),
+        home_rad=frozen(np.deg2rad(home)) if home is not None and fits else arm.home_rad,
+    )
 
 
 def _referred(

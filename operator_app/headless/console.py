@@ -64,7 +64,8 @@ class ConsoleListener(Listener):
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """Say which joints drive."""
         names = " and ".join(str(j) for j in position_joints)
-        self.say(f"Joints {names} in position mode, the others free; read back from the drives.")
+        joints = "Joint" if len(position_joints) == 1 else "Joints"
+        self.say(f"{joints} {names} in position mode, the others free; read back from the drives.")
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
         """Advance the bar."""

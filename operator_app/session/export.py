@@ -11,6 +11,8 @@ from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
+
 from hardware.arm import Arm, UploadReceipt
 from operator_app.calibration.solution import Solution
 from operator_app.config.parameters import (
@@ -26,7 +28,9 @@ from operator_app.config.parameters_from_table import joints_from_table, rows_fr
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.session.state import SessionState
+from solver.chain.kinematics import DhTable
 from solver.estimators.goodness import TwoReadings
+from solver.loops.arm_loop import ArmLoop
 
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"
@@ -56,15 +60,12 @@ def document_of(
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, model = solution.estimate, solution.model
-    table = model.dh_table(estimate.x)
-    if table is None:
-        raise SessionError(
-            f"a {fixture.kind} calibration has no D-H table of the closed loop",
-            "export is for hinge and rigid fixtures",
-        )
+    table = _table_of(solution, fixture.kind)
+    own = model.own if isinstance(model, ArmLoop) else ()
     calibrated = tuple(
         CalibratedEntry.of(p.name, math.degrees(s) if p.is_angle else float(s))
         for p, s in zip(estimate.parameters, estimate.standard_deviation, strict=True)
+        if p.name not in own
     )
     return ParametersDocument(
         arm=WhichArm(model=arm.name, serial=state.serial_number),
@@ -89,6 +90,27 @@ def document_of(
         software_version=version("sarcal"),
         utc=utc,
     )
+
+
+def _table_of(solution: Solution, kind: str) -> DhTable:
+    """D-H rows 0..n as found; row 0 is nothing where the fixture is no D-H link.
+
+    Raises
+    ------
+    SessionError
+        Several placements have no table in common.
+    """
+    model, x = solution.model, solution.estimate.x
+    table = model.dh_table(x)
+    if table is not None:
+        return table
+    if not isinstance(model, ArmLoop):
+        raise SessionError(
+            f"{kind} fixtures in several placements have no D-H table in common",
+            "export the calibration of one placement",
+        )
+    theta_off, s, a, alpha = np.concatenate((np.zeros((4, 1)), model.tables(x)), axis=1)
+    return DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
 
 
 def upload(arm: Arm, document: bytes, expected_counts: tuple[int | None, ...]) -> UploadReceipt:

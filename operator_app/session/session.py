@@ -33,6 +33,7 @@ from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError, JournalLostError
 from operator_app.planning.exploration import Box, box_of, overload, range_watch, waypoints
+from operator_app.planning.held import held_checks
 from operator_app.planning.mode_rule import modes_problem
 from operator_app.session.calibrated import Calibrated, recorded, solved_data
 from operator_app.session.export import (
@@ -155,7 +156,10 @@ class Session:
 
     def check_fixture(self) -> tuple[SetupCheck, ...]:
         """Judge the nominal placement at the arm's present pose."""
-        checks = self.fixture.setup_checks(self.model, self.arm.snapshot().positions_rad)
+        checks = (
+            *self.fixture.setup_checks(self.model, self.arm.snapshot().positions_rad),
+            *held_checks(self.procedure),
+        )
         self.record(
             "fixture_checked",
             {"checks": [{**asdict(c), "severity": c.severity.value} for c in checks]},

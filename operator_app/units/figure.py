@@ -143,6 +143,7 @@ READING_SD = Kind(ANGLE, places=4)
 NOMINAL_LENGTH = Kind(LENGTH, places=0)
 MOUNTED_LENGTH = Kind(LENGTH, places=1)
 NOMINAL_TWIST = Kind(ANGLE, places=1)
+NOMINAL_OFFSET = Kind(ANGLE, places=2)
 LENGTH_TOLERANCE = Kind(LENGTH, digits=2)
 ANGLE_TOLERANCE = Kind(ANGLE, digits=2)
 

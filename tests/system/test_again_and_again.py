@@ -3,88 +3,34 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace, Timing
-from hardware.virtual.controller import VirtualController
-from operator_app.calibration.verify import Prediction
 from operator_app.cli import main
-from operator_app.composition import carried_procedure, describe, run_controller
 from operator_app.errors import GuardError
 from operator_app.headless.runner import run
-from operator_app.session.calibrated import calibrated
 from operator_app.session.going_home import AT_THE_EDGE_RAD, go_home
 from operator_app.session.listener import Listener
-from operator_app.session.opening import Choices, Rig, begin, open_session, resume
 from operator_app.session.session import Session
-from operator_app.session.workflow import take_poses, verify
-
-PATIENCE_S = 10.0
-CHOICES = Choices(poses=10, scenario="datasheet", seed=0, interface="virtual")
+from operator_app.session.workflow import take_poses
+from oracles.bench import Bench
+from oracles.bench import bench as running
 
 
 @pytest.fixture
-def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
-    channel = f"again-{os.getpid()}-{request.node.name[:16]}"
-    settings = BusSettings(channel=channel)
-    arm = begin("hinge", CHOICES, root=tmp_path).procedure.arm
-    with run_controller(arm, CHOICES, settings, heartbeat_timeout_s=PATIENCE_S) as controller:
-        yield Bench(controller, settings, tmp_path)
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    with running(tmp_path, procedure="hinge", scenario="datasheet", seed=0, poses=10) as found:
+        yield found
 
 
-class Bench:
-    """One controller, and sessions on it one after the other, each with a program of its own."""
-
-    def __init__(self, controller: VirtualController, settings: BusSettings, root: Path) -> None:
-        self.controller, self.settings, self.root = controller, settings, root
-        self._count = 0
-
-    @contextmanager
-    def session(self, earlier: Path | None = None, **chosen: object) -> Iterator[Session]:
-        self._count += 1
-        if earlier is None:
-            opening = begin("hinge", replace(CHOICES, **chosen), root=self.root)
-            opening = replace(opening, folder=self.root / f"session-{self._count}")
-        else:
-            opening = resume(str(earlier), Choices(), root=self.root)
-        opening = replace(opening, procedure=carried_procedure(opening))
-        arm = CanopenArm(
-            describe(opening.procedure.arm),
-            self.settings,
-            opening.procedure.profile,
-            pace=Pace.FAST_FORWARD,
-            timing=Timing(heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S),
-        )
-        session = open_session(Rig(arm=arm, opening=opening, simulated=True))
-        try:
-            yield session
-        finally:
-            session.close("done")
-
-    def calibrated(self) -> Path:
-        with self.session() as session:
-            result = run(session, Listener())
-            assert result.solution.accepted, result.solution.reasons
-            assert result.exported is not None
-            return result.exported.folder
-
-    def verified(self, folder: Path) -> Prediction:
-        with self.session(folder) as session:
-            session.connect()
-            session.set_modes((1, 5))
-            found, _ = verify(
-                session, calibrated(session.state, session.procedure).solution, 4, Listener()
-            )
-            return found
+def calibrated(bench: Bench) -> Path:
+    result = bench.calibrated()
+    assert result.solution.accepted, result.solution.reasons
+    assert result.exported is not None
+    return result.exported.folder
 
 
 def compared(a: Path, b: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
@@ -97,13 +43,13 @@ def compared(a: Path, b: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int,
 def again_and_again(bench: Bench, capsys: pytest.CaptureFixture[str], *, times: int) -> None:
     folders = []
     for _ in range(times):
-        folders.append(bench.calibrated())
+        folders.append(calibrated(bench))
         assert bench.verified(folders[-1]).holds
     assert compared(folders[0], folders[-1], capsys) == (0, [])
 
     # Somebody remounts the encoder of joint 3: 2000 counts are 1.8 deg.
     bench.controller.faults.lose_counts(3, -2000)
-    after = bench.calibrated()
+    after = calibrated(bench)
     assert compared(folders[-1], after, capsys) == (4, ["theta_off_3"])
 
 

@@ -132,10 +132,14 @@ def test_bad_input_says_what_to_do_and_writes_nothing(
     assert not (tmp_path / "s").exists()
 
 
-def test_rigid_is_refused_by_naming_joint_4(
+def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["run", "rigid", "--sessions", str(tmp_path)]) == 5
+    procedure = yaml.safe_load(resolve("procedure", "rigid").data)
+    del procedure["held"]
+    mine = tmp_path / "rigid_all_free.yaml"
+    mine.write_text(yaml.safe_dump(procedure, sort_keys=False))
+    assert main(["run", str(mine), "--sessions", str(tmp_path)]) == 5
     assert "joint 4 does not move" in capsys.readouterr().err
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hardware.virtual.loop_point import LoopPoint
-from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
+from hardware.virtual.truth import PAPER_HOME_RAD, BallTruth, LoopTruth, paper_loop
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
@@ -69,3 +69,25 @@ def test_a_loop_open_by_half_a_turn_is_refused() -> None:
     )
     with pytest.raises(ValueError, match="half a turn"):
         LoopPoint(flat).at(np.array([0.0, np.pi]))
+
+
+@pytest.mark.parametrize("kind", ["rigid", "ball"])
+def test_what_has_no_hinge_agrees_with_the_solver_too(kind: str) -> None:
+    rng = np.random.default_rng(5)
+    table = general_loop().table
+    tip, ground = rng.normal(size=3), rng.normal(size=3)
+    truth = LoopTruth(table=table, hinge=False)
+    if kind == "ball":
+        nothing = {name: np.array(getattr(table, name)) for name in DhTable.__dataclass_fields__}
+        for column in nothing.values():
+            column[0] = 0.0
+        truth = BallTruth(table=DhTable(**nothing), tip_m=tip, ground_m=ground)
+    theta = rng.normal(size=table.links)
+    theta[0] = 0.0
+    point = truth.point()
+    point.at(theta)
+    q = (theta - table.theta_off_rad)[None, 1:]
+    expected = truth.loop().loop(np.zeros(0), q, np.zeros((1, 0)))
+    assert np.abs(point.error - expected.residual[0]).max() < 1e-12
+    assert np.abs(point.jacobian[:, 1:] - expected.jac_q[0]).max() < 1e-12
+    assert not point.jacobian[:, 0].any()

@@ -1,0 +1,176 @@
+"""A specimen of any arm in any fixture: a truth drawn by seed within what their files state. Knows no bus.
+
+What calibration identifies is drawn: offsets within `OFFSET_RAD`, the fixture within the tolerance of
+its file (a third of it is one standard deviation). What is taken from the maker's table is off by the
+tolerance that the arm file states. What is not free, or what the loop could not show (the offset of a
+joint that does not move), is what the file says it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import Fixture
+from fixtures.mobility import mobility
+from hardware.virtual.truth import BallTruth, LoopTruth, Truth
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry, DhKind, nominal_vector
+from solver.loops.arm_loop import ArmLoop
+from solver.loops.dh import DhLoop
+from solver.loops.point import PointClosure
+
+OFFSET_RAD = float(np.deg2rad(3.0))
+"""How far true offsets lie from the arm file's, at most: no file states it."""
+MISREMEMBERED_RAD = float(np.deg2rad(10.0))
+"""How far the offsets of a file may be from those of an arm that it still may mean."""
+NEAR_HOME_RAD = float(np.deg2rad(15.0))
+"""How far any joint of the pose that a specimen starts from may be from that of the files as stated."""
+INSIDE_RAD = float(np.deg2rad(3.0))
+"""What that pose keeps from the ends of the ranges."""
+TRIES = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stated:
+    """What the files say of a specimen.
+
+    `tolerance_m` and `tolerance_rad` are the fixture file's: the true placement is within them.
+    """
+
+    arm: ArmModel
+    fixture: Fixture
+    tolerance_m: float
+    tolerance_rad: float
+
+
+def drawn_truth(stated: Stated, rng: np.random.Generator, *, maker_errors: bool) -> Truth:
+    """Draw a truth that closes near the arm's home.
+
+    Parameters
+    ----------
+    maker_errors
+        Whether lengths and twists that nothing identifies are off by their tolerance, too.
+
+    Raises
+    ------
+    ValueError
+        No plant can be built of these files; says why.
+    """
+    arm, kind = stated.arm, stated.fixture.kind
+    model = stated.fixture.model(arm)
+    if not isinstance(model, DhLoop | PointClosure):
+        raise ValueError(f"no virtual arm knows how a {kind} fixture holds its hand")  # noqa: TRY004
+    nominal = nominal_vector(model.parameters)
+    here = _pose(_truth(model, nominal, model.arm_rows()), arm, arm.home_rad)
+    if here is None:
+        raise ValueError(
+            f"as stated, no pose near the arm's home_deg and inside its ranges closes the loop of its {kind}"
+        )
+    seen = _seen(stated, model, nominal, here)
+    lengths = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
+    for _ in range(TRIES):
+        rows = model.arm_rows()
+        if maker_errors:
+            rows[1:] += lengths * rng.standard_normal(rows[1:].shape)
+        x = nominal + seen * _spread(model, stated, rng)
+        truth = _truth(model, x, rows)
+        pose = _pose(truth, arm, arm.home_rad)
+        if pose is not None and np.abs(pose - here).max() < NEAR_HOME_RAD:
+            return truth
+    raise ValueError(
+        f"of {TRIES} arms drawn within the tolerances of the files none closes near the arm's home_deg: "
+        "state the placement more narrowly, or another home"
+    )
+
+
+def _seen(stated: Stated, model: ArmLoop, x: FloatArray, q: FloatArray) -> FloatArray:
+    """Which unknowns (P,) the loop can see, 1 or 0: the others stay as the files have them."""
+    still = {f"theta_off_{j}" for j in mobility(model, x, q).immobile_joints}
+    hidden = {
+        check.code.removeprefix("HIDDEN_")
+        for check in stated.fixture.placement_checks(stated.arm, x)
+    }
+    return np.array([0.0 if p.name in still | hidden else 1.0 for p in model.parameters])
+
+
+def may_be(stated: Stated, truth: LoopTruth, home_rad: FloatArray) -> bool:
+    """Whether the files may mean this very arm in this very hinge, which closes at `home_rad` (n,).
+
+    What they leave free may be off by its tolerance (offsets by `MISREMEMBERED_RAD`); all else is what
+    the files say, within five of the standard deviations they state.
+    """
+    arm, model = stated.arm, stated.fixture.model(stated.arm)
+    if not isinstance(model, DhLoop) or (model.hinge, model.joint_count) != (
+        truth.hinge,
+        truth.joint_count,
+    ):
+        return False
+    off = model.table.stacked() - truth.table.stacked()
+    angles = [DhKind.THETA_OFF, DhKind.ALPHA]
+    off[angles] = np.remainder(off[angles] + np.pi, 2.0 * np.pi) - np.pi
+    allowed = np.zeros(off.shape)
+    allowed[[DhKind.S, DhKind.A], 1:] = 5.0 * arm.length_tolerance_m
+    allowed[DhKind.ALPHA, 1:] = 5.0 * arm.twist_tolerance_rad
+    for entry in model.entries:
+        angle = stated.tolerance_rad if entry.kind.is_angle else stated.tolerance_m
+        is_offset = entry.kind is DhKind.THETA_OFF
+        allowed[entry.kind, entry.row] = MISREMEMBERED_RAD if is_offset else angle
+    near = np.abs(arm.home_rad - home_rad).max() < 2.0 * NEAR_HOME_RAD
+    return bool(near and np.all(np.abs(off) <= allowed + 1e-9))
+
+
+def _spread(model: ArmLoop, stated: Stated, rng: np.random.Generator) -> FloatArray:
+    """By how much the unknowns of a specimen are off (P,): everything within its tolerance."""
+    entries: list[DhEntry | None] = [*model.entries, *([None] * len(model.own))]
+    placed = {*model.ground_side, *model.hand_side}
+    off = []
+    for parameter, entry in zip(model.parameters, entries, strict=True):
+        draw, third = rng.uniform(-1.0, 1.0), float(np.clip(rng.normal() / 3.0, -1.0, 1.0))
+        if entry is not None and entry.kind is DhKind.THETA_OFF:
+            off.append(OFFSET_RAD * draw)
+        elif parameter.name in placed:
+            off.append(third * (stated.tolerance_rad if parameter.is_angle else stated.tolerance_m))
+        else:
+            row = 0 if entry is None else entry.row - 1
+            arm = stated.arm
+            stated_sd = arm.twist_tolerance_rad if parameter.is_angle else arm.length_tolerance_m
+            off.append(3.0 * third * float(stated_sd[row]))
+    return np.array(off)
+
+
+def _truth(model: DhLoop | PointClosure, x: FloatArray, rows: FloatArray) -> Truth:
+    """The truth with these unknowns (P,) and these arm rows (4, n) where nothing is unknown."""
+    stacked = model.arm_rows() if isinstance(model, PointClosure) else model.table.stacked()
+    stacked[:, -rows.shape[1] :] = rows
+    here = model.with_table(_table(stacked))
+    found = here.tables(x)
+    if isinstance(model, DhLoop):
+        return LoopTruth(table=_table(found), hinge=model.hinge)
+    tip_ground = model.own_values(x)[0]
+    return BallTruth(
+        table=_table(np.concatenate((np.zeros((4, 1)), found), axis=1)),
+        tip_m=tip_ground[:3],
+        ground_m=tip_ground[3:],
+    )
+
+
+def _table(stacked: FloatArray) -> DhTable:
+    theta_off, s, a, alpha = stacked
+    return DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
+
+
+def _pose(truth: Truth, arm: ArmModel, near_rad: FloatArray) -> FloatArray | None:
+    """Readings (n,) of the closed pose nearest to some angles; None if there is none inside the ranges."""
+    try:
+        pose, _ = truth.closed_near(near_rad)
+    except ValueError:
+        return None
+    reading = pose - truth.offsets_rad
+    inside = np.all(reading > arm.lower_rad + INSIDE_RAD) and np.all(
+        reading < arm.upper_rad - INSIDE_RAD
+    )
+    return reading if inside else None

@@ -1,0 +1,117 @@
+"""One virtual controller on a bus of this process, and session after session on it, as programs of their own.
+
+What is planted is asked of the controller's side; what was found, of the sessions.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hardware.buses import BusSettings
+from hardware.canopen_arm import CanopenArm
+from hardware.control_loop import Pace, Timing
+from hardware.virtual.controller import VirtualController
+from hardware.virtual.truth import BallTruth
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.verify import Prediction
+from operator_app.composition import carried_procedure, describe, run_controller, virtual_arm
+from operator_app.headless.runner import RunResult, run
+from operator_app.session.calibrated import calibrated
+from operator_app.session.drives import drives_of
+from operator_app.session.listener import Listener
+from operator_app.session.opening import Choices, Rig, begin, open_session, resume
+from operator_app.session.session import Session
+from operator_app.session.workflow import verify
+from solver.chain.parameters import DhEntry
+
+PATIENCE_S = 10.0
+_channels = itertools.count()
+
+
+class Bench:
+    """Sessions of one procedure on one controller."""
+
+    def __init__(
+        self, controller: VirtualController, settings: BusSettings, root: Path, **chosen: object
+    ) -> None:
+        self.controller, self.settings, self.root = controller, settings, root
+        self._chosen = chosen
+        self._count = 0
+
+    @contextmanager
+    def session(self, earlier: Path | None = None, **chosen: object) -> Iterator[Session]:
+        self._count += 1
+        if earlier is None:
+            procedure = str(self._chosen["procedure"])
+            opening = begin(procedure, _choices(**{**self._chosen, **chosen}), root=self.root)
+            opening = replace(opening, folder=self.root / f"session-{self._count}")
+        else:
+            opening = resume(str(earlier), Choices(), root=self.root)
+        opening = replace(opening, procedure=carried_procedure(opening))
+        arm = CanopenArm(
+            describe(opening.procedure.arm),
+            self.settings,
+            opening.procedure.profile,
+            pace=Pace.FAST_FORWARD,
+            timing=Timing(heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S),
+        )
+        session = open_session(Rig(arm=arm, opening=opening, simulated=True))
+        try:
+            yield session
+        finally:
+            session.close("done")
+
+    def calibrated(self) -> RunResult:
+        with self.session() as session:
+            return run(session, Listener())
+
+    def verified(self, folder: Path, poses: int = 4) -> Prediction:
+        with self.session(folder) as session:
+            session.connect()
+            session.set_modes(drives_of(session))
+            known = calibrated(session.state, session.procedure).solution
+            found, _ = verify(session, known, poses, Listener())
+            return found
+
+    def planted(self, solution: Solution) -> np.ndarray:
+        """What the parameters of a calibration really are."""
+        procedure = begin(
+            str(self._chosen["procedure"]), _choices(**self._chosen), root=self.root
+        ).procedure
+        truth = virtual_arm(procedure.arm, procedure.fixture, _choices(**self._chosen)).true_loop()
+        stacked = truth.table.stacked()
+        own: dict[str, float] = {}
+        if isinstance(truth, BallTruth):
+            for name, point in (("tip", truth.tip_m), ("ground", truth.ground_m)):
+                own |= {f"{name}_{axis}": float(v) for axis, v in zip("xyz", point, strict=True)}
+        values = []
+        for parameter in solution.estimate.parameters:
+            if parameter.name in own:
+                values.append(own[parameter.name])
+            else:
+                entry = DhEntry.parse(parameter.name)
+                values.append(float(stacked[entry.kind, entry.row]))
+        return np.array(values)
+
+
+def _choices(procedure: object = None, **chosen: object) -> Choices:
+    return Choices(interface="virtual", **chosen)  # type: ignore[arg-type]
+
+
+@contextmanager
+def bench(root: Path, **chosen: object) -> Iterator[Bench]:
+    """A controller for ``procedure``'s arm and fixture; all else as in `Choices`."""
+    settings = BusSettings(channel=f"bench-{os.getpid()}-{next(_channels)}")
+    choices = _choices(**chosen)
+    procedure = begin(str(chosen["procedure"]), choices, root=root).procedure
+    with run_controller(
+        procedure.arm, choices, settings, fixture=procedure.fixture, heartbeat_timeout_s=PATIENCE_S
+    ) as controller:
+        yield Bench(controller, settings, root, **chosen)

@@ -1,0 +1,29 @@
+"""Every packaged procedure on a specimen of its arm and fixture: accepted, verified, and what was planted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oracles.bench import bench
+
+
+@pytest.mark.parametrize("scenario", ["exact", "datasheet"])
+@pytest.mark.parametrize("procedure", ["rigid", "ball"])
+def test_twice_on_one_controller_it_is_accepted_and_finds_what_was_planted(
+    tmp_path: Path, procedure: str, scenario: str
+) -> None:
+    with bench(tmp_path, procedure=procedure, scenario=scenario, seed=1, poses=24) as made:
+        for _ in range(2):
+            result = made.calibrated()
+            solution = result.solution
+            assert solution.accepted, solution.reasons
+            assert result.exported is not None
+            off = np.abs(solution.estimate.x - made.planted(solution))
+            assert np.all(off < 4.0 * solution.estimate.standard_deviation)
+            # Not for want of trying: what was planted is far from what the files state.
+            nominal = np.array([p.nominal for p in solution.estimate.parameters])
+            assert np.abs(made.planted(solution) - nominal).max() > 0.01
+        assert made.verified(result.exported.folder).holds

@@ -4,11 +4,11 @@ At one linearisation the reduced closure of all poses reads
 
     w + A dx + Z b + B n + E' f = 0,     n ~ N(0, S),  f ~ N(0, F),  b_l ~ N(0, g_l I),
 
-with dx the parameters nothing is known of beforehand. Noise (n, f) is new in every pose, effects b
-are drawn once: deviations of toleranced entries, harmonics of encoders, curves of analogue sensors,
-sag and give as smooth functions of the pose. A variance component moves one or more groups; it is
-never below what is stated (`solver.estimators.layout` has both). Knows a closure model's derivatives;
-estimates nothing.
+with dx the parameters nothing is known of beforehand, and w after what is expected of play and sag.
+Noise (n, f) is new in every pose, effects b are drawn once: deviations of toleranced entries, harmonics
+of encoders, curves of analogue sensors, sag and give as smooth functions of the pose. A variance
+component moves one or more groups; it is never below what is stated (`solver.estimators.layout` has
+both). Knows a closure model's derivatives; estimates nothing.
 """
 
 from __future__ import annotations
@@ -233,12 +233,15 @@ class Design(Layout):
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, Bw=Bw, Ew=Ew, S=S, F=F)
 
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Joint corrections (m, n) and fixture displacement (m, k) of effect coefficients (unscaled)."""
-        shift, give = np.zeros_like(self.q), np.zeros((len(self.q), self.rows))
+        """Joint corrections (m, n) and fixture displacement (m, k) of effect coefficients (unscaled).
+
+        Corrections count what is expected of play and sag.
+        """
+        shift, give = self.expected.copy(), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)
         end = at + len(self.along_joints.joint_of)
         for here in self.parts():
-            shift[here] = self.along_joints.shift(b[at:end], angle[here], here)
+            shift[here] += self.along_joints.shift(b[at:end], angle[here], here)
         at = end
         for rows, _ in self.gives:
             k = self.give_basis.phi.shape[1]

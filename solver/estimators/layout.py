@@ -229,10 +229,12 @@ class Layout:
             )  # fmt: skip
 
     def _lay_out_joints(self) -> None:
-        """Play and sag of every joint."""
+        """Play and sag of every joint; `expected` (m, n), rad, is what is known of them beforehand."""
+        self.expected = np.zeros_like(self.q)
         self.play_joints = np.flatnonzero(self.backlash)
         self.play = sides_of_play(self.q, self.errors)
         if len(self.play_joints):
+            self.expected += self.backlash * self.play.expected
             # Play taken up to the same side in every pose is no noise: it passes for an offset.
             sides = ("play", "approach")[: self.play.width]
             self.groups.append(
@@ -245,6 +247,7 @@ class Layout:
         if len(self.sag_joints):
             self.sag_basis = pose_basis(self.q, columns=SAG_COLUMNS)
             self.sags = shapes_of_sag(self.q, self.errors, self.sag_basis)
+            self.expected += self.sag * self.sags.expected
             k = self.sags.width
             self._stated_group(
                 "sag", tuple(f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(k))

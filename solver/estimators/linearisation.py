@@ -45,7 +45,7 @@ class Linearisation:
 
     def __init__(self, design: Design, state: State) -> None:
         self.state = state
-        self._model, self._q = design.model, design.q
+        self._model, self._q, self._expected = design.model, design.q, design.expected
         # Effects count from the nominal values of toleranced entries, steps of the others from here.
         self._soft = state.x - design.nominal
         self._soft[design.hard_index] = 0.0
@@ -80,9 +80,11 @@ class Linearisation:
         Et = np.swapaxes(E, -1, -2)
         A = Et @ error.jac_x
         c = error.residual - (error.jac_q @ e[..., None])[..., 0]
+        B = Et @ error.jac_q
         w = (Et @ c[..., None])[..., 0] - A @ self._soft
+        w += (B @ self._expected[poses, :, None])[..., 0]
         down = left_inverse(error.jac_u)
-        return System(w=w, A=A, B=Et @ error.jac_q, E=E, angle=angle), Rates(
+        return System(w=w, A=A, B=B, E=E, angle=angle), Rates(
             closed=(down @ c[..., None])[..., 0],
             by_x=down @ error.jac_x,
             by_q=down @ error.jac_q,

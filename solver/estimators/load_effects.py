@@ -1,8 +1,10 @@
 """What bends under load, from static equilibrium: a few columns instead of a free function of the pose.
 
-A joint's drive holds the arm up, so its twist follows gravity's torque: sag of joint j is an unknown
-coefficient times tau_j(q). What the gravity compensation gets wrong, dtau, nobody holds but the fixture:
-joints in free mode carry no torque, so at rest, for a virtual motion of these,
+A joint's drive holds the arm up, so its twist follows gravity's torque: sag of joint j is a compliance
+times tau_j(q). Its size is unknown and its sign is not: half-normal, |z| with z ~ N(0, 1), it is
+sqrt(2 / pi) on average, and that part of the sag is no deviation but expected. What the gravity
+compensation gets wrong, dtau, nobody holds but the fixture: joints in free mode carry no torque, so at
+rest, for a virtual motion of these,
 
     J_f' F + dtau_f = 0,     N' F = 0
 
@@ -48,6 +50,9 @@ HAND = 0.5
 SETS = 8
 """Sets of joints in position mode that are looked at, evenly among all."""
 
+EXPECTED = np.sqrt(2.0 / np.pi)
+"""Mean of a compliance whose mean square is 1: half-normal, since none is negative."""
+
 SAG_COLUMNS, GIVE_COLUMNS = 3, 24
 """Columns for the twist of a joint, and for what gives in one placement."""
 
@@ -66,19 +71,22 @@ CHUNK = 512
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadBasis:
-    """Effects of load at m poses; coefficients ~ N(0, 1), all at a variance of 1 over the poses.
+    """Effects of load at m poses; coefficients ~ N(0, 1), all of mean square 1 over the poses.
 
     Attributes
     ----------
+    sag_expected
+        (m, n) twist of every joint that is expected of it; none where gravity has no lever.
     sag, sag_missed
-        (m, n, c) twist of every joint, and (m, n) variance that the columns leave out: all of it for a
-        joint on which gravity has no lever.
+        (m, n, c) how its twist may deviate from that, and (m, n) variance that the columns leave out: all
+        of it for a joint on which gravity has no lever.
     give, give_missed
         (m, k, c) displacement along the closure components in units of the stated give, and (m, k).
     side
         (m, n): expected side, between -1 and 1, to which gravity takes up the play of every joint.
     """
 
+    sag_expected: FloatArray
     sag: FloatArray
     sag_missed: FloatArray
     give: FloatArray
@@ -88,6 +96,7 @@ class LoadBasis:
     def at_poses(self, poses: IntArray) -> LoadBasis:
         """Return the same for a selection of poses."""
         return LoadBasis(
+            sag_expected=self.sag_expected[poses],
             sag=self.sag[poses],
             sag_missed=self.sag_missed[poses],
             give=self.give[poses],
@@ -134,8 +143,15 @@ def load_basis(
         if max(give) > 0.0:
             ours = slice(number * give_columns, (number + 1) * give_columns)
             moved[here, :, ours], missed[here] = one.gives(give, give_columns)
-    sag, left = _leading(torque, sag_columns)
-    return LoadBasis(sag=sag, sag_missed=left, give=moved, give_missed=missed, side=_side(torque))
+    expected, sag, left = _sags(torque, sag_columns)
+    return LoadBasis(
+        sag_expected=expected,
+        sag=sag,
+        sag_missed=left,
+        give=moved,
+        give_missed=missed,
+        side=_side(torque),
+    )
 
 
 def _side(torque: FloatArray) -> FloatArray:
@@ -146,27 +162,32 @@ def _side(torque: FloatArray) -> FloatArray:
     return np.asarray(erf(torque[..., 0] / np.maximum(spread, LEAST_TORQUE_NM)))
 
 
-def _leading(shapes: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
-    """Leading columns (m, n, c) of shapes (m, n, s) with coefficients N(0, 1), and what they leave (m, n).
+def _sags(torque: FloatArray, columns: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Expected twist (m, n), columns (m, n, c) of what deviates from it, and what they leave (m, n).
 
-    For every joint at a variance of 1 over the poses.
+    For every joint of mean square 1 over the poses, under a torque (m, n, s) of which the first shape is
+    the mean and the others have coefficients N(0, 1).
     """
-    m, n, s = shapes.shape
+    m, n, s = torque.shape
     cuts = _cuts(m)
-    size = np.sqrt(sum(np.einsum("mns,mns->n", shapes[cut], shapes[cut]) for cut in cuts) / m)
+    size = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
     turned = size > LEAST_TORQUE_NM
     scale = np.where(turned, size, np.inf)[:, None]
+    # E[c^2] = 1 times the second moments of the torque, less the square of what is expected.
+    share = np.ones(s)
+    share[0] = np.sqrt(1.0 - EXPECTED**2)
     gram = np.zeros((n, s, s))
     for cut in cuts:
-        by_joint = (shapes[cut] / scale).transpose(1, 0, 2)
+        by_joint = (share * torque[cut] / scale).transpose(1, 0, 2)
         gram += by_joint.transpose(0, 2, 1) @ by_joint
     leading = np.linalg.eigh(gram)[1][..., ::-1][..., : min(columns, s)]
     found, missed = np.zeros((m, n, columns)), np.zeros((m, n))
     for cut in cuts:
-        some = shapes[cut] / scale
+        some = share * torque[cut] / scale
         found[cut, :, : leading.shape[-1]] = (some.transpose(1, 0, 2) @ leading).transpose(1, 0, 2)
         missed[cut] = np.maximum((some**2).sum(-1) - (found[cut] ** 2).sum(-1), 0.0)
-    return found, np.where(turned, missed, 1.0)
+    expected = EXPECTED * torque[..., 0] / scale[:, 0]
+    return expected, found, np.where(turned, missed, 1.0)
 
 
 def _cuts(m: int) -> list[slice]:

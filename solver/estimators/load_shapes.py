@@ -19,18 +19,20 @@ FREE = 0.15
 """Share of a stated sag or give that is no load's, where loads are known: they may be known wrongly."""
 
 BY_APPROACH = 0.5
-"""Share of the play's variance that follows the way a joint came; the rest lies where the load is."""
+"""How likely play is to follow the way a joint came; else it lies where the load is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shapes:
     """Shapes (m, d, c) along d joints or closure components, and the variance they leave (m, d).
 
-    In units of what is stated of each joint; of a fixture's give in rad and m.
+    `expected` (m, d) is what is known of it beforehand, from which the shapes deviate. In units of what
+    is stated of each joint; of a fixture's give in rad and m.
     """
 
     columns: FloatArray
     missed: FloatArray
+    expected: FloatArray
 
     @property
     def width(self) -> int:
@@ -41,15 +43,21 @@ class Shapes:
 def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
     """Where play lies: to one side, that of the load where it is known; and to that of the approach.
 
-    Nobody knows which of the two it follows; both are equally likely where both are known.
+    Nobody knows which of the two a joint follows. If the load, its link lies where gravity takes it: with
+    a chance of p it is there, which is p on average, and what p^2 leaves of the variance is a deviation
+    from that. If the approach, nobody knows whether link or drive leads: to either side alike.
     """
     by_load = np.ones_like(q) if errors.loads is None else errors.loads.side
-    if errors.approach is None:
-        columns = by_load[..., None]
-    else:
-        shares = np.sqrt([1.0 - BY_APPROACH, BY_APPROACH])
-        columns = shares * np.stack((by_load, errors.approach), axis=-1)
-    return Shapes(columns=columns, missed=1.0 - (columns**2).sum(-1))
+    expected = (0.0 if errors.loads is None else 1.0 - BY_APPROACH) * by_load
+    shares, sides = [1.0], [by_load]
+    if errors.approach is not None:
+        shares, sides = [1.0 - BY_APPROACH, BY_APPROACH], [by_load, errors.approach]
+    if errors.loads is not None:
+        shares[0] -= (1.0 - BY_APPROACH) ** 2
+    columns = np.sqrt(shares) * np.stack(sides, axis=-1)
+    return Shapes(
+        columns=columns, missed=1.0 - (columns**2).sum(-1) - expected**2, expected=expected
+    )
 
 
 def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes:
@@ -59,9 +67,12 @@ def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes
         return Shapes(
             columns=np.broadcast_to(basis.phi[:, None], (m, n, basis.phi.shape[1])),
             missed=np.broadcast_to(basis.missed[:, None], (m, n)),
+            expected=np.zeros((m, n)),
         )
     return Shapes(
-        columns=np.sqrt(1.0 - FREE) * loads.sag, missed=(1.0 - FREE) * loads.sag_missed + FREE
+        columns=np.sqrt(1.0 - FREE) * loads.sag,
+        missed=(1.0 - FREE) * loads.sag_missed + FREE,
+        expected=np.sqrt(1.0 - FREE) * loads.sag_expected,
     )
 
 
@@ -75,4 +86,5 @@ def loaded_give(errors: ErrorModel, sizes: FloatArray) -> Shapes | None:
     return Shapes(
         columns=np.sqrt(1.0 - FREE) * sizes[:, None] * errors.loads.give,
         missed=(1.0 - FREE) * sizes**2 * errors.loads.give_missed,
+        expected=np.zeros_like(errors.loads.give_missed),
     )

@@ -147,7 +147,7 @@ def test_columns_and_what_they_miss_add_up_to_what_is_stated(model, q):
         total = (found.give**2).sum(-1) + found.give_missed
         assert total[:, :3].mean() == pytest.approx(1.0, rel=1e-6)
         assert total[:, 3:].mean() == pytest.approx(1.0, rel=1e-6)
-        twist = (found.sag**2).sum(-1) + found.sag_missed
+        twist = found.sag_expected**2 + (found.sag**2).sum(-1) + found.sag_missed
         assert twist.mean(0) == pytest.approx(np.ones(7), rel=1e-9)
     assert many.give_missed.max() < 0.02 < few.give_missed.mean()
 
@@ -168,6 +168,25 @@ def test_other_masses_within_their_tolerance_twist_joints_along_the_columns(mode
             shape = torque[:, j] / np.sqrt((torque[:, j] ** 2).mean())
             left = shape - found.sag[:, j] @ np.linalg.lstsq(found.sag[:, j], shape)[0]
             assert np.sqrt((left**2).mean()) < 0.15
+
+
+def test_links_are_expected_to_sag_downwards_as_half_normal_compliances_do(model, q):
+    """Where they twist is where the links would fall, against the torque that holds them."""
+    found = basis(model, q)
+    offsets, s, a, alpha = model.arm_rows()
+    oracle = PinocchioGravity(MASSES.mass_kg, MASSES.centre_m, 9.81 * MASSES.down)
+    falling = -np.array([oracle.holding_torque(p + offsets, s, a, alpha) for p in q])
+    rng = np.random.default_rng(5)
+    mean = np.abs(rng.normal(size=100_000)).mean()
+    for j in range(4):
+        shape = falling[:, j] / np.sqrt((falling[:, j] ** 2).mean())
+        # Uncertain masses take a share of the mean square: less of it is expected, never more.
+        along = (found.sag_expected[:, j] @ shape) / (shape @ shape)
+        assert 0.85 * mean < along < 1.01 * mean
+        left = found.sag_expected[:, j] - along * shape
+        assert np.sqrt((left**2).mean()) < 0.1
+    along = replace(MASSES, down=np.array([0.0, 0.0, -1.0]), down_sd_rad=0.0)
+    assert not basis(model, q, along).sag_expected[:, 0].any()
 
 
 def test_play_lies_where_the_load_certainly_is_and_nowhere_where_nobody_knows(model, q):

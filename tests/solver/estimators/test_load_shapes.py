@@ -11,6 +11,7 @@ from solver.chain.parameters import nominal_vector
 from solver.estimators.effects import Design, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
+from solver.estimators.linearisation import Linearisation, State
 from solver.estimators.load_effects import load_basis
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import paper_truth
@@ -43,7 +44,7 @@ def errors(model: DhLoop, q: np.ndarray) -> ErrorModel:
 def joint_variance_by_source(design: Layout, source: str) -> np.ndarray:
     """What the columns of play or sag bring to every joint, in squares of what is stated."""
     shapes = {"joint_play": design.play, "sag": design.sags}[source]
-    return (shapes.columns**2).sum(-1) + shapes.missed
+    return shapes.expected**2 + (shapes.columns**2).sum(-1) + shapes.missed
 
 
 def test_all_that_is_stated_is_there_and_hardly_more(model, q, errors):
@@ -58,6 +59,36 @@ def test_all_that_is_stated_is_there_and_hardly_more(model, q, errors):
     for rows, stated in ((slice(0, 3), GIVE[0]), (slice(3, 6), GIVE[1])):
         share = (total[rows] + noise[rows]).mean() / stated**2
         assert 1.0 < share < 1.4
+
+
+def test_play_of_a_known_load_is_there_half_of_the_times(model, q, errors):
+    """Second moments of joints of which half lie where the load is and half where they came from."""
+    design = Design(model, q, errors)
+    rng = np.random.default_rng(1)
+    follows = rng.random(20_000) < 0.5
+    leads = rng.choice((-1.0, 1.0), size=20_000)
+    load, came = design.errors.loads.side[:, 1], design.errors.approach[:, 1]
+    drawn = np.where(follows[:, None], load, leads[:, None] * came)
+    assert design.play.expected[:, 1] == pytest.approx(drawn.mean(0), abs=0.02)
+    spread = np.cov(drawn.T)
+    columns = design.play.columns[:, 1]
+    assert columns @ columns.T == pytest.approx(spread, abs=0.04)
+
+
+def test_what_is_expected_is_taken_out_of_the_readings(model, q, errors):
+    """Readings off by just what is expected close at the truth, and no effect is asked for it."""
+    design = Design(model, q, errors)
+    e = design.effects_at(np.zeros(design.width - design.hard), q)[0]
+    assert np.abs(e).max() > 1e-5
+    x = nominal_vector(model.parameters)
+    state = State(x=x, e=np.zeros_like(q), u=model.initial_unsensed(x, q))
+    plain = Design(model, q, replace(errors, loads=None, approach=None))
+    assert not plain.expected.any()
+    here = Linearisation(design, state).part(slice(None))
+    there = Linearisation(plain, state).part(slice(None))
+    np.testing.assert_allclose(
+        here.w - there.w, (here.B @ e[..., None])[..., 0], rtol=1e-9, atol=1e-15
+    )
 
 
 def test_without_masses_all_is_as_it_was(model, q, errors):
@@ -80,6 +111,7 @@ def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
     b = rng.normal(size=design.width - design.hard)
     b[: len(design.soft_index)] = 0.0
     shift, give = design.effects_at(b, q)
+    shift = shift - design.effects_at(0.0 * b, q)[0]
     expected = part.L_inverse @ (B @ shift[..., None] + Et @ give[..., None])
     np.testing.assert_allclose(
         part.M[..., design.hard :] @ b, expected[..., 0], rtol=1e-9, atol=1e-9

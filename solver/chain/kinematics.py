@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray, frozen
+from solver.arrays import FloatArray, IntArray, frozen
 from solver.chain.parameters import DhKind
 
 
@@ -104,23 +104,24 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
     """
     lead = np.broadcast_shapes(*(np.shape(v)[:-1] for v in (theta, s, a, alpha)))
     dims = len(lead)
-    c_theta, s_theta = _links_first(np.cos(theta), dims), _links_first(np.sin(theta), dims)
+    angle = _links_first(theta, dims)
+    c_theta, s_theta = np.cos(angle), np.sin(angle)
     c_alpha, s_alpha = _links_first(np.cos(alpha), dims), _links_first(np.sin(alpha), dims)
     s, a = _links_first(s, dims), _links_first(a, dims)
     links = max(len(c_theta), len(s), len(a), len(c_alpha))
+    # What each link makes of the axes before it, all links at once: x, then y and z, row by row.
+    turn = np.zeros((links, 3, 3, *lead))
+    turn[:, 0, 0], turn[:, 0, 1] = c_theta, s_theta
+    turn[:, 1, 0], turn[:, 1, 1], turn[:, 1, 2] = -c_alpha * s_theta, c_alpha * c_theta, s_alpha
+    turn[:, 2, 0], turn[:, 2, 1], turn[:, 2, 2] = s_alpha * s_theta, -s_alpha * c_theta, c_alpha
     axes = np.empty((links + 1, 3, 3, *lead))
     origins = np.empty((links + 1, 3, *lead))
     axes[0] = np.eye(3).reshape(3, 3, *(1 for _ in lead))
+    axes[1] = turn[0]
     origins[0] = 0.0
     # A loop over links (eight of them), never over poses.
-    for j in range(links):
-        x, y, z = axes[j]
-        x_j, y_j, z_j = axes[j + 1]
-        c, sn, ca, sa = c_theta[j], s_theta[j], c_alpha[j], s_alpha[j]
-        np.add(c * x, sn * y, out=x_j)
-        y_mid = c * y - sn * x
-        np.add(ca * y_mid, sa * z, out=y_j)
-        np.subtract(ca * z, sa * y_mid, out=z_j)
+    for j in range(1, links):
+        np.add.reduce(turn[j][:, :, None] * axes[j], axis=1, out=axes[j + 1])
     # p_j - p_{j-1} = s_j z_{j-1} + a_j x_j (eqs. 1 and 9).
     np.cumsum(s[:, None] * axes[:-1, 2] + a[:, None] * axes[1:, 0], axis=0, out=origins[1:])
     return Frames(axes_of=axes, origin_of=origins)
@@ -140,35 +141,58 @@ def turned(frames: Frames, angle: FloatArray) -> Frames:
     return Frames(axes_of=axes, origin_of=origins)
 
 
-def jacobian(frames: Frames) -> FloatArray:
-    """Screw Jacobian of the last frame for every D-H entry of every link.
+@dataclass(frozen=True, slots=True, eq=False)
+class Entries:
+    """D-H entries whose screws are wanted, in their order, sorted once by where they act.
+
+    Attributes
+    ----------
+    frame, axis
+        Frame and axis (C,), x 0 or z 2, about or along which each entry moves what follows.
+    turning, sliding
+        Which of them are angles, and which are lengths.
+    """
+
+    frame: IntArray
+    axis: IntArray
+    turning: IntArray
+    sliding: IntArray
+
+    @classmethod
+    def of(cls, kinds: Sequence[int], rows: Sequence[int]) -> Entries:
+        """Entries `kinds` (`DhKind`) of links `rows`, 0 the first of the chain."""
+        kind = np.array(kinds, dtype=np.int64)
+        of_x = np.isin(kind, (DhKind.A, DhKind.ALPHA))
+        turns = np.isin(kind, (DhKind.THETA_OFF, DhKind.ALPHA))
+        return cls(
+            frame=np.array(rows, dtype=np.int64) + of_x,
+            axis=np.where(of_x, 0, 2),
+            turning=np.flatnonzero(turns),
+            sliding=np.flatnonzero(~turns),
+        )
+
+
+def jacobian(frames: Frames, entries: Entries) -> FloatArray:
+    """Screw Jacobian of the last frame for some D-H entries.
 
     Returns
     -------
-    Array of shape (..., 6, 4, links): rows are the infinitesimal rotation (rad) over the translation
-    (m) of the end point, seen in the chain's first frame; the third axis is theta, s, a, alpha.
+    Array of shape (..., 6, C): rows are the infinitesimal rotation (rad) over the translation (m) of
+    the end point, seen in the chain's first frame.
 
     Notes
     -----
     theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j);
     alpha_j: (x_j, x_j x (p_e - p_j)).
     """
-    z, x, p = frames.axes_of[:-1, 2], frames.axes_of[1:, 0], frames.origin_of
-    columns = np.zeros((4, len(z), 6, *z.shape[2:]))
-    columns[DhKind.THETA_OFF, :, :3] = z
-    _cross(z, p[-1] - p[:-1], out=columns[DhKind.THETA_OFF, :, 3:])
-    columns[DhKind.S, :, 3:] = z
-    columns[DhKind.A, :, 3:] = x
-    columns[DhKind.ALPHA, :, :3] = x
-    _cross(x, p[-1] - p[1:], out=columns[DhKind.ALPHA, :, 3:])
-    return _poses_first(columns, 2, 0, 1)
-
-
-def picked(columns: FloatArray, kinds: Sequence[int], rows: Sequence[int]) -> FloatArray:
-    """Columns of `jacobian` (..., k, 4, links) of the entries `kinds`, `rows` (C,): (..., k, C)."""
-    n = columns.ndim
-    some = columns.transpose(n - 2, n - 1, n - 3, *range(n - 3))[list(kinds), list(rows)]
-    return np.ascontiguousarray(_poses_first(some, 1, 0))
+    p, turning, sliding = frames.origin_of, entries.turning, entries.sliding
+    axis = frames.axes_of[entries.frame, entries.axis]
+    columns = np.zeros((len(axis), 6, *axis.shape[2:]))
+    about = axis[turning]
+    columns[turning, :3] = about
+    columns[turning, 3:] = _cross(about, p[-1] - p[entries.frame[turning]])
+    columns[sliding, 3:] = axis[sliding]
+    return np.ascontiguousarray(_poses_first(columns, 1, 0))
 
 
 def _links_first(values: FloatArray, dims: int) -> FloatArray:
@@ -181,8 +205,8 @@ def _poses_first(values: FloatArray, *order: int) -> FloatArray:
     return values.transpose(*range(len(order), values.ndim), *order)
 
 
-def _cross(u: FloatArray, v: FloatArray, *, out: FloatArray) -> None:
+def _cross(u: FloatArray, v: FloatArray) -> FloatArray:
     """Cross products of vectors whose components are on the second axis."""
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        np.subtract(u[:, i] * v[:, j], u[:, j] * v[:, i], out=out[:, k])
+    # Both turned by one place and by two: component k is u_k+1 v_k+2 - u_k+2 v_k+1.
+    first, second = [1, 2, 0], [2, 0, 1]
+    return np.asarray(u[:, first] * v[:, second] - u[:, second] * v[:, first])

@@ -25,10 +25,8 @@ def rotation_vector(R: FloatArray) -> FloatArray:
     """
     d = np.diagonal(R, axis1=-2, axis2=-1)
     trace = d.sum(-1)
-    squares = np.concatenate((trace[..., None], 2.0 * d - trace[..., None]), axis=-1)
-    largest = np.argmax(squares, axis=-1)
     # Rows of the symmetric 4 x 4 matrix 4 q q' (w, x, y, z), each computable without cancellation.
-    w = np.stack(
+    q = np.stack(
         (
             1.0 + trace,
             R[..., 2, 1] - R[..., 1, 2],
@@ -37,14 +35,9 @@ def rotation_vector(R: FloatArray) -> FloatArray:
         ),
         axis=-1,
     )
-    symmetric = R + np.swapaxes(R, -1, -2)
-    rows = [w]
-    for k in range(3):
-        row = np.concatenate((w[..., k + 1, None], symmetric[..., k, :]), axis=-1)
-        row[..., k + 1] = 1.0 - trace + 2.0 * d[..., k]
-        rows.append(row)
-    stack = np.stack(rows, axis=-2)
-    q = np.take_along_axis(stack, largest[..., None, None], axis=-2)[..., 0, :]
+    far = trace < d.max(-1) * 2.0 - trace
+    if far.any():
+        q[far] = _largest_row(R[far], q[far])
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     q = np.where(q[..., :1] < 0.0, -q, q)
     vector = q[..., 1:]
@@ -52,6 +45,17 @@ def rotation_vector(R: FloatArray) -> FloatArray:
     angle = 2.0 * np.arctan2(sine, q[..., :1])
     small = sine < 1e-150
     return np.asarray(vector * np.where(small, 2.0, angle / np.where(small, 1.0, sine)))
+
+
+def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
+    """Of the rows x, y and z of 4 q q' (m, 4) that of the largest; `w` is the first row."""
+    d = np.diagonal(R, axis1=-2, axis2=-1)
+    k, every = np.argmax(d, axis=-1), np.arange(len(R))
+    row = np.empty_like(w)
+    row[:, 0] = w[every, k + 1]
+    row[:, 1:] = R[every, k] + R[every, :, k]
+    row[every, k + 1] = 1.0 - d.sum(-1) + 2.0 * d[every, k]
+    return row
 
 
 def rotation_vector_differential(r: FloatArray) -> FloatArray:

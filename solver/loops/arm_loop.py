@@ -13,7 +13,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.chain.kinematics import DhTable, Frames, forward, jacobian, picked
+from solver.chain.kinematics import DhTable, Entries, Frames, forward, jacobian
 from solver.chain.parameters import DhEntry, DhKind, Parameter
 from solver.chain.rotations import skew
 from solver.loops.closure import ClosureModel, LoopError
@@ -48,6 +48,7 @@ class ArmLoop(ClosureModel):
     parameters: tuple[Parameter, ...] = field(init=False, repr=False, compare=False)
     _stacked: FloatArray = field(init=False, repr=False, compare=False)
     _indices: tuple[list[int], list[int]] = field(init=False, repr=False, compare=False)
+    _moved: Entries = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         links = range(self.FIRST_LINK, self.FIRST_LINK + self.table.links)
@@ -66,6 +67,9 @@ class ArmLoop(ClosureModel):
         rows = [e.row - self.FIRST_LINK for e in self.entries]
         object.__setattr__(self, "_stacked", stacked)
         object.__setattr__(self, "_indices", (kinds, rows))
+        angles = [DhKind.THETA_OFF] * self.table.links
+        moved = Entries.of([*kinds, *angles], [*rows, *range(self.table.links)])
+        object.__setattr__(self, "_moved", moved)
         nominal = dict(zip(self.OWN, self._own_nominal().tolist(), strict=True))
         found = [
             Parameter(name=e.name, is_angle=e.kind.is_angle, nominal=float(value))
@@ -161,9 +165,7 @@ class ArmLoop(ClosureModel):
         Of the end of the chain, or of a point of its last link `lever_m` (..., 3) from there, seen in
         the chain's first frame: ``v_tip = v_end + w x lever``.
         """
-        kinds, rows = self._indices
-        links = self.table.links
-        J = picked(jacobian(frames), kinds + [DhKind.THETA_OFF] * links, rows + list(range(links)))
+        J = jacobian(frames, self._moved)
         if lever_m is not None:
             J[..., 3:, :] -= skew(lever_m) @ J[..., :3, :]
         return J

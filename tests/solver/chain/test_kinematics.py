@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.chain.kinematics import DhTable, forward, jacobian
+from solver.chain.kinematics import DhTable, Entries, Frames, forward, jacobian
 from tests.oracles.loop_oracle import paper_truth, product
 from tests.oracles.pinocchio_chain import PinocchioChain
 
@@ -17,6 +17,13 @@ def random_chain(seed: int, links: int = LINKS) -> tuple[np.ndarray, ...]:
     theta = rng.uniform(-4.0, 4.0, links)
     alpha = rng.choice([0.0, np.pi / 2, -np.pi / 2, 1e-9, 1.1], links)
     return theta, rng.normal(0, 0.3, links), rng.normal(0, 0.3, links), alpha
+
+
+def columns_of(frames: Frames, links: int = LINKS) -> np.ndarray:
+    """Columns (..., 6, 4, links) of every entry of every link."""
+    every = Entries.of(np.repeat(range(4), links).tolist(), [*range(links)] * 4)
+    found = jacobian(frames, every)
+    return found.reshape(*found.shape[:-1], 4, links)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -31,15 +38,23 @@ def test_every_frame_agrees_with_pinocchio(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(10))
 def test_every_column_agrees_with_pinocchio(seed: int) -> None:
     chain = random_chain(seed)
-    found = jacobian(forward(*chain))
+    found = columns_of(forward(*chain))
     assert found.shape == (6, 4, LINKS)
     assert np.abs(found - PinocchioChain(LINKS).jacobian(*chain)).max() < 1e-12
+
+
+def test_entries_come_in_the_order_that_was_asked_for() -> None:
+    frames = forward(*random_chain(5))
+    asked = Entries.of([3, 1, 0, 2], [6, 0, 2, 2])
+    whole = columns_of(frames)
+    assert np.array_equal(jacobian(frames, asked), whole[:, [3, 1, 0, 2], [6, 0, 2, 2]])
 
 
 @pytest.mark.parametrize("links", [1, 2, 12])
 def test_any_number_of_links(links: int) -> None:
     chain = random_chain(links, links)
-    assert np.abs(jacobian(forward(*chain)) - PinocchioChain(links).jacobian(*chain)).max() < 1e-12
+    found = columns_of(forward(*chain), links)
+    assert np.abs(found - PinocchioChain(links).jacobian(*chain)).max() < 1e-12
 
 
 def test_leading_axes_broadcast_and_change_nothing() -> None:
@@ -47,11 +62,11 @@ def test_leading_axes_broadcast_and_change_nothing() -> None:
     theta = rng.uniform(-3, 3, (4, 5, LINKS))
     s, a, alpha = random_chain(4)[1:]
     whole = forward(theta, s, a, alpha)
-    columns = jacobian(whole)
+    columns = columns_of(whole)
     one = forward(theta[2, 3], s, a, alpha)
     assert np.array_equal(whole.R_end[2, 3], one.R_end)
     assert np.array_equal(whole.p_end[2, 3], one.p_end)
-    assert np.abs(columns[2, 3] - jacobian(one)).max() < 1e-15
+    assert np.abs(columns[2, 3] - columns_of(one)).max() < 1e-15
 
 
 def test_end_frame_agrees_with_multiplied_out_matrices() -> None:

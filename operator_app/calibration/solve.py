@@ -13,7 +13,7 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
-from operator_app.calibration.branches import on_main_branch, set_aside
+from operator_app.calibration.branches import Branches, on_main_branch
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.hand_error import tip_sigma
 from operator_app.calibration.judgement import (
@@ -127,11 +127,12 @@ def calibrate(
     refuse_placement(fixture, arm, model, unsensed_joints)
 
     found = global_start(model, poses.q_rad, progress=progress) if search else None
-    kept, flipped = (
+    branches = (
         on_main_branch(model, poses.q_rad)
         if found is None
-        else set_aside(found.set_aside, len(poses))
+        else Branches.without(found.set_aside, len(poses))
     )
+    kept, flipped = branches.kept, branches.flipped
     model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
     require_enough_poses(model, len(q))
     sigma = arm.sigma_rad()
@@ -144,7 +145,10 @@ def calibrate(
             # What is held now has other values than in the search: it is done again without it.
             found = global_start(model, q, progress=progress)
         x0 = None if found is None else found.x
-    paper = None if unsensed_joints else estimate_paper(model, q, x0=x0)
+    paper = None
+    if not unsensed_joints:
+        made = branches.paper if x0 is None and not held else None
+        paper = made or estimate_paper(model, q, x0=x0)
 
     hard = model
 

@@ -20,6 +20,9 @@ RANK_TOLERANCE = 1e-7
 """A scaled singular value below this share of the largest is zero. On closed poses true zeros come
 out near 1e-12 and the weakest parameter of a usable pose set above 1e-4."""
 
+CLOSED = 1e-9
+"""Closure (rad, m) at which a loop is judged: what is left of a zero is far below the tolerance still."""
+
 IMMOBILE_RAD = np.deg2rad(1.0)
 """A joint whose readings span less than this over the whole pose set does not move."""
 
@@ -77,9 +80,11 @@ def _at_closed(
     model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray | None
 ) -> FloatArray:
     """Reduced Jacobian (m, r, P) on the closed loops next to `q` (m, n)."""
-    poses = close_loops(model, x, q, sigma_rad=sigma_rad)
-    judged = np.where(poses.closed[:, None], poses.q, q)
-    u = np.where(poses.closed[:, None], poses.u, model.initial_unsensed(x, q))
+    poses = close_loops(model, x, q, sigma_rad=sigma_rad, tolerance=CLOSED)
+    judged, u = poses.q, poses.u
+    if not poses.closed.all():
+        judged = np.where(poses.closed[:, None], judged, q)
+        u = np.where(poses.closed[:, None], u, model.initial_unsensed(x, q))
     return reduced_jacobian(model, x, judged, u)[0]
 
 

@@ -60,7 +60,7 @@ def loop_angles(
     `adjust_poses`.
     """
     adjusted = adjust_poses(model, x, q, noise, near=near)
-    error = model.loop(x, q + adjusted.corrections, adjusted.unsensed)
+    error = adjusted.error
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     S = (error.jac_q * variance[:, None, :]) @ np.swapaxes(error.jac_q, -1, -2)
     if noise.fixture_variance is not None:

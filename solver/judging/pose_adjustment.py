@@ -13,7 +13,7 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray
 from solver.closing import close_loops, unsensed_step
 from solver.estimators.implicit import LinearisedPoses, NoiseModel, linearise
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, LoopError
 
 STEP_TOLERANCE = 1e-12
 MAX_ITERATIONS = 40
@@ -25,8 +25,8 @@ class AdjustedPoses:
 
     Attributes
     ----------
-    system
-        The reduced linear system of all poses there.
+    error, system
+        The loops of all poses there, and their reduced linear system.
     corrections
         Joint corrections (m, n), rad: adjusted minus measured.
     unsensed
@@ -35,6 +35,7 @@ class AdjustedPoses:
         Whether each pose's loop was closed (m,).
     """
 
+    error: LoopError
     system: LinearisedPoses
     corrections: FloatArray
     unsensed: FloatArray
@@ -73,4 +74,6 @@ def adjust_poses(
         # A pose far from closing comes nearer by steps no joint would take back.
         shrink = np.minimum(1.0, 0.5 / np.maximum(moved, 1e-300))[:, None]
         e, u = e + shrink * (e_new - e), u + shrink * du
-    return AdjustedPoses(system=system, corrections=e, unsensed=u, converged=moved < 1e-9)
+    return AdjustedPoses(
+        error=error, system=system, corrections=e, unsensed=u, converged=moved < 1e-9
+    )

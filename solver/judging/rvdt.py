@@ -139,11 +139,13 @@ def rvdt_verdicts(
             near=(found.corrections[back], found.unsensed[back]),
         )
     }
-    flexure = flexure_test(found.fit.stated, found.fit.design)
     # A fixture that turns looks like noise of the wrist, and no pose tells the two apart: where it
     # gives more than stated, none of the scatter between poses is held against the sensor.
-    if flexure is not None and flexure.gives:
-        noise = {j: one if one.from_spread else replace(one, low=0.0) for j, one in noise.items()}
+    blurred = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
+    if blurred:
+        flexure = flexure_test(found.fit.stated, found.fit.design)
+        if flexure is not None and flexure.gives:
+            noise = {**noise, **blurred}
     offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
     verdicts = []
     for joint, sensor in sensors.items():

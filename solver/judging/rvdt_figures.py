@@ -116,8 +116,7 @@ def measure(
     grid = np.linspace(curve.low, curve.high, GRID_POINTS)
     # The constant belongs to theta_off: deviations average to zero over the covered range.
     constant = float(np.mean(curve(grid)))
-    slope = float(np.polyfit(grid, curve(grid), 1)[0])
-    line = np.polynomial.polynomial.polyval(grid, _line(grid, curve(grid)))
+    bend, slope = _off_line(grid, curve(grid)), _slope(grid, curve(grid))
     squares = float(curve.residual @ curve.residual)
     own = float(np.mean(measured.pose_variance))
     variance = max(squares / curve.dof - own, 0.0)
@@ -127,20 +126,16 @@ def measure(
         noise = SingleNoise(lsb=lsb, low=0.0, high=high, from_spread=False)
     of_loops = measured.scatter(parameter_covariance)
     of_points = of_loops.also_own(variance)
-    # Deviation from its own best-fit line and from its own mean, as linear maps of the curve.
-    ones = np.stack((np.ones_like(grid), grid - grid.mean()), axis=1)
-    off_line = np.eye(len(grid)) - ones @ np.linalg.pinv(ones)
     # A line that was chosen may hide a bend: its uncertainty is that of the bends it could hide.
     bendable = curve if curve.degree >= LEAST_BEND else fit_curve(angle, deviation, LEAST_BEND)
-    spread = off_line @ bendable.covariance(grid, of_points) @ off_line.T
-    bend = curve(grid) - line
+    off_line = _off_line(grid, bendable.by_points(grid))
     peak = int(np.argmax(np.abs(bend)))
     return RvdtFigures(
         covered=float(np.ptp(reading_rad) / sensor.full_scale_rad),
         theta_off_rad=offset - constant,
         gain=1.0 + slope,
         linearity=float(np.abs(bend[peak]) / sensor.full_scale_rad),
-        linearity_sd=float(np.sqrt(np.diagonal(spread).max()) / sensor.full_scale_rad),
+        linearity_sd=float(np.sqrt(of_points.variance_of(off_line).max()) / sensor.full_scale_rad),
         half_range=float(0.5 * np.ptp(curve(grid)) / sensor.full_scale_rad),
         noise=noise,
         loop_sd_rad=float(np.sqrt(np.mean(of_loops.variance))),
@@ -152,8 +147,17 @@ def measure(
     )
 
 
-def _line(x: FloatArray, y: FloatArray) -> FloatArray:
-    return np.asarray(np.polynomial.polynomial.polyfit(x, y, 1), dtype=np.float64)
+def _slope(x: FloatArray, y: FloatArray) -> float:
+    """Slope of the best-fit line through points (k,)."""
+    across = x - x.mean()
+    return float(across @ y / (across @ across))
+
+
+def _off_line(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Values (k, ...) over x (k,) less their best-fit line."""
+    across = x - x.mean()
+    across /= np.linalg.norm(across)
+    return np.asarray(y - y.mean(axis=0) - np.multiply.outer(across, across @ y))
 
 
 def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:
@@ -173,8 +177,8 @@ def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:
 
 def _table(curve: SmoothCurve, constant: float, of_points: Scatter) -> FloatArray:
     grid = np.linspace(curve.low, curve.high, TABLE_POINTS)
-    centre = np.eye(TABLE_POINTS) - 1.0 / TABLE_POINTS
-    spread = centre @ curve.covariance(grid, of_points) @ centre
+    by_points = curve.by_points(grid)
     deviation = curve(grid) - constant
-    sd = np.sqrt(np.maximum(np.diagonal(spread), 0.0))
+    # Of its deviation from its own mean.
+    sd = np.sqrt(of_points.variance_of(by_points - by_points.mean(axis=0)))
     return np.stack((grid + constant + deviation, -deviation, sd), axis=1)

@@ -41,10 +41,9 @@ class Scatter:
         """Return the same with more variance in every point."""
         return Scatter(own=self.own + variance, common=self.common)
 
-    def of(self, H: FloatArray) -> FloatArray:
-        """Covariance (k, k) of linear combinations H (k, m) of the points."""
-        shared = H @ self.common
-        return np.asarray((H * self.own) @ H.T + shared @ shared.T)
+    def variance_of(self, H: FloatArray) -> FloatArray:
+        """Variance (k,) of linear combinations H (k, m) of the points."""
+        return np.asarray((H**2) @ self.own + ((H @ self.common) ** 2).sum(-1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,9 +88,9 @@ class SmoothCurve:
         """Value of the curve."""
         return np.asarray(self.basis(abscissa) @ self.coefficients)
 
-    def covariance(self, abscissa: FloatArray, of_points: Scatter) -> FloatArray:
-        """Covariance of the curve at `abscissa` (k,) from that of the points."""
-        return of_points.of(self.basis(abscissa) @ self.smoother)
+    def by_points(self, abscissa: FloatArray) -> FloatArray:
+        """Change (k, m) of the curve at `abscissa` (k,) with the points: its scatter comes from theirs."""
+        return np.asarray(self.basis(abscissa) @ self.smoother)
 
 
 def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -> SmoothCurve:

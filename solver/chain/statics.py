@@ -23,6 +23,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import Frames
+from solver.chain.rotations import skew
 
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
 
@@ -97,28 +98,28 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     arm
         Frames 0..n of links 1..n, seen in frame 0.
     down
-        Unit vector along gravity in frame 0, (3,).
+        Unit vector along gravity in frame 0, (3,); or several, (d, 3).
 
     Returns
     -------
-    Array (..., n, n, 4): joint, link, then mass (N m / kg) and the three components of the first
-    moment (N m / kg m). Zero for links before the joint.
+    Array (..., n, n, 4), or (d, ..., n, n, 4): joint, link, then mass (N m / kg) and the three components
+    of the first moment (N m / kg m). Zero for links before the joint.
     """
     axes, origins = arm.axes, arm.origins_m
-    n = axes.shape[-3] - 1
-    weight = STANDARD_GRAVITY_M_PER_S2 * np.asarray(down)
     z, x, p = axes[..., :-1, :, 2], axes[..., 1:, :, 0], origins[..., :-1, :]
-    link_axes = np.stack((x, np.cross(z, x), z), axis=-1)
+    n = z.shape[-2]
+    link_axes = np.stack((x, (skew(z) @ x[..., None])[..., 0], z), axis=-2)
+    weight = STANDARD_GRAVITY_M_PER_S2 * skew(np.asarray(down))
+    weight = weight.reshape(*weight.shape[:-2], *(1 for _ in z.shape[:-2]), 3, 3)
     # z . (r x g) = (g x z) . r: one vector a joint, then a scalar product with each lever.
-    by_lever = np.cross(weight, z)
-    rates = np.zeros((*axes.shape[:-3], n, n, 4))
-    for joint in range(n):
-        turn = by_lever[..., joint, None, :]
-        lever = p[..., joint:, :] - p[..., joint, None, :]
-        rates[..., joint, joint:, 0] = (turn * lever).sum(-1)
-        rates[..., joint, joint:, 1:] = (turn[..., None, :] @ link_axes[..., joint:, :, :])[
-            ..., 0, :
-        ]
+    by_lever = z @ np.swapaxes(weight, -1, -2)
+    rates = np.empty((*by_lever.shape[:-1], n, 4))
+    of_moment = by_lever @ np.swapaxes(link_axes.reshape(*z.shape[:-2], 3 * n, 3), -1, -2)
+    rates[..., 1:] = of_moment.reshape(*by_lever.shape[:-1], n, 3)
+    # A joint's lever to its own link is none, to the last digit.
+    levers = by_lever @ np.swapaxes(p, -1, -2)
+    rates[..., 0] = levers - np.diagonal(levers, axis1=-2, axis2=-1)[..., None]
+    rates *= np.triu(np.ones((n, n)))[..., None]
     return rates
 
 

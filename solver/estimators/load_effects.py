@@ -227,11 +227,10 @@ class _Part:
 
     def _torques(self, poses: slice) -> FloatArray:
         arm, masses = self.arm(poses), self.masses
-        rates = torque_rates(arm, masses.down)
-        stated = (rates * masses.moments).sum((-1, -2))
-        uncertain = _by_moment(rates, masses)
-        tilts = [(torque_rates(arm, way) * masses.moments).sum((-1, -2)) for way in masses.tilted]
-        return np.concatenate((stated[..., None], uncertain, np.stack(tilts, axis=-1)), axis=-1)
+        rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
+        stated, *tilts = (rates * masses.moments).sum((-1, -2))
+        shapes = (stated[..., None], _by_moment(rates[0], masses), np.stack(tilts, axis=-1))
+        return np.concatenate(shapes, axis=-1)
 
     def wrenches(self, poses: IntArray | slice) -> FloatArray:
         """Fixture's wrench W (m, k, 4 n, sets) for a unit of each uncertain moment, by driven set."""
@@ -243,11 +242,13 @@ class _Part:
         J[..., lost] = error.jac_u[..., own:]
         E = left_null_space(error.jac_u[..., :own])
         moments = _by_moment(torque_rates(self.arm(poses), self.masses.down), self.masses)
-        found = []
-        for driven in driven_sets(model.joint_count, J.shape[-2] - own):
-            free = np.delete(np.arange(model.joint_count), driven)
-            found.append(wrench_of(J[..., free], E, moments[:, free]))
-        return np.stack(found, axis=-1)
+        every = np.arange(model.joint_count)
+        free = np.array(
+            [np.delete(every, driven) for driven in driven_sets(len(every), J.shape[-2] - own)]
+        )
+        # (m, sets, k, 4 n): of every set its own free joints.
+        held = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
+        return np.moveaxis(held, 1, -1)
 
     def gives(self, give: tuple[float, float], columns: int) -> tuple[FloatArray, FloatArray]:
         """Displacement (m, k, c) in units of the stated give, and the variance left out (m, k)."""
@@ -272,16 +273,17 @@ class _Part:
         kernel = covariance(there, there, s)
         values, vectors = np.linalg.eigh(kernel)
         good = values > SMALLEST * values[-1]
-        root = vectors[:, good] / np.sqrt(values[good])
+        # Of these the largest, whose eigenvectors come last.
+        kept = min(columns, int(good.sum()))
+        root = vectors[:, : -kept - 1 : -1] / np.sqrt(values[: -kept - 1 : -1])
         found = np.zeros((m, k, columns))
         missed = np.zeros((m, k))
         for first in range(0, m, CHUNK):
             here = np.arange(first, min(first + CHUNK, m))
             W = self.wrenches(here) if whole is None else whole
             halves = self._halves(here, W * unit[:, None], s)
-            moved = (covariance(halves, there, s) @ root).reshape(len(here), k, -1)
-            kept = min(columns, moved.shape[-1])
-            found[here, :, :kept] = moved[..., ::-1][..., :kept] * scale[:, None]
+            moved = (covariance(halves, there, s) @ root).reshape(len(here), k, kept)
+            found[here, :, :kept] = moved * scale[:, None]
             total = variance(halves, s).reshape(len(here), k) * scale**2
             missed[here] = np.maximum(total - (found[here] ** 2).sum(-1), 0.0)
         return found, missed
@@ -301,18 +303,18 @@ class _Part:
 
 
 def wrench_of(J: FloatArray, E: FloatArray, torque: FloatArray, rub: float = RUB_M) -> FloatArray:
-    """Fixture's wrench (m, k, c) that keeps free joints at rest under torques (m, f, c).
+    """Fixture's wrench (..., k, c) that keeps free joints at rest under torques (..., f, c).
 
     Parameters
     ----------
     J
-        Columns of the free joints (m, k, f).
+        Columns of the free joints (..., k, f).
     E
-        Left null space (m, k, r) of the fixture's own freedoms.
+        Left null space (..., k, r) of the fixture's own freedoms.
     """
     K = np.swapaxes(E, -1, -2) @ J
     held = K @ np.swapaxes(K, -1, -2) + rub**2 * np.eye(K.shape[-2])
-    return np.asarray(-(E @ np.linalg.solve(held, K @ torque)))
+    return np.asarray(-(E @ np.linalg.solve(held, K)) @ torque)
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
@@ -324,5 +326,5 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
 
 def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
     """Torque (m, n, 4 n) for a unit of each uncertain moment."""
-    found = rates[..., None, :] @ masses.moments_sd
+    found = np.einsum("mjka,kab->mjkb", rates, masses.moments_sd)
     return np.asarray(found.reshape(*rates.shape[:2], -1))

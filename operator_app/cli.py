@@ -20,6 +20,7 @@ COMMANDS = {
     "run": "calibrate an arm from start to finish, without questions",
     "plan": "choose drive joints and poses before anything moves",
     "solve": "calibrate from a file of poses, without an arm",
+    "import": "make a session out of poses or a joint log of your own",
     "verify": "judge new poses by a calibration made before them",
     "export": "write, show or upload the parameters of a session",
     "report": "write an HTML report of a session",
@@ -108,7 +109,9 @@ def _dispatch(argv: Sequence[str]) -> int:
 
 
 def _module(command: str) -> Any:
-    return importlib.import_module(f"operator_app.commands.{command}")
+    # `import` is a word of Python's.
+    name = "import_poses" if command == "import" else command
+    return importlib.import_module(f"operator_app.commands.{name}")
 
 
 def _in_words(error: Exception) -> str:

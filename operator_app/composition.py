@@ -94,7 +94,15 @@ def open_arm(
     ------
     BusError
         The bus cannot be opened.
+    SessionError
+        No arm took this session's poses.
     """
+    if opening.imported:
+        raise SessionError(
+            f"{opening.folder} was made from {opening.imported}: no arm took its poses, and none can "
+            "go on with them",
+            "calibrate the arm in a session of its own: sarcal run",
+        )
     be_punctual()
     procedure = carried_procedure(opening)
     bus = settings = _bus(opening.choices, procedure)

@@ -234,6 +234,7 @@ def _what(subject: Subject) -> Section:
             "Joints in position mode",
             f"{names(position)}; the others free" if position else "not recorded",
         ),
+        *([("Poses read from", subject.state.imported)] if subject.state.imported else []),
         ("Session", subject.name),
         ("First, last event (UTC)", f"{opened}, {last}"),
         ("Software", f"sarcal {subject.software_version}"),
@@ -245,8 +246,11 @@ def _what(subject: Subject) -> Section:
 def _method(subject: Subject) -> Section:
     """How every number on the page was made."""
     samples = sorted({p.samples for p in subject.poses})
+    file = subject.state.imported
     points = [
-        (
+        f"The poses were read from {file}; no arm of this program took them."
+        if file
+        else (
             f"Every pose is the mean of {names(samples)} samples of all joints, taken when the arm stood "
             "still; sd is the spread of those samples."
         )

@@ -158,7 +158,7 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> Table:
     """All captured poses with what they left over, notes, and why some were left out."""
     joints = subject.procedure.arm.joint_count
     days = {pose.utc[:10] for pose in subject.poses}
-    day = f", {min(days)}" if len(days) == 1 else ""
+    day = f", {min(days)}" if len(days) == 1 and all(days) else ""
     row_of = {p.number: k for k, p in enumerate(subject.used)}
 
     def left_over(k: int | None) -> tuple[Cell, ...]:

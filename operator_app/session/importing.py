@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from operator_app.calibration.checks import Checks, check
+from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.record import to_dict
 from operator_app.calibration.solution import Solution
 from operator_app.config.arm_file import parse_arm
@@ -29,6 +30,7 @@ from operator_app.session.journal_lines import JOURNAL_NAME, Event, line_of
 from operator_app.session.opening import KINDS
 from operator_app.session.state import SessionState, apply
 from solver.chain.poses import PoseSet
+from solver.loops.closure import ClosureModel
 
 UNSTATED = "unstated"
 """Serial number of an arm that nobody named."""
@@ -103,12 +105,24 @@ class ImportedSession:
         for k in range(len(poses)):
             self._record("pose", _pose(poses, k))
 
-    def calibrate(self) -> Solution:
+    @property
+    def model(self) -> ClosureModel:
+        """The loops of its poses."""
+        own = self.procedure
+        return loop_of_poses(
+            own.arm,
+            own.fixture.fixture,
+            self.state.pose_set(),
+            unsensed_joints=own.unsensed_joints,
+        )
+
+    def calibrate(self) -> tuple[Solution, Checks]:
         """Solve the poses, and ask for second opinions; raises SolverError, FixtureError."""
         own = self.procedure
         found = solve(self.state, own, estimator=own.estimator, unsensed_joints=own.unsensed_joints)
-        self.add(found, check(found, own.arm, own.fixture.fixture, self.state.pose_set()))
-        return found
+        checks = check(found, own.arm, own.fixture.fixture, self.state.pose_set())
+        self.add(found, checks)
+        return found, checks
 
     def add(self, solution: Solution, checks: Checks | None) -> None:
         """Keep a solution of these poses."""

@@ -72,13 +72,17 @@ class Choices:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opening:
-    """A session that is about to begin or go on, before anything was written."""
+    """A session that is about to begin or go on, before anything was written.
+
+    `imported` is the file that its poses were read from; empty where an arm took them.
+    """
 
     folder: Path
     resumed: bool
     procedure: Procedure
     choices: Choices
     sources: Mapping[str, str]
+    imported: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,11 +117,6 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     opening, settings = rig.opening, asdict(rig.opening.choices)
     journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
     try:
-        if opening.resumed and (file := session_state(journal.contents).imported):
-            raise SessionError(
-                f"{opening.folder} was made from {file}: no arm took its poses, and none can go on",
-                "calibrate the arm in a session of its own: sarcal run",
-            )
         session = Session(journal=journal, arm=rig.arm, procedure=opening.procedure, clock=clock)
         if opening.resumed:
             session.record("resumed", {"settings": settings})
@@ -208,6 +207,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         procedure=_with_choices(procedure, merged),
         choices=merged,
         sources=state.sources,
+        imported=state.imported,
     )
 
 

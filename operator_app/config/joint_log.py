@@ -1,0 +1,178 @@
+"""Joint angles as robots log them: rows of numbers, with a header or without, in radians or degrees.
+
+For whoever has a log and no poses file. Numbers stand between commas or white space; lines that begin with
+``#`` are comments. Knows no arm and no session.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, number
+from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.poses_file import (
+    EXAMPLE,
+    FEW,
+    LIMIT_BYTES,
+    THETA,
+    LoadedPoses,
+    parse_poses,
+)
+from operator_app.config.quantities import angle_doubt
+from operator_app.config.resources import expanded, read_limited
+from operator_app.config.text import decode_text, only
+from solver.chain.poses import PoseSet
+
+Unit = Literal["rad", "deg"]
+RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    line: int
+    cells: list[str]
+
+
+def load_joint_log(
+    path: str | Path, *, joint_count: int, unit: Unit | None = None, columns: str = ""
+) -> LoadedPoses:
+    """Read the poses of one placement from a log, or a poses file as `load_poses` does.
+
+    Parameters
+    ----------
+    unit
+        Of the angles; None: degrees, unless they look like radians, which is refused.
+    columns
+        Which columns are joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of
+        the header; empty: all there are.
+
+    Raises
+    ------
+    ConfigError
+        With all that is wrong.
+    """
+    data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
+    rows = _rows(decode_text(data, file))
+    if not rows:
+        raise only(file, None, None, "is empty", "a row of joint angles for each pose is wanted")
+    header = rows[0].cells if not _is_number(rows[0].cells[0]) else []
+    if header and not columns and any(THETA.fullmatch(cell) for cell in header):
+        if unit == "rad":
+            remedy = (
+                "leave --rad out, or name the columns with --columns if it is the header that errs"
+            )
+            raise only(file, rows[0].line, None, "its header says degrees", remedy)
+        return parse_poses(data, file, joint_count=joint_count)
+    body = rows[1:] if header else rows
+    if not body:
+        raise only(file, None, None, "has a header and no poses", "capture poses first")
+    where = _columns(columns, header, len(body[0].cells), joint_count, file)
+    q = _angles(body, where, file, radians=unit == "rad")
+    if unit is None and len(q) >= FEW and np.abs(q).max() < 2.0 * np.pi:
+        text = (
+            f"no joint angle of {len(q)} poses exceeds {np.abs(q).max():.3g}: radians, or degrees?"
+        )
+        raise only(file, None, None, text, "say --rad, or --deg if these are degrees")
+    return LoadedPoses(
+        poses=PoseSet(
+            placement=np.ones(len(q), dtype=np.int64),
+            label=tuple(str(k) for k in range(1, len(q) + 1)),
+            q_rad=q if unit == "rad" else np.deg2rad(q),
+        ),
+        warnings=(),
+    )
+
+
+def _rows(text: str) -> list[_Row]:
+    """Split into cells, at commas where a line has any, else at white space."""
+    found = []
+    for line, words in enumerate(text.splitlines(), 1):
+        if words.strip() and not words.lstrip().startswith("#"):
+            cells = words.split(",") if "," in words else words.split()
+            found.append(_Row(line, [cell.strip().strip('"') for cell in cells]))
+    return found
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        number(cell)
+    except BadCell:
+        return False
+    return True
+
+
+def _columns(
+    wanted: str, header: list[str], there: int, joint_count: int, file: str
+) -> tuple[int, ...]:
+    """Return the indices of the columns of joints 1 to n."""
+    if not wanted:
+        if there == joint_count:
+            return tuple(range(there))
+        names = f" ({', '.join(header)})" if header else ""
+        text = f"{there} columns{names} for an arm of {joint_count} joints"
+        example = f"1-{joint_count}" if there > joint_count else "1-7"
+        raise only(
+            file,
+            None,
+            None,
+            text,
+            f"say which are its joints, e.g. --columns {example}; or {EXAMPLE}",
+        )
+    found: list[int] = []
+    for word in (part.strip() for part in wanted.split(",")):
+        if match := RANGE.fullmatch(word):
+            found += range(int(match[1]) - 1, int(match[2]))
+        elif word in header:
+            found.append(header.index(word))
+        elif re.fullmatch(r"[1-9]\d{0,3}", word):
+            found.append(int(word) - 1)
+        else:
+            known = f"the header has {', '.join(header)}" if header else "the file has no header"
+            raise only(file, None, None, f"--columns: there is no column {word!r}", known)
+    if over := [k for k in found if k >= there]:
+        text = f"--columns: there is no column {over[0] + 1}"
+        raise only(file, None, None, text, f"the file has {there}")
+    if len(found) != joint_count or len(set(found)) != len(found):
+        text = f"--columns names {len(set(found))} columns for an arm of {joint_count} joints"
+        raise only(file, None, None, text, "name one for each joint, in the order of the joints")
+    return tuple(found)
+
+
+def _angles(body: list[_Row], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:
+    """Read the angles (m, n), in the unit of the file."""
+    problems: list[Problem] = []
+    width = len(body[0].cells)
+    found = np.zeros((len(body), len(where)))
+    for k, row in enumerate(body):
+        if len(row.cells) != width:
+            text = f"{len(row.cells)} cells where the lines before have {width}"
+            problems.append(Problem(file=file, line=row.line, text=text, remedy="mend this line"))
+            continue
+        for j, column in enumerate(where):
+            try:
+                value = found[k, j] = number(row.cells[column])
+                if doubt := angle_doubt(float(np.rad2deg(value)) if radians else value):
+                    raise BadCell(
+                        doubt, "degrees where --rad says radians?" if radians else "degrees"
+                    )
+            except BadCell as error:
+                problems.append(
+                    Problem(
+                        file=file,
+                        line=row.line,
+                        column=column + 1,
+                        key=f"joint {j + 1}",
+                        text=error.text,
+                        remedy=error.remedy,
+                    )
+                )
+        if len(problems) >= MOST_PROBLEMS:
+            break
+    if problems:
+        raise ConfigError(problems)
+    return found

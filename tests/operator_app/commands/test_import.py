@@ -1,0 +1,135 @@
+"""`sarcal import`: own poses and raw logs become a session on which every command works."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.cli import main
+from operator_app.config.errors import ConfigError
+from operator_app.config.joint_log import load_joint_log
+from operator_app.config.poses_file import load_poses
+from tests.oracles.panda import panda_readings
+
+HINGE = Path(__file__).parents[2] / "data/hinge"
+PANDA = ["--arm", "franka_panda", "--fixture", "ball", "--drop-unidentifiable"]
+
+
+def raw_logs(folder: Path, placements: tuple[int, ...]) -> list[str]:
+    """The joint logs as their makers keep them: one file a socket, radians by numpy.savetxt, no header."""
+    placement, q_rad = panda_readings()
+    files = []
+    for k in placements:
+        files.append(str(folder / f"hole_{k}.csv"))
+        np.savetxt(files[-1], q_rad[placement == k], delimiter=",")
+    return files
+
+
+def test_a_raw_log_goes_in_with_one_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sessions = ["--sessions", str(tmp_path / "sessions")]
+    files = raw_logs(tmp_path, (1, 2))
+    assert main(["import", *files, "--rad", *PANDA, *sessions, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    # The same poses by the way that was there before.
+    converted = str(HINGE.parent / "panda_ball/panda_1.csv")
+    assert main(["solve", converted, "--placements", "1,2", *PANDA, "--json"]) == 0
+    solved = json.loads(capsys.readouterr().out)
+    # The file there was rounded to 1e-9 deg.
+    assert found["parameters"] == pytest.approx(solved["parameters"], abs=1e-6)
+    assert found["verdict"] == solved["verdict"]
+    folder = Path(found["session"]["folder"])
+    assert found["poses"] == 60
+
+    assert main(["report", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["parameters"] == found["parameters"]
+    assert main(["report", str(folder)]) == 0
+    page = (folder / "report.html").read_text()
+    assert f"The poses were read from {', '.join(files)}; no arm of this program took them" in page
+    assert main(["report", str(folder), "--text"]) == 0
+    capsys.readouterr()
+    kept = load_poses(folder / "poses.csv").poses
+    placement, q_rad = panda_readings()
+    np.testing.assert_allclose(kept.q_rad, q_rad[placement <= 2], rtol=0, atol=1e-15)
+    assert kept.placements == (1, 2)
+
+
+def test_report_compare_verify_and_export_work_on_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sessions = ["--sessions", str(tmp_path / "sessions")]
+    folders = []
+    for name in ("hinge_exact", "hinge_quantised"):
+        options = ["--serial", "SDA-7", "--name", name, *sessions, "--json"]
+        assert main(["import", str(HINGE / f"{name}.csv"), *options]) == 0
+        folders.append(json.loads(capsys.readouterr().out)["session"]["folder"])
+    assert main(["solve", str(HINGE / "hinge_quantised.csv"), "--checks", "--json"]) == 0
+    solved = json.loads(capsys.readouterr().out)
+    assert main(["report", folders[1], "--json"]) == 0
+    reported = json.loads(capsys.readouterr().out)
+    for key in ("parameters", "sigma", "verdict", "checks", "chi2_per_dof", "causes"):
+        assert reported[key] == solved[key], key
+    assert reported["session"]["serial_number"] == "SDA-7"
+    assert main(["compare", *folders]) == 0
+    assert "SDA-7" in capsys.readouterr().out
+    assert main(["verify", folders[0], str(HINGE / "hinge_quantised.csv")]) == 0
+    assert main(["export", folders[0]]) == 0
+    assert (Path(folders[0]) / "parameters.yaml").is_file()
+    # Only an arm is missing.
+    for command in (["run", "--resume", folders[0]], ["verify", folders[0]],
+                    ["export", folders[0], "--upload"]):  # fmt: skip
+        assert main([*command, *sessions]) == 2
+        assert "no arm took its poses" in capsys.readouterr().err
+
+
+def test_poses_that_cannot_determine_it_all_are_kept_and_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sessions = ["--sessions", str(tmp_path / "sessions")]
+    (file,) = raw_logs(tmp_path, (3,))
+    assert main(["import", file, "--rad", *PANDA[:-1], *sessions, "--json"]) == 5
+    found = json.loads(capsys.readouterr().out)
+    assert found["unidentifiable"]
+    assert main(["report", found["session"]["folder"], "--text"]) == 5
+    assert "theta_off_7 cannot be told from" in capsys.readouterr().out
+
+
+def test_columns_by_number_and_by_name_with_times_between(tmp_path: Path) -> None:
+    file = tmp_path / "log.txt"
+    file.write_text("# a comment\nt q1 q2 speed q3\n0.0 0.5 -1.5 9 2.5\n1.0 0.25 -1.25 9 2.25\n")
+    wanted = [[0.5, -1.5, 2.5], [0.25, -1.25, 2.25]]
+    for columns in ("2-3,5", "2,3,5", "q1,q2,q3"):
+        read = load_joint_log(file, joint_count=3, unit="rad", columns=columns)
+        np.testing.assert_array_equal(read.poses.q_rad, wanted)
+    turned = load_joint_log(file, joint_count=3, unit="deg", columns="q3,q1,q2")
+    np.testing.assert_allclose(np.rad2deg(turned.poses.q_rad[0]), [2.5, 0.5, -1.5])
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "said"),
+    [
+        ("0.1,0.2,0.3\n" * 6, {}, "does not say its unit.*say --rad, or --deg"),
+        ("1,2,3,4\n", {"unit": "deg"}, "4 columns for an arm of 3 joints; .*--columns 1-3"),
+        ("t,a,b,c\n1,2,3,4\n", {"unit": "deg"}, r"4 columns \(t, a, b, c\) for an arm of 3"),
+        ("1,2,3\n4,x,6\n", {"unit": "deg"}, r":2: joint 2: 'x' is not a number"),
+        ("1,2,3\n4,5\n", {"unit": "deg"}, ":2: 2 cells where the lines before have 3"),
+        ("1,2,900\n", {"unit": "rad"}, ":1: joint 3: .*more than ten turns"),
+        ("1,2,3\n", {"unit": "deg", "columns": "1-4"}, "there is no column 4; the file has 3"),
+        ("1,2,3\n", {"unit": "deg", "columns": "1,1,2"}, "names 2 columns for an arm of 3 joints"),
+        ("1,2,3\n", {"unit": "deg", "columns": "q1"}, "no column 'q1'; the file has no header"),
+        ("theta1_deg,theta2_deg,theta3_deg\n1,2,3\n", {"unit": "rad"}, "its header says degrees"),
+        ("# nothing\n", {}, "is empty"),
+        ("1,2,nan\n", {"unit": "deg"}, "not a finite number"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_with_place_and_remedy(
+    tmp_path: Path, text: str, options: dict[str, str], said: str
+) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=said):
+        load_joint_log(file, joint_count=3, **options)  # type: ignore[arg-type]

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from oracles.loop_oracle import Truth, cramer_rao
+from tests.oracles import shop_floor_bound
 from tests.oracles.shop_floor import PARAMETERS, Sizes, session
 from tests.oracles.shop_floor_bound import bound
+from tests.oracles.shop_floor_chain import frames, rotation_about_z
+from tests.oracles.shop_floor_load import Load, Masses
+from tests.oracles.shop_floor_walk import nominal_chain, nominal_chart
 
 COUNT = 2.0 * np.pi / 400_000
 LSB = np.deg2rad(120.0) / 4096
@@ -26,6 +30,48 @@ def test_with_noise_alone_it_is_the_other_oracles():
     variance = np.repeat([COUNT**2 / 12.0, LSB**2 * (4.0 + 1.0 / 12.0) / 32.0], [5, 2])
     other = np.sqrt(np.diagonal(cramer_rao(truth, angles, PARAMETERS, variance)))
     assert bound(taken, sizes) == pytest.approx(other, rel=1e-5)
+
+
+def test_loads_side_by_side_are_those_of_the_generator_one_by_one(monkeypatch):
+    """Give and sag of five loads as `Load` works them out, against columns of the bound."""
+    monkeypatch.setattr(shop_floor_bound, "DRAWS", 5)
+    shop_floor_bound._every_load.cache_clear()
+    angles = nominal_chart().angles[::20]
+    m, T = len(angles), frames(nominal_chain(), angles)
+    B, rows = np.tile(np.eye(6, 7), (m, 1, 1)), np.tile(np.eye(6), (m, 1, 1))
+    sizes = replace(Sizes.everything(), sag_rad=2.0, give_rad=3.0, give_m=5.0)
+    columns = shop_floor_bound._loads(rows, B, angles, sizes)
+    sag, give = columns[..., :35].reshape(m, 6, 7, 5), columns[..., 35:]
+    turn = rotation_about_z(angles[:, 0])[:, :3, :3]
+    for k in range(5):
+        load = Load.drawn(
+            nominal_chain(), nominal_chart().angles, np.random.default_rng([6, k]),
+            sag_rad=1.0, give_rad=np.sqrt(0.91), give_m=np.sqrt(0.91),
+        )  # fmt: skip
+        twist = 2.0 * (load.sag * load.torque(T))[:, 1:] / np.sqrt(5.0)
+        assert np.einsum("mjj->mj", sag[:, :, :6, k]) == pytest.approx(twist[:, :6], rel=1e-9)
+        table, hand = load.give(T, angles)
+        for part, size in ((slice(0, 3), 3.0), (slice(3, 6), 5.0)):
+            moved = (turn @ table[:, part, None])[..., 0] + hand[:, part]
+            assert give[:, part, k] == pytest.approx(size * moved / np.sqrt(5.0), rel=1e-9)
+    shop_floor_bound._every_load.cache_clear()
+
+
+def test_play_lies_as_often_where_the_generator_lets_it(monkeypatch):
+    """Second moments of play by load are those of arms drawn one by one, not those of one arm."""
+    angles = nominal_chart().angles[::40]
+    m = len(angles)
+    columns = shop_floor_bound._play(np.tile(np.eye(7), (m, 1, 1)), angles, Sizes.everything())
+    found = np.einsum("ajk,bjk->jab", columns, columns) / Sizes().backlash_rad ** 2
+    side = np.sign(np.diff(angles, axis=0, prepend=angles[:1]))[:, 1:]
+    drawn = 0.5 * np.einsum("aj,bj->jab", side, side)
+    T, rng = frames(nominal_chain(), angles), np.random.default_rng(3)
+    for _ in range(400):
+        down = np.array([-1.0, 0.0, 0.0]) + 0.05 * rng.normal(size=3)
+        one = np.sign(Masses.drawn(nominal_chain(), rng).torque(T, down))[:, 1:]
+        drawn += 0.5 * np.einsum("aj,bj->jab", one, one) / 400
+    assert np.abs(found - drawn).max() < 0.12
+    assert np.sqrt(np.mean((found - drawn) ** 2)) < 0.03
 
 
 @pytest.mark.parametrize("source", ["lengths", "twists", "encoders", "backlash"])

@@ -3,7 +3,9 @@
 Pure: takes two parameter documents, knows no file and no screen. The same loop can be written in
 eight ways, so the second document is first brought into the description nearest to the first. A
 difference counts as drift when it is improbable under both documents' standard deviations, at a
-level that is corrected for the number of parameters compared (Bonferroni).
+level that is corrected for the number of free parameters compared (Bonferroni). Lengths and twists
+that were corrected within a tolerance are compared as well and not counted: most of their standard
+deviation is what the maker's table leaves open, which is the same in both.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import numpy as np
 from operator_app.calibration.compare_notices import notices
 from operator_app.calibration.judgement import Notice
 from operator_app.config.parameters import ParametersDocument
-from solver.chain.parameters import DhEntry, wrap_angle
+from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
 
@@ -87,7 +89,7 @@ class Comparison:
     drifts
         One a parameter that both identified and that can be compared.
     level, threshold_sigmas
-        Chance of a false alarm over all parameters, and the size of change that it means.
+        Chance of a false alarm over all free parameters, and the size of change that it means.
     scale_before, scale_after
         What each document's standard deviations were multiplied by: sqrt(chi2/dof) where above 1.
     left_out
@@ -155,7 +157,8 @@ def compare(
         raise IncomparableError(("they have no parameter in common that could be compared",))
     from scipy.special import ndtri
 
-    threshold = float(-ndtri(0.5 * level / len(compared)))
+    free = [e for e in compared if not _only_tolerated(e.entry, sides)]
+    threshold = float(-ndtri(0.5 * level / max(len(free), 1)))
     scales = _scale(before), _scale(after)
     stacked = before.table.stacked()
     drifts = []
@@ -237,6 +240,11 @@ def _sides(loop: DhLoop) -> dict[str, Side]:
     found = {e.name: Side.ARM for e in loop.entries}
     found |= dict.fromkeys(loop.ground_side, Side.GROUND)
     return found | dict.fromkeys(loop.hand_side, Side.HAND)
+
+
+def _only_tolerated(name: str, sides: dict[str, Side]) -> bool:
+    """Whether an entry is a length or twist of the arm itself, known within the maker's tolerance."""
+    return DhEntry.parse(name).kind is not DhKind.THETA_OFF and sides[name] is Side.ARM
 
 
 def _scale(document: ParametersDocument) -> float:

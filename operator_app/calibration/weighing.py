@@ -104,7 +104,8 @@ def weigh(
     judging = found.estimate if paper is None else paper
     used = pick(poses, distinct)
     trial = judge(found.linear, arm, taken=found.order)
-    model = found.linear.design.model
+    design = found.linear.design
+    model = design.model
     unsensed = model.unsensed_joints
     scale = trial.stated_chi2_per_dof
     gross = _left(trial) > MOST_BELIEVED
@@ -128,7 +129,7 @@ def weigh(
         # What is named may move nothing by more than its sigmas: these are as wide as the misfit made them.
         by_tests = (replace(by_tests[0], refuses=True), *by_tests[1:])
     far = (
-        other_basin(model, found.estimate, used.q_rad[found.order], judged)
+        other_basin(model, found.estimate, design.q, judged)
         if known.search is None and not unsensed
         else ()
     )

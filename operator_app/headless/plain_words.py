@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fixtures.base import Severity
-from operator_app.report.screen import facts_on
+from operator_app.report.screen import facts_on, no_facts
 from operator_app.report.text import facts_text
 from operator_app.report.verification import verified_words
 from operator_app.session.next_thing import next_thing
@@ -24,7 +24,7 @@ def describe(step: Step, s: SessionSnapshot) -> list[str]:
 def results(s: SessionSnapshot) -> list[str]:
     """Everything about the calibration, most important first."""
     facts = facts_on(s)
-    return ["there is no calibration yet"] if facts is None else [facts_text(facts)]
+    return [no_facts(s)] if facts is None else [facts_text(facts)]
 
 
 def _safety(s: SessionSnapshot) -> str:

@@ -15,13 +15,23 @@ from operator_app.units.figure import Figure
 
 
 def facts_on(s: SessionSnapshot) -> Facts | None:
-    """Return the facts of the calibration on a snapshot; None where there is none."""
-    return None if s.solution is None else _facts(_Same(s))
+    """Return the facts of the calibration on a snapshot; None where there is none of its poses."""
+    return None if no_facts(s) else _facts(_Same(s))
 
 
 def subject_on(s: SessionSnapshot) -> Subject | None:
-    """Return what a report of a snapshot's calibration is about; None where there is none."""
-    return None if s.solution is None else _subject(_Same(s))
+    """Return what a report of a snapshot's calibration is about; None where there is none of its poses."""
+    return None if no_facts(s) else _subject(_Same(s))
+
+
+def no_facts(s: SessionSnapshot) -> str:
+    """Say why nothing can be shown of a calibration; empty where something can."""
+    if s.solution is None:
+        return "no calibration of these poses yet"
+    counting = sum(not pose.excluded for pose in s.state.poses)
+    if counting != s.solution.poses + len(s.solution.dropped_flipped):
+        return "the calibration is of other poses than those that count now: calibrate again"
+    return ""
 
 
 class _Same:

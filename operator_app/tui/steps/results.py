@@ -9,7 +9,13 @@ from textual.containers import Horizontal, Vertical
 
 from operator_app.calibration.solution import Solution
 from operator_app.report.pictures import misses, rvdt_deviations
-from operator_app.report.screen import facts_on, headline_spans, subject_on, table_spans
+from operator_app.report.screen import (
+    facts_on,
+    headline_spans,
+    no_facts,
+    subject_on,
+    table_spans,
+)
 from operator_app.report.session_facts import joint_table
 from operator_app.report.spans import Line, clip, line, wrapped
 from operator_app.report.subject import Subject
@@ -41,7 +47,7 @@ class VerdictPanel(Lines):
         """Verdict, headlines, reasons, warnings."""
         facts = facts_on(s)
         if facts is None:
-            return [line((" no calibration of these poses yet", "dim"))]
+            return wrapped(f" {no_facts(s)}", width, "dim", " ")
         count = len(facts.notices)
         tail = f": {plural(count, 'warning')}" if count and facts.accepted else ""
         glyph, role = ("▲" if count else "✓", "bold") if facts.accepted else ("■", "alarm")

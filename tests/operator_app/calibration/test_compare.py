@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.compare import IncomparableError, Side, compare
-from operator_app.config.parameters import WhichFixture
+from operator_app.config.parameters import CalibratedEntry, WhichFixture
 from operator_app.report.comparison_result import comparison_json, comparison_text
 from oracles.parameter_documents import VALUES, make_document
 
@@ -207,3 +207,21 @@ def test_without_any_sigma_a_real_change_counts_and_rounding_does_not() -> None:
     assert [d.name for d in found.drifted] == ["theta_off_3"]
     assert comparison_json(found)["parameters"]["theta_off_3"]["sigmas"] is None
     assert "no sigma" in comparison_text(found)
+
+
+def test_what_is_only_known_within_a_tolerance_does_not_raise_the_threshold() -> None:
+    from scipy.stats import norm
+
+    def with_lengths(document, changes):
+        more = (CalibratedEntry.of("s_3", 5e-4), CalibratedEntry.of("alpha_2", 0.1))
+        rows = tuple(replace(r, s_m=r.s_m + changes) if r.row == 3 else r for r in document.dh)
+        return replace(document, calibrated=(*document.calibrated, *more), dh=rows)
+
+    before, after = make_document(), make_document(poses="b")
+    found = compare(with_lengths(before, 0.0), with_lengths(after, 0.0))
+    assert len(found.drifts) == 16
+    assert found.threshold_sigmas == pytest.approx(norm.isf(0.005 / 14))
+    assert found.threshold_sigmas == compare(before, after).threshold_sigmas
+    assert not found.drifted
+    bent = compare(with_lengths(before, 0.0), with_lengths(after, 4e-3))
+    assert [d.name for d in bent.drifted] == ["s_3"]

@@ -482,3 +482,16 @@ async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still
         d.app.face.do_anywhere(by_name("write"))
         assert d.app.step is Step.CALIBRATE
         assert len(d.runner.asked) == 1
+
+
+async def test_a_calibration_of_other_poses_is_said_to_be_one_and_nothing_of_it_is_shown(still):
+    solved = story()["solved"]
+    poses = tuple(replace(p, excluded="bumped") for p in solved.state.poses)
+    none_counts = replace(solved, state=replace(solved.state, poses=poses))
+    async with still(story()["solved"], step=Step.RESULTS) as d:
+        for step in (Step.RESULTS, Step.CALIBRATE, Step.EXPORT):
+            await d.see(none_counts, step)
+            for _ in range(3):
+                await d.press("v")
+        await d.see(none_counts, Step.RESULTS)
+        assert "is of other poses than those that count now" in d.words("#verdict")

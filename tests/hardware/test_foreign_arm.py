@@ -1,0 +1,210 @@
+"""An arm that is set up otherwise is refused by name, then driven with the profile that a probe drafts."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import can
+import pytest
+
+from hardware.arm import DriveState, JointMode
+from hardware.buses import BusSettings
+from hardware.canopen_arm import CanopenArm
+from hardware.control_loop import Pace, Timing
+from hardware.description import ArmDescription, EncoderDescription, JointDescription
+from hardware.drafting import NoDraft, draft
+from hardware.errors import MappingDiffers, UploadRefused, WrongArm
+from hardware.probing import probe
+from hardware.profile import BusProfile
+from operator_app.config.profile_file import format_profile, parse_profile
+from oracles.foreign_arm import Axis, ForeignArm, foreign_arm
+from oracles.profiles import sarcos
+
+JOINTS, COUNTS_PER_REV = 4, 36_000
+PER_RAD = COUNTS_PER_REV / math.tau
+POSITION, FREE = JointMode.POSITION, JointMode.FREE
+DESCRIPTION = ArmDescription(
+    model="acme",
+    joints=tuple(
+        JointDescription(
+            name=f"joint {j}",
+            lower_rad=-1.5,
+            upper_rad=1.5,
+            max_speed_rad_per_s=1.0,
+            max_torque_nm=50.0,
+            sensor=EncoderDescription(counts_per_rev=COUNTS_PER_REV),
+        )
+        for j in range(1, JOINTS + 1)
+    ),
+)
+_channels = itertools.count()
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.05)
+    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 1.0)
+    monkeypatch.setattr("hardware.probing.ANSWERS_S", 0.3)
+
+
+@pytest.fixture
+def settings() -> BusSettings:
+    return BusSettings(channel=f"foreign-{next(_channels)}")
+
+
+def on(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:
+    axes = [Axis(counts=1000 * (k + 1)) for k in range(JOINTS)]
+    with (
+        can.Bus(settings.channel, interface="virtual") as bus,
+        foreign_arm(bus, nodes, axes) as arm,
+    ):
+        yield arm
+
+
+@pytest.fixture
+def foreign(settings: BusSettings) -> Iterator[ForeignArm]:
+    """On the node numbers that ours has, so that nothing differs but how they are set up."""
+    yield from on(settings, 1, 2, 3, 4)
+
+
+@pytest.fixture
+def elsewhere(settings: BusSettings) -> Iterator[ForeignArm]:
+    yield from on(settings, 11, 12, 23, 34)
+
+
+def connected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
+    timing = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.5), heartbeat_timeout_s=5.0)
+    arm = CanopenArm(DESCRIPTION, settings, profile, pace=Pace.FAST_FORWARD, timing=timing)
+    arm.connect()
+    return arm
+
+
+def drafted(settings: BusSettings) -> BusProfile:
+    """By probe, through the file it writes."""
+    found = probe(settings, sarcos(), listen_s=0.5)
+    text = format_profile(draft(found.nodes, name="acme"), comment="drafted")
+    return parse_profile(text, "acme.yaml", joints=JOINTS)
+
+
+def test_it_is_refused_by_name_and_nothing_is_told_to_move(
+    settings: BusSettings, foreign: ForeignArm
+) -> None:
+    with pytest.raises(MappingDiffers) as refused:
+        connected(settings, sarcos(JOINTS))
+    told = refused.value.differences
+    for node in range(1, JOINTS + 1):
+        assert (
+            f"node {node}, 1A00h: expected TPDO1 = 6041h(16) + 6064h(32) + 6077h(16), found no such object"
+            in told
+        )
+        assert f"node {node}, 1400h sub 1: expected 20{node}h, found no such object" in told
+    assert "node 16: no answer" in told
+    assert "sarcal probe --draft" in str(refused.value)
+    assert all(axis.word == 0 for axis in foreign.axes)
+
+
+def test_a_probe_drafts_what_is_there(settings: BusSettings, elsewhere: ForeignArm) -> None:
+    profile = drafted(settings)
+    assert profile.drives == (11, 12, 23, 34)
+    assert profile.supervisor is None
+    assert profile.serial_number == "50011-50012-50023-50034"
+    third = profile.joints[2]
+    assert [(p.number, p.cob_id) for p in third.commands] == [(2, 0x317), (3, 0x417)]
+    assert [(p.number, p.cob_id) for p in third.answers] == [(3, 0x397), (4, 0x497)]
+    assert third.answers[0].entries == ((0x6077, 0, 32), (0x6064, 0, 32))
+    assert profile.compared == {0x60C2}
+    assert all(axis.word == 0 for axis in elsewhere.axes), "a probe commands nothing"
+
+
+def test_it_is_driven_with_the_drafted_profile(
+    settings: BusSettings, elsewhere: ForeignArm
+) -> None:
+    arm = connected(settings, drafted(settings))
+    try:
+        assert arm.snapshot().positions_rad == pytest.approx(
+            [1000 * (k + 1) / PER_RAD for k in range(JOINTS)]
+        )
+        arm.take_control()
+        assert {j.drive for j in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
+        arm.set_modes([FREE, POSITION, FREE, POSITION])
+        assert [axis.mode for axis in elsewhere.axes] == [10, 8, 10, 8]
+        assert arm.move({2: 0.5, 4: -0.25}, speed_rad_per_s=0.9).reached
+        reading = arm.capture(10)
+        assert reading.mean_rad == pytest.approx(
+            [1000 / PER_RAD, 0.5, 3000 / PER_RAD, -0.25], abs=1 / PER_RAD
+        )
+        assert arm.active_parameters() == b""
+        with pytest.raises(UploadRefused, match="no supervisor"):
+            arm.upload_parameters(b"any")
+        arm.stop()
+        assert arm.snapshot().stopped
+    finally:
+        assert arm.close()
+    assert {axis.status for axis in elsewhere.axes} == {0x07}
+
+
+def test_a_drive_that_counts_backwards_from_elsewhere(
+    settings: BusSettings, foreign: ForeignArm
+) -> None:
+    profile = drafted(settings)
+    own = replace(profile.joints[1], direction=-1, zero_counts=2500, counts_per_rev=72_000.0)
+    profile = replace(profile, joints=(profile.joints[0], own, *profile.joints[2:]))
+    arm = connected(settings, profile)
+    try:
+        per_rad = 72_000 / math.tau
+        assert arm.snapshot().positions_rad[1] == pytest.approx((2500 - 2000) / per_rad)
+        arm.take_control()
+        assert arm.move({2: 0.3}, speed_rad_per_s=0.9).reached
+        assert foreign.axes[1].counts == pytest.approx(2500 - 0.3 * per_rad, abs=1)
+        reading = arm.capture(5)
+        assert reading.mean_rad[1] == pytest.approx(0.3, abs=1 / per_rad)
+        assert reading.sd_rad[1] == 0.0
+        with pytest.raises(Exception, match="outside"):
+            arm.move({2: 1.6}, speed_rad_per_s=0.9)
+    finally:
+        arm.close()
+
+
+def test_what_the_profile_has_compared_must_be_there(
+    settings: BusSettings, foreign: ForeignArm
+) -> None:
+    profile = replace(drafted(settings), compared=frozenset({0x60C2, 0x2100}))
+    with pytest.raises(WrongArm, match="joint 1 does not describe itself in 2100h"):
+        connected(settings, profile)
+
+
+def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(
+    settings: BusSettings, foreign: ForeignArm
+) -> None:
+    foreign.nodes[2].set_data(0x1803, 2, b"\xff")
+    foreign.nodes[3].set_data(0x1601, 0, b"\x01")
+    with pytest.raises(NoDraft) as none:
+        drafted(settings)
+    assert none.value.reasons == (
+        "node 3: no TPDO carries 6041h as it is needed (TPDO4 is of transmission type 255, not 1 (on every SYNC))",
+        "node 4: no RPDO carries 6040h as it is needed",
+    )
+
+
+def test_a_map_changed_behind_the_profiles_back_is_refused(
+    settings: BusSettings, foreign: ForeignArm
+) -> None:
+    profile = drafted(settings)
+    foreign.nodes[1].set_data(0x1A02, 2, (0x606C0020).to_bytes(4, "little"))
+    with pytest.raises(MappingDiffers) as refused:
+        connected(settings, profile)
+    assert refused.value.differences == (
+        "node 2, 1A02h: expected TPDO3 = 6077h(32) + 6064h(32), found 6077h(32) + 606Ch(32)",
+    )
+
+
+def test_the_file_reads_back_what_was_drafted(
+    settings: BusSettings, elsewhere: ForeignArm, tmp_path: Path
+) -> None:
+    found = probe(settings, sarcos(), listen_s=0.5)
+    made = draft(found.nodes, name="acme")
+    assert parse_profile(format_profile(made, comment="x"), "x", joints=JOINTS) == made

@@ -61,6 +61,7 @@ class Sampler:
         self._missed = [0] * joints
         self._awaited = [False] * joints
         self._doubled = [0] * joints
+        self._owed = [0] * joints
         blank = Sample(
             sync_count=0,
             **self._columns(),
@@ -76,7 +77,11 @@ class Sampler:
         # also come after the next SYNC, and be counted there: what is too many in one sample is kept,
         # and a sample with one answer takes only one of it away.
         for at, came in enumerate(self._came):
-            surplus = max(came) - 1 if max(came) > 1 else -1
+            answers = max(came)
+            # Whoever was held up answers all that he owes at once; who answers one a SYNC owes nothing.
+            late = min(self._owed[at], max(answers - 1, 0))
+            self._owed[at] += -late if late else 1 if answers == 0 else -min(self._owed[at], 1)
+            surplus = answers - 1 - late if answers - late > 1 else -1
             self._doubled[at] = min(max(self._doubled[at] + surplus, 0), DOUBLED_SYNCS)
             came[:] = self._blank[at]
         self._awaited = [missed < self._patience for missed in self._missed]

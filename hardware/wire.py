@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 import time
 from collections import deque
@@ -46,6 +47,7 @@ class Wire:
         self.recording_failure: str | None = None
         self._writer: Any = None
         self._unrecorded: deque[can.Message] = deque()
+        self._numbers_channels = record_to is not None and record_to.suffix.lower() == ".blf"
         if record_to is not None:
             try:
                 self._writer = can.Logger(str(record_to))
@@ -130,7 +132,7 @@ class Wire:
                     while self._unrecorded:
                         writer(self._unrecorded.popleft())
                     writer.stop()
-                except OSError as error:
+                except (OSError, ValueError, struct.error) as error:
                     self.recording_failure = str(error)
         self._bus.shutdown()
 
@@ -138,10 +140,14 @@ class Wire:
         with self._record_lock:
             if self._writer is None:
                 return
+            if self._numbers_channels:
+                message.channel = (
+                    None  # a name that ends in digits is taken for a number, of any size
+                )
             try:
                 while self._unrecorded:
                     self._writer(self._unrecorded.popleft())
                 self._writer(message)
-            except (OSError, ValueError) as error:
+            except (OSError, ValueError, struct.error) as error:
                 self.recording_failure = str(error)
                 self._writer = None

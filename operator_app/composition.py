@@ -105,6 +105,9 @@ def open_arm(
         )
     be_punctual()
     procedure = carried_procedure(opening)
+    if procedure.profile.supervisor is None:
+        # Nobody there keeps parameters: they are the operator's, in the session's folder.
+        procedure = replace(procedure, upload=False)
     bus = settings = _bus(opening.choices, procedure)
     embedded = settings.interface == "virtual"
     with ExitStack() as stack:

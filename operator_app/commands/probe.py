@@ -1,18 +1,40 @@
-"""`sarcal probe`: which nodes are on a bus, and whether they are set up as this program drives them."""
+"""`sarcal probe`: which nodes are on a bus, and whether they are set up as a bus profile says; or a draft of one."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from operator_app.commands.options import bus_options, json_option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
+if TYPE_CHECKING:
+    from hardware.probing import Probe
+    from hardware.profile import BusProfile
+
+CHECK = """\
+As found by `sarcal probe`; nothing was moved. What no drive can say, check before anything is enabled:
+- Joints are numbered in the order of their nodes. Renumber them where the arm's order is another.
+- Which way does each joint count? Turn it by hand and watch `sarcal monitor`; where its count falls while
+  its angle grows in the arm file's sense, add direction: -1.
+- Where the position units of a drive are not those of the arm file's sensor, add counts_per_rev.
+- Does each drive hold when the operator's heartbeat (node 127) is lost (1016h)? `sarcal arm-check` tries."""
+"""Heads a draft."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
+    parser.add_argument(
+        "--draft",
+        type=Path,
+        metavar="FILE",
+        help="write a bus profile of the drives that are found, for --profile",
+    )
     bus_options(parser)
     json_option(parser)
 
@@ -30,24 +52,17 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(
             "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"
         )
+    if args.draft is not None and args.draft.exists():
+        raise UsageError(f"--draft: {args.draft} exists: it may hold what you know of the arm")
     found = probe(settings, load_profile(args.profile or DEFAULT_PROFILE))
+    if args.draft is not None:
+        return _draft(args, found)
     problems = [problem for node in found.nodes for problem in node.problems]
     fine = bool(found.nodes) and not problems
     if args.json:
         say(json.dumps(asdict(found), indent=2))
         return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
-    if found.busy:
-        heard = ", ".join(map(str, found.heard)) or "none"
-        say(
-            f"sarcal: {found.busy}: nobody was asked anything. Heartbeats of nodes: {heard}.",
-            err=True,
-        )
-        return ExitCode.ARM_FAULT
-    if not found.nodes:
-        say(
-            f"sarcal: no node answers on {settings}. Check power, cable and bitrate.",
-            err=True,
-        )
+    if _nobody(found, str(settings)):
         return ExitCode.ARM_FAULT
     rows = [["node", "device", "type (1000h)", "serial", "6064h (counts)", "state"]]
     for node in found.nodes:
@@ -66,3 +81,57 @@ def execute(args: argparse.Namespace) -> int:
         say(problem)
     say("Nothing was enabled and nothing has moved.")
     return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
+
+
+def _nobody(found: Probe, bus: str) -> bool:
+    """Say why there is nothing to be told of a bus; whether it is so."""
+    if found.busy:
+        heard = ", ".join(map(str, found.heard)) or "none"
+        say(
+            f"sarcal: {found.busy}: nobody was asked anything. Heartbeats of nodes: {heard}.",
+            err=True,
+        )
+    elif not found.nodes:
+        say(f"sarcal: no node answers on {bus}. Check power, cable and bitrate.", err=True)
+    return bool(found.busy) or not found.nodes
+
+
+def _draft(args: argparse.Namespace, found: Probe) -> int:
+    from hardware.drafting import NoDraft, draft
+    from operator_app.config.atomic import write_atomically
+    from operator_app.config.profile_file import format_profile
+
+    if _nobody(found, "this bus"):
+        return ExitCode.ARM_FAULT
+    twice = [p for node in found.nodes for p in node.problems if "two devices" in p]
+    try:
+        if twice:
+            raise NoDraft(twice)
+        made = draft(found.nodes, name=_name(args.draft))
+    except NoDraft as none:
+        for reason in none.reasons:
+            say(f"sarcal: {reason}", err=True)
+        say("sarcal: no profile was written: set these up first, then probe again.", err=True)
+        return ExitCode.ARM_FAULT
+    write_atomically(args.draft, format_profile(made, comment=CHECK))
+    if args.json:
+        say(json.dumps({**asdict(found), "draft": str(args.draft)}, indent=2))
+        return ExitCode.ACCEPTED
+    say(_drafted(made, args.draft))
+    return ExitCode.ACCEPTED
+
+
+def _drafted(made: BusProfile, file: Path) -> str:
+    joints = ", ".join(f"joint {j} = node {node}" for j, node in enumerate(made.drives, 1))
+    keeper = "no supervisor" if made.supervisor is None else f"supervisor = node {made.supervisor}"
+    return (
+        f"{file}: {joints}; {keeper}.\n"
+        "Nothing was enabled and nothing has moved. Read its first lines, check them on the arm, then go on "
+        f"with: sarcal arm-check --profile {file}"
+    )
+
+
+def _name(file: Path) -> str:
+    """Name a profile after its file, as far as names may be so."""
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)[:64]
+    return name if re.match(r"[A-Za-z]", name) else f"profile_{name}"[:64]

@@ -77,3 +77,29 @@ def test_who_answers_once_again_is_one_device_at_once() -> None:
     sampler.close()
     sampler.open()
     assert sampler.doubled() == ()
+
+
+def test_who_was_held_up_and_answers_all_at_once_is_one_device() -> None:
+    sampler = Sampler(frames_of(sarcos(1)), patience=100, now_s=0.0)
+    for _ in range(20):
+        for _ in range(30):  # nothing comes for 30 SYNCs
+            sampler.open()
+            sampler.close()
+        for _ in range(31):
+            answered(sampler, 1, 1.0)
+        for _ in range(5):
+            sampler.open()
+            answered(sampler, 1, 1.0)
+            sampler.close()
+        assert sampler.doubled() == ()
+
+
+def test_two_that_were_held_up_are_two() -> None:
+    sampler = Sampler(frames_of(sarcos(1)), patience=100, now_s=0.0)
+    for _ in range(30):
+        sampler.open()
+        sampler.close()
+    for _ in range(62):
+        answered(sampler, 1, 1.0)
+    sampler.open()
+    assert sampler.doubled() == (1,)

@@ -296,6 +296,26 @@ def test_the_recording_has_stop_and_every_frame_before_its_answer(
             asked -= 1
 
 
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+def test_a_channel_of_any_name_is_recorded(bus: FakeArmBus, tmp_path: Path, suffix: str) -> None:
+    """python-can takes digits at the end of a channel's name for a number, and packs it into two bytes."""
+    received = bus._recv_internal
+
+    def named(timeout: float | None) -> tuple[can.Message | None, bool]:
+        message, filtered = received(timeout)
+        if message is not None:
+            message.channel = "bench-4294967296"
+        return message, filtered
+
+    bus._recv_internal = named  # type: ignore[method-assign]
+    arm = make(bus, record_to=tmp_path / f"bus{suffix}")
+    arm.connect()
+    arm.close()
+    assert arm.recording_failure is None
+    with can.LogReader(tmp_path / f"bus{suffix}") as recorded:
+        assert sum(frame.arbitration_id == 0x701 for frame in recorded) >= 1
+
+
 @pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])
 def test_an_adapter_without_its_driver_is_one_clear_error(interface: str) -> None:
     with pytest.raises(BusError, match=interface):

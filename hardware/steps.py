@@ -142,7 +142,10 @@ def change_modes(
         for at, (command, mode) in enumerate(zip(commands, wanted, strict=True)):
             if mode != CYCLIC_POSITION:
                 commands[at] = Setpoint(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
-            elif entering[at] and not follows_command(sample.statuswords[at]):
+            elif entering[at] and (
+                # In free mode bit 12 may be set as well: there it is the torque that is followed.
+                command.mode != mode or not follows_command(sample.statuswords[at])
+            ):
                 commands[at] = replace(command, target_counts=sample.counts[at], mode=mode)
         sample = yield tuple(commands)
     raise_alarm(desk)

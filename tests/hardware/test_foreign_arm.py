@@ -137,6 +137,8 @@ def test_it_is_driven_with_the_drafted_profile(
         assert reading.mean_rad == pytest.approx(
             [1000 / PER_RAD, 0.5, 3000 / PER_RAD, -0.25], abs=1 / PER_RAD
         )
+        arm.set_modes([POSITION] * JOINTS)  # drives whose bit 12 is set in free mode as well
+        assert [axis.mode for axis in elsewhere.axes] == [8] * JOINTS
         assert arm.active_parameters() == b""
         with pytest.raises(UploadRefused, match="no supervisor"):
             arm.upload_parameters(b"any")

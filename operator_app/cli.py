@@ -25,6 +25,7 @@ COMMANDS = {
     "export": "write, show or upload the parameters of a session",
     "report": "write an HTML report of a session",
     "compare": "say what drifted between two calibrations",
+    "new": "make an arm file, from a URDF",
     "session": "list sessions, show one, or repair the journal of one that is damaged",
     "probe": "say which nodes are on a bus and whether they can be driven; moves nothing",
     "monitor": "watch a bus beside a running session; sends nothing",

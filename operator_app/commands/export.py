@@ -14,7 +14,7 @@ from operator_app.commands.options import (
     scenario_options,
     sessions_option,
 )
-from operator_app.exit_codes import ExitCode
+from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
 
@@ -22,11 +22,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("session", metavar="SESSION", help="session folder, its name or latest")
     parser.add_argument(
+        "--format",
+        choices=("yaml", "json", "csv", "urdf", "mat"),
+        default="yaml",
+        help="yaml: the parameters file, for the controller (default); json: everything; csv: one row a "
+        "parameter; urdf: the arm's own side, for simulators and planners; mat: for MATLAB",
+    )
+    parser.add_argument(
         "-o",
         "--output",
         type=Path,
         metavar="FILE",
-        help="write the parameters there (default: parameters.yaml in the session folder; - is stdout)",
+        help="write there (default: in the session folder, parameters.yaml, result.json, parameters.csv, "
+        "arm.urdf or result.mat; - is stdout)",
     )
     parser.add_argument(
         "--upload", action="store_true", help="upload them to the controller and read them back"
@@ -43,6 +51,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.composition import carried_procedure, unattended
     from operator_app.config.atomic import write_atomically
     from operator_app.config.parameters_file import format_parameters
+    from operator_app.report.exports import FILES, Calibration, in_format
     from operator_app.session.calibrated import calibrated
     from operator_app.session.export import PARAMETERS_NAME, document_of
     from operator_app.session.folder import read_session
@@ -51,6 +60,10 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.opening import resume
     from operator_app.session.workflow import connect
 
+    if args.upload and args.format != "yaml":
+        raise UsageError(
+            f"--upload: a controller takes the parameters file, not --format {args.format}"
+        )
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = read_session(opening.folder).state
     if state is None or not state.used_poses:
@@ -70,8 +83,19 @@ def execute(args: argparse.Namespace) -> int:
             say(f"sarcal: not accepted: {reason}.", err=True)
         if not forced:
             return ExitCode.NOT_ACCEPTED
-    receipt = None
-    if args.upload:
+    receipt, name = None, PARAMETERS_NAME
+    if args.format != "yaml":
+        name = FILES[args.format]
+        what = Calibration(
+            solution=solution,
+            checks=found.checks,
+            arm=procedure.arm,
+            serial_number=state.serial_number,
+            poses=state.pose_set(),
+            forced=forced,
+        )
+        data = in_format(what, args.format)
+    elif args.upload:
         # In the session: what its arm is given, and why, is in its journal.
         with unattended(opening) as session:
             connect(session, Listener())
@@ -82,9 +106,9 @@ def execute(args: argparse.Namespace) -> int:
         document = document_of(solution, state, procedure, utc=utc_now(), forced=forced)
         data = format_parameters(document)
     if str(args.output) == "-":
-        sys.stdout.write(data.decode())
+        sys.stdout.buffer.write(data)
     else:
-        target = args.output or opening.folder / PARAMETERS_NAME
+        target = args.output or opening.folder / name
         write_atomically(target, data)
         say(f"Parameters  {target}")
     if receipt is not None:

@@ -75,7 +75,7 @@ def load_joint_log(
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEW and np.abs(q).max() < 2.0 * np.pi:
         text = (
-            f"no joint angle of {len(q)} poses exceeds {np.abs(q).max():.3g}: radians, or degrees?"
+            f"does not say its unit, and no angle of {len(q)} poses exceeds {np.abs(q).max():.3g}"
         )
         raise only(file, None, None, text, "say --rad, or --deg if these are degrees")
     return LoadedPoses(

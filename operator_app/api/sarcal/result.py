@@ -18,6 +18,7 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import save_poses
+from operator_app.report.exports import FILES, Calibration, in_format
 from operator_app.report.facts import Facts, facts_of
 from operator_app.report.html import report_html
 from operator_app.report.markup import element, join
@@ -27,7 +28,7 @@ from operator_app.report.subject import subject_of_session
 from operator_app.report.text import facts_text
 from operator_app.session.calibrated import Calibrated
 from operator_app.session.export import PARAMETERS_NAME, POSES_NAME, document_of
-from operator_app.session.importing import How, ImportedSession
+from operator_app.session.importing import UNSTATED, How, ImportedSession
 from operator_app.session.journal import read_journal
 from solver.arrays import FloatArray
 
@@ -192,6 +193,40 @@ class Result:
         )
         write_atomically(where / REPORT_NAME, report_html(subject))
         return where
+
+    def export(self, path: str | PathLike[str]) -> Path:
+        """Write one file for another tool, as ``sarcal export --format`` does.
+
+        Parameters
+        ----------
+        path
+            Its ending says what: ``.yaml`` the parameters file, ``.json`` everything, ``.csv`` one row a
+            parameter, ``.urdf`` the arm's own side, ``.mat`` MATLAB.
+
+        Raises
+        ------
+        ValueError
+            It has another ending.
+        SessionError
+            A parameters file of a calibration that has no D-H table of the whole loop (a ball).
+        """
+        target = Path(path)
+        kind = target.suffix.removeprefix(".")
+        if kind in ("yaml", "yml"):
+            save_parameters(target, self._document())
+            return target
+        if kind not in FILES:
+            raise ValueError(f"{target.name}: end in .yaml, .{', .'.join(FILES)}")
+        what = Calibration(
+            solution=self._solution,
+            checks=self._checks,
+            arm=self.arm._model,
+            serial_number=UNSTATED,
+            poses=self.poses._set,
+            forced="" if self.accepted else "exported by a program",
+        )
+        write_atomically(target, in_format(what, kind))
+        return target
 
     def __repr__(self) -> str:
         return (

@@ -1,0 +1,177 @@
+"""A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB. Computes nothing, writes no file.
+
+What outlives the mounting and what belongs to it is said in each: a parameter is of the arm's side, the
+ground's or the hand's; a URDF holds the arm's side alone.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from operator_app.calibration.calibrated_arm import CalibratedArm, calibrated_arm
+from operator_app.calibration.checks import Checks
+from operator_app.calibration.solution import Solution
+from operator_app.config.csv_table import write_records
+from operator_app.config.urdf import format_urdf
+from operator_app.report.facts import facts_of
+from operator_app.units.figure import quantity_of
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhKind, Parameter
+from solver.chain.poses import PoseSet
+
+FILES = {
+    "json": "result.json",
+    "csv": "parameters.csv",
+    "urdf": "arm.urdf",
+    "mat": "result.mat",
+}
+"""Formats beside the parameters file, and what each is called in a session's folder."""
+
+CSV_HEADER = ("parameter", "side", "unit", "nominal", "value", "sigma")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """What is exported.
+
+    Attributes
+    ----------
+    forced
+        Why one that was not accepted is used all the same; empty where it was.
+    """
+
+    solution: Solution
+    checks: Checks | None
+    arm: ArmModel
+    serial_number: str
+    poses: PoseSet
+    forced: str = ""
+
+    @property
+    def by_itself(self) -> CalibratedArm:
+        """The arm without the loop."""
+        return calibrated_arm(self.solution, self.arm)
+
+
+def in_format(found: Calibration, kind: str) -> bytes:
+    """Return the bytes of one of `FILES`."""
+    return {"json": _json, "csv": _csv, "urdf": _urdf, "mat": _mat}[kind](found)
+
+
+def _json(found: Calibration) -> bytes:
+    """The object of `sarcal solve --json`, and beside it which arm and its table."""
+    said: Mapping[str, Any] = facts_of(found.solution, checks=found.checks).json
+    document = {
+        "schema": "sarcal/result/1",
+        "arm": {"model": found.arm.name, "serial": found.serial_number},
+        **said,
+        "side": {p.name: _side(found.solution, p) for p in found.solution.identified.parameters},
+        "dh_arm": _rows(found),
+        "forced": found.forced,
+        "pose_set_sha256": found.poses.sha256(),
+        "software_version": version("sarcal"),
+    }
+    return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
+
+
+def _rows(found: Calibration) -> list[dict[str, Any]]:
+    """Rows 1..n of the arm's side, in deg and m, as a URDF of it has them."""
+    arm = found.by_itself
+    columns = arm.flange.stacked()
+    columns[[DhKind.THETA_OFF, DhKind.ALPHA]] = np.rad2deg(
+        columns[[DhKind.THETA_OFF, DhKind.ALPHA]]
+    )
+    return [
+        {
+            "row": k,
+            "theta_off_deg": off,
+            "s_m": s,
+            "a_m": a,
+            "alpha_deg": alpha,
+            "calibrated": [n for n in arm.identified if n.endswith(f"_{k}")],
+        }
+        for k, (off, s, a, alpha) in enumerate(columns.T.tolist(), 1)
+    ]
+
+
+def _csv(found: Calibration) -> bytes:
+    """One row a parameter, angles in deg, lengths in mm."""
+    estimate = found.solution.identified
+    rows = [
+        (p.name, _side(found.solution, p), quantity_of(p).unit,
+         *(repr(quantity_of(p).per_si * float(v)) for v in (p.nominal, value, sigma)))
+        for p, value, sigma in zip(
+            estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
+        )
+    ]  # fmt: skip
+    return write_records([CSV_HEADER, *rows])
+
+
+def _urdf(found: Calibration) -> bytes:
+    arm, n = found.by_itself, found.arm.joint_count
+    model = found.solution.model.parts()[0][0]
+    mounting = [
+        name
+        for name in (p.name for p in model.parameters)
+        if name in {*model.ground_side, *model.hand_side}
+    ]
+    said = [
+        f"{found.arm.name}, serial {found.serial_number}, calibrated by sarcal {version('sarcal')}",
+        f"from {found.solution.poses} poses (SHA-256 {found.poses.sha256()}).",
+        "Joint values are sensor readings: the joint-angle offsets are in the origins.",
+        f"Calibrated: {', '.join(arm.identified) or 'nothing of the arm itself'}.",
+        "As in the arm file, for they belong to the mounting and not to the arm:",
+        f"{', '.join(mounting)}.",
+        f"The link 'flange' is frame {n} of the D-H table. No masses, no shapes.",
+    ]
+    if not found.solution.accepted:
+        said += [f"NOT ACCEPTED: {'; '.join(found.solution.reasons)}.", f"Used: {found.forced}"]
+    return format_urdf(found.arm, arm.flange, comment=said)
+
+
+def _mat(found: Calibration) -> bytes:
+    """Variables in SI units, named so."""
+    from scipy.io import savemat
+
+    estimate = found.solution.identified
+    arm = found.by_itself
+    names = np.array([p.name for p in estimate.parameters], dtype=object)
+    buffer = io.BytesIO()
+    savemat(
+        buffer,  # type: ignore[arg-type] # the stubs know paths only
+        {
+            "arm_model": found.arm.name,
+            "arm_serial": found.serial_number,
+            "verdict": found.solution.verdict.value,
+            "names": names,
+            "side": np.array([_side(found.solution, p) for p in estimate.parameters], dtype=object),
+            "is_angle": np.array([p.is_angle for p in estimate.parameters]),
+            "value_rad_or_m": estimate.x,
+            "nominal_rad_or_m": np.array([p.nominal for p in estimate.parameters]),
+            "sigma_rad_or_m": estimate.standard_deviation,
+            "covariance_rad_or_m": estimate.covariance,
+            # Columns of link j: theta_off_rad, s_m, a_m, alpha_rad.
+            "dh_arm_rad_m": arm.flange.stacked().T,
+            "dh_hand_rad_m": arm.hand.stacked().T,
+            "tip_m": arm.tip_m,
+            "q_rad": found.poses.q_rad,
+            "placement": found.poses.placement,
+            "T_base_tip": np.moveaxis(arm.T_base(found.poses.q_rad), 0, -1),
+        },
+        oned_as="column",
+    )
+    return buffer.getvalue()
+
+
+def _side(solution: Solution, parameter: Parameter) -> str:
+    """``arm``, ``ground`` or ``hand``."""
+    name = parameter.name.partition("[")[0]
+    part = solution.model.parts()[0][0]
+    return "ground" if name in part.ground_side else "hand" if name in part.hand_side else "arm"

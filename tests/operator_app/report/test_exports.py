@@ -1,0 +1,217 @@
+"""Every export read by the tool it is for; the URDF's hand where pinocchio and we say it is."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import sarcal
+from scipy.io import loadmat
+
+from operator_app.cli import main
+from operator_app.config.arm_file import load_arm
+from operator_app.config.errors import ConfigError
+from operator_app.config.parameters_file import load_parameters
+from operator_app.config.urdf import format_urdf, parse_urdf
+from solver.chain.kinematics import DhTable, forward
+from tests.oracles.panda import FOLDER as PANDA
+
+HINGE = Path(__file__).parents[2] / "data/hinge/hinge_quantised.csv"
+
+
+@pytest.fixture(scope="module")
+def hinge() -> sarcal.Result:
+    return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=HINGE)
+
+
+@pytest.fixture(scope="module")
+def ball() -> sarcal.Result:
+    return sarcal.calibrate(
+        arm="franka_panda", fixture="ball", poses=PANDA / "panda_1.csv", drop_unidentifiable=True
+    )
+
+
+def pinocchio_hands(urdf: bytes, q_rad: np.ndarray, frame: str = "flange") -> np.ndarray:
+    model = pin.buildModelFromXML(urdf.decode())
+    data, hands = model.createData(), []
+    for q in q_rad:
+        pin.framesForwardKinematics(model, data, q)
+        hands.append(data.oMf[model.getFrameId(frame)].homogeneous)
+    return np.array(hands)
+
+
+@pytest.mark.parametrize("which", ["hinge", "ball"])
+def test_pinocchio_puts_the_flange_where_we_do(
+    which: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    result: sarcal.Result = request.getfixturevalue(which)
+    file = result.export(tmp_path / "arm.urdf")
+    arm = result.arm
+    q = np.random.default_rng(1).uniform(arm.lower_rad, arm.upper_rad, (200, arm.joint_count))
+    ours = result.fk(q, frame="flange")
+    np.testing.assert_allclose(pinocchio_hands(file.read_bytes(), q), ours, rtol=0, atol=1e-9)
+    model = pin.buildModelFromXML(file.read_text())
+    np.testing.assert_allclose(model.lowerPositionLimit, arm.lower_rad, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(model.upperPositionLimit, arm.upper_rad, rtol=0, atol=1e-12)
+
+
+def test_a_urdf_holds_what_outlives_the_mounting_and_nothing_else(
+    hinge: sarcal.Result, tmp_path: Path
+) -> None:
+    text = hinge.export(tmp_path / "arm.urdf").read_text()
+    table = parse_urdf(text.encode(), "arm.urdf").table
+    nominal = load_arm("sarcos_dextrous").table
+    off = np.rad2deg(table.theta_off_rad)
+    for j in (2, 3, 4, 5, 6):
+        assert off[j - 1] == pytest.approx(hinge.values[f"theta_off_{j}_deg"], abs=1e-9)
+    for j in (1, 7):
+        assert off[j - 1] == pytest.approx(np.rad2deg(nominal.theta_off_rad[j - 1]), abs=1e-9)
+        assert abs(off[j - 1] - hinge.values[f"theta_off_{j}_deg"]) > 0.01
+    assert table.s_m[0] == table.s_m[6] == table.a_m[6] == 0.0
+    assert "belong to the mounting" in text
+    assert "theta_off_1, theta_off_7, a_0, s_0, alpha_0, s_1, a_7, s_7, alpha_7" in text
+
+
+def test_new_arm_reads_it_back(hinge: sarcal.Result, tmp_path: Path) -> None:
+    urdf, made = hinge.export(tmp_path / "arm.urdf"), tmp_path / "mine.yaml"
+    assert main(["new", "arm", "--urdf", str(urdf), "--name", "mine", "-o", str(made)]) == 0
+    arm = sarcal.load_arm(made)
+    assert arm.name == "mine"
+    before = hinge.arm
+    q = np.random.default_rng(2).uniform(before.lower_rad, before.upper_rad, (50, 7))
+    table = load_arm(made).table
+    frames = forward(q + table.theta_off_rad, table.s_m, table.a_m, table.alpha_rad)
+    wanted = hinge.fk(q, frame="flange")
+    np.testing.assert_allclose(frames.p_end, wanted[:, :3, 3], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(frames.R_end, wanted[:, :3, :3], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(arm.lower_rad, before.lower_rad, rtol=0, atol=1e-12)
+    assert main(["new", "arm", "--urdf", str(urdf), "-o", str(made)]) == 2
+
+
+IIWA = """<robot name="iiwa-like">
+  <link name="world"/><link name="base"/>
+  <joint name="stand" type="fixed"><parent link="world"/><child link="base"/>
+    <origin xyz="0.1 -0.2 0.4" rpy="0.1 0.2 0.3"/></joint>
+  {joints}
+  <joint name="tool" type="fixed"><parent link="l7"/><child link="tool0"/>
+    <origin xyz="0.01 0.02 0.045" rpy="0.3 -0.2 0.5"/></joint>
+  <link name="tool0"/>
+</robot>"""
+
+
+def foreign_urdf(seed: int) -> bytes:
+    """A chain whose frames and axes were chosen by nobody who thought of D-H."""
+    rng = np.random.default_rng(seed)
+    joints, parent = [], "base"
+    for j in range(1, 8):
+        axis = rng.normal(size=3) if seed else np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
+        xyz = rng.uniform(-0.3, 0.3, 3) if seed else np.eye(3)[rng.integers(3)] * 0.2
+        rpy = rng.uniform(-3, 3, 3) if seed else np.pi / 2 * rng.integers(-2, 3, 3)
+        text = [" ".join(map(repr, v.tolist())) for v in (xyz, rpy, axis)]
+        joints.append(
+            f'<joint name="j{j}" type="revolute"><parent link="{parent}"/><child link="l{j}"/>'
+            f'<origin xyz="{text[0]}" rpy="{text[1]}"/><axis xyz="{text[2]}"/>'
+            f'<limit lower="-2.9" upper="2.9" effort="30" velocity="1.5"/></joint><link name="l{j}"/>'
+        )
+        parent = f"l{j}"
+    return IIWA.format(joints="\n".join(joints)).encode()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_any_serial_chain_reads_as_the_same_arm(seed: int) -> None:
+    urdf = foreign_urdf(seed)
+    chain = parse_urdf(urdf, "foreign")
+    table = chain.table
+    q = np.random.default_rng(seed).uniform(-2.9, 2.9, (40, 7))
+    frames = forward(q + table.theta_off_rad, table.s_m, table.a_m, table.alpha_rad)
+    T = np.zeros((40, 4, 4))
+    T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = frames.R_end, frames.p_end, 1.0
+    ours = chain.T_link_base @ T @ chain.T_flange_tip
+    # Pinocchio's base is the URDF's root, as ours.
+    np.testing.assert_allclose(pinocchio_hands(urdf, q, "tool0"), ours, rtol=0, atol=1e-9)
+    joint = chain.joints[0]
+    assert (joint.lower_rad, joint.upper_rad) == (-2.9, 2.9)
+    assert (joint.velocity_rad_per_s, joint.effort_nm) == (1.5, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("<robot", "<model"), "is not XML"),
+        (('type="revolute"', 'type="prismatic"'), "of type 'prismatic'; .*revolute joints only"),
+        (('lower="-2.9"', 'lower="3.0"'), "its range goes from 3 to 2.9 rad"),
+        (('xyz="0.1 -0.2 0.4"', 'xyz="0.1 -0.2"'), "joint 'stand': xyz is '0.1 -0.2'"),
+        (("<robot", "<!DOCTYPE x [<!ENTITY a 'b'>]><robot"), "declares entities"),
+        (('<link name="world"/>', ('<joint name="s" type="fixed"><parent link="base"/>'
+          '<child link="camera"/></joint>')), r"has 2 ends; say which: --tip camera\|tool0"),
+    ],
+)  # fmt: skip
+def test_what_is_no_arm_is_refused_with_a_reason(change: tuple[str, str], said: str) -> None:
+    text = foreign_urdf(1).decode().replace(*change)
+    with pytest.raises(ConfigError, match=said):
+        parse_urdf(text.encode(), "foreign.urdf")
+
+
+def test_a_table_survives_to_the_last_digits_but_one() -> None:
+    arm, rng = load_arm("franka_panda"), np.random.default_rng(3)
+    off = arm.table.stacked() + rng.normal(size=(4, 7)) * np.array([[0.05], [1e-3], [1e-3], [2e-3]])
+    table = DhTable(theta_off_rad=off[0], s_m=off[1], a_m=off[2], alpha_rad=off[3])
+    read = parse_urdf(format_urdf(arm, table, comment=["a -- b"]), "x").table
+    np.testing.assert_allclose(read.stacked(), off, rtol=0, atol=1e-12)
+
+
+def test_csv_json_mat_and_yaml_hold_the_same_numbers(
+    hinge: sarcal.Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = hinge.save(tmp_path / "s")
+    for kind in ("csv", "json", "mat", "urdf", "yaml"):
+        assert main(["export", str(folder), "--format", kind]) == 0
+    with (folder / "parameters.csv").open(newline="") as file:
+        rows = {row["parameter"]: row for row in csv.DictReader(file)}
+    said = json.loads((folder / "result.json").read_text())
+    mat = loadmat(folder / "result.mat", simplify_cells=True)
+    document = load_parameters(folder / "parameters.yaml")
+    sigmas = {e.entry: e.sigma for e in document.calibrated}
+    assert list(rows) == list(said["parameters"]) == mat["names"].tolist()
+    for k, (name, row) in enumerate(rows.items()):
+        unit = f"{name}_{row['unit']}"
+        assert float(row["value"]) == pytest.approx(hinge.values[unit], rel=1e-12)
+        assert float(row["sigma"]) == pytest.approx(hinge.sigmas[unit], rel=1e-12)
+        scale = 1.0 if row["unit"] == "deg" else 1e3
+        assert scale * said["parameters"][name] == pytest.approx(float(row["value"]), rel=1e-12)
+        in_si = np.deg2rad(float(row["value"])) if scale == 1.0 else float(row["value"]) / 1e3
+        assert mat["value_rad_or_m"][k] == pytest.approx(in_si, rel=1e-12)
+        assert scale * sigmas[name] == pytest.approx(float(row["sigma"]), rel=1e-9)
+        assert row["side"] == said["side"][name] == mat["side"][k]
+    assert [r["side"] for n, r in rows.items() if n in ("theta_off_1", "theta_off_2", "a_7")] == [
+        "ground", "arm", "hand",
+    ]  # fmt: skip
+    np.testing.assert_allclose(
+        mat["T_base_tip"][..., 3], hinge.fk(hinge.poses.q_rad[3]), atol=1e-12
+    )
+    assert (folder / "result.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")
+    wanted = hinge.fk(hinge.poses.q_rad, frame="flange")
+    urdf = (folder / "arm.urdf").read_bytes()
+    np.testing.assert_allclose(pinocchio_hands(urdf, hinge.poses.q_rad), wanted, rtol=0, atol=1e-9)
+    capsys.readouterr()
+    assert main(["export", str(folder), "--format", "csv", "-o", "-"]) == 0
+    assert capsys.readouterr().out.startswith("parameter,side,unit,nominal,value,sigma\n")
+    assert main(["export", str(folder), "--format", "urdf", "--upload"]) == 2
+
+
+def test_what_was_not_accepted_says_so_in_the_file(tmp_path: Path) -> None:
+    text = HINGE.read_text().splitlines()
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join(text[:5]) + "\n")
+    sessions = ["--sessions", str(tmp_path / "sessions")]
+    assert main(["import", str(few), *sessions]) == 4
+    (folder,) = (tmp_path / "sessions").iterdir()
+    assert main(["export", str(folder), "--format", "urdf"]) == 4
+    assert not (folder / "arm.urdf").exists()
+    assert main(["export", str(folder), "--format", "urdf", "--force", "a test"]) == 4
+    assert "NOT ACCEPTED" in (folder / "arm.urdf").read_text()
+    assert "Used: a test" in (folder / "arm.urdf").read_text()

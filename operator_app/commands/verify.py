@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from operator_app.calibration.solution import Solution
     from operator_app.calibration.verify import Prediction
     from operator_app.session.opening import Opening
+    from solver.chain.arm_model import ArmModel
     from solver.chain.poses import PoseSet
 
 NEW_POSES = 12
@@ -36,6 +37,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         metavar="POSES.csv",
         help="new poses; without it the arm takes new ones, elsewhere than the session did",
+    )
+    parser.add_argument(
+        "--open-loop",
+        action="store_true",
+        help="POSES.csv are of the open arm, with endpoints that another instrument measured (x_m,y_m,z_m"
+        "[,rx_deg,ry_deg,rz_deg]): says which offsets and lengths disagree",
+    )
+    parser.add_argument(
+        "--instrument",
+        metavar="FIXTURE",
+        default="tracker",
+        help="how exact the instrument is: a fixture file of kind measured (default tracker: 0.05 mm, "
+        "0.02 deg)",
     )
     parser.add_argument(
         "--poses",
@@ -68,11 +82,18 @@ def execute(args: argparse.Namespace) -> int:
     procedure = carried_procedure(opening)
     arm, fixture = procedure.arm, procedure.fixture.fixture
     solution = calibrated(state, procedure).solution
+    if args.open_loop:
+        return _open_loop(args, arm, solution, str(opening.folder))
     if args.csv:
         poses = load_poses(args.csv, joint_count=arm.joint_count).poses
         if poses.sha256() == state.pose_set().sha256():
             raise UsageError(
                 "these are the poses the calibration was made from: they verify nothing"
+            )
+        if poses.endpoint is not None and fixture.kind != "measured":
+            raise UsageError(
+                f"{args.csv} has measured endpoints, which a {fixture.kind} knows nothing of: with "
+                "--open-loop they judge the calibration; without, take the columns out"
             )
         if len(poses.placements) > 1:
             raise UsageError("new poses must be of one placement, the one that was calibrated")
@@ -85,6 +106,32 @@ def execute(args: argparse.Namespace) -> int:
     else:
         say(verification_text(verdict, poses, str(opening.folder)))
     return ExitCode.ACCEPTED if verdict.holds else ExitCode.NOT_ACCEPTED
+
+
+def _open_loop(
+    args: argparse.Namespace, arm: ArmModel, solution: Solution, folder: str
+) -> ExitCode:
+    """Judge the session by endpoints that another instrument measured."""
+    from fixtures.measured import Measured
+    from operator_app.calibration.open_loop import check_open_loop
+    from operator_app.config.fixture_file import load_fixture
+    from operator_app.config.poses_file import load_poses
+    from operator_app.report.open_loop import open_loop_json, open_loop_text
+
+    if not args.csv:
+        raise UsageError("--open-loop: name the file of poses with measured endpoints")
+    instrument = load_fixture(args.instrument).fixture
+    if not isinstance(instrument, Measured):
+        raise UsageError(f"--instrument: {args.instrument} is a {instrument.kind}, no instrument")
+    if solution.model.dh_table(solution.estimate.x) is None:
+        raise UsageError("--open-loop judges calibrations of one hinge or rigid placement")
+    poses = load_poses(args.csv, joint_count=arm.joint_count).poses
+    found = check_open_loop(arm, instrument, poses, solution)
+    if args.json:
+        say(json.dumps(open_loop_json(found), indent=2, allow_nan=False))
+    else:
+        say(open_loop_text(found, folder))
+    return ExitCode.ACCEPTED if found.holds else ExitCode.NOT_ACCEPTED
 
 
 def _on_the_arm(

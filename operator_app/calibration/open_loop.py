@@ -1,0 +1,202 @@
+"""The independent check that the paper announced (section 4): a closed-loop calibration against an open arm.
+
+Another instrument saw the hand while nothing held it. Its readings are calibrated by themselves, and what
+both calibrations say of the arm is compared. Both know the maker's lengths from the same file, so that
+their errors have something in common, and the test is on the cautious side. Knows no file and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fixtures.measured import Measured
+from operator_app.calibration.loop import EndpointMissingError
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.solve import calibrate
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import forward
+from solver.chain.parameters import DhEntry, wrap_angle
+from solver.chain.poses import PoseSet
+from solver.chain.rotations import rotation_matrix, rotation_vector
+from solver.judging.statistics import Chi2Test, chi2_test
+
+LEVEL = 0.01
+"""How often calibrations of an arm that agree may be said to disagree."""
+ROUNDS = 300
+"""Of placing base and target in turn; each is exact for the other."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """One parameter of the arm in both calibrations, rad or m.
+
+    `sigma` is the standard deviation of `change`, open less closed; `significant` says that chance
+    would hardly give it.
+    """
+
+    name: str
+    is_angle: bool
+    closed: float
+    open: float
+    change: float
+    sigma: float
+    significant: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenLoopCheck:
+    """What an open arm says of a closed-loop calibration.
+
+    Attributes
+    ----------
+    solution
+        Calibration of the open arm.
+    differences
+        Of every parameter of the arm that both found.
+    chi2
+        Of all differences together.
+    left_out
+        Parameters that one of the two cannot tell from where it was mounted.
+    """
+
+    solution: Solution
+    differences: tuple[Difference, ...]
+    chi2: Chi2Test
+    left_out: tuple[str, ...]
+
+    @property
+    def disagree(self) -> tuple[Difference, ...]:
+        """Parameters that differ by more than chance gives, the worst first."""
+        found = [d for d in self.differences if d.significant]
+        return tuple(sorted(found, key=lambda d: -abs(d.change) / d.sigma))
+
+    @property
+    def holds(self) -> bool:
+        """Whether the open arm is sound itself, and says the same."""
+        return self.solution.accepted and not self.disagree and self.chi2.per_dof <= self.chi2.high
+
+
+def check_open_loop(
+    arm: ArmModel, instrument: Measured, poses: PoseSet, closed: Solution
+) -> OpenLoopCheck:
+    """Judge a closed-loop calibration by measured endpoints of the open arm.
+
+    Raises
+    ------
+    EndpointMissingError
+        The poses have none.
+    SolverError
+        They give no calibration.
+    """
+    own = {*closed.model.ground_side, *closed.model.hand_side}
+    values = {
+        p.name: float(v)
+        for p, v in zip(closed.estimate.parameters, closed.estimate.x, strict=True)
+        if p.name not in own
+    }
+    placed = placed_by_poses(arm, instrument, poses, values)
+    found = calibrate(arm, placed, poses, drop=True)
+    estimate = found.estimate
+    there = {p.name: k for k, p in enumerate(estimate.parameters)}
+    here = {p.name: k for k, p in enumerate(closed.estimate.parameters)}
+    shared = [name for name in here if name in there and name not in own]
+    a, b = [here[name] for name in shared], [there[name] for name in shared]
+    angle = [estimate.parameters[k].is_angle for k in b]
+    change = np.array(
+        [
+            wrap_angle(float(estimate.x[j] - closed.estimate.x[i]))
+            if turns
+            else estimate.x[j] - closed.estimate.x[i]
+            for i, j, turns in zip(a, b, angle, strict=True)
+        ]
+    )
+    covariance = closed.estimate.covariance[np.ix_(a, a)] + estimate.covariance[np.ix_(b, b)]
+    sigma = np.sqrt(np.diagonal(covariance))
+    from scipy.special import ndtri
+
+    threshold = float(-ndtri(0.5 * LEVEL / max(len(shared), 1)))
+    scaled = covariance / np.outer(sigma, sigma)
+    z = change / sigma
+    return OpenLoopCheck(
+        solution=found,
+        differences=tuple(
+            Difference(
+                name=name,
+                is_angle=turns,
+                closed=float(closed.estimate.x[i]),
+                open=float(estimate.x[j]),
+                change=float(c),
+                sigma=float(s),
+                significant=bool(abs(c) > threshold * s),
+            )
+            for name, turns, i, j, c, s in zip(shared, angle, a, b, change, sigma, strict=True)
+        ),
+        chi2=chi2_test(float(z @ np.linalg.pinv(scaled) @ z), len(shared)),
+        left_out=tuple(name for name in here if name not in shared and name.startswith("theta")),
+    )
+
+
+def placed_by_poses(
+    arm: ArmModel, instrument: Measured, poses: PoseSet, values: Mapping[str, float]
+) -> Measured:
+    """Return the instrument with base and target where the measured poses have them.
+
+    For a known target the base is the rotation and shift that carry computed onto measured points
+    (Kabsch 1976); for a known base the target is linear. In turn they go down to the best of both.
+    """
+    if poses.endpoint is None:
+        raise EndpointMissingError("these poses have no endpoint columns x_m,y_m,z_m")
+    full = poses.endpoint.shape[1] == 6
+    measured = poses.endpoint[:, :3]
+    stacked = arm.table.stacked()
+    for name, value in values.items():
+        try:
+            entry = DhEntry.parse(name)
+        except ValueError:
+            continue
+        if 1 <= entry.row <= arm.joint_count:
+            stacked[entry.kind, entry.row - 1] = value
+    frames = forward(poses.q_rad + stacked[0], *stacked[1:])
+    p, R = frames.p_end, frames.R_end
+    tip = np.array(instrument.tip_m)
+    for _ in range(ROUNDS):
+        R_base, base = _carried(p + R @ tip, measured)
+        seen = (measured - base) @ R_base - p
+        tip = np.linalg.lstsq(R.reshape(-1, 3), seen.reshape(-1), rcond=None)[0]
+    R_base, base = _carried(p + R @ tip, measured)
+    turn = np.zeros(3)
+    if full:
+        R_seen = rotation_matrix(poses.endpoint[:, 3:])
+        turn = rotation_vector(_nearest_rotation(np.einsum("mji,kj,mkl->il", R, R_base, R_seen)))
+    return replace(
+        instrument,
+        full_pose=full,
+        base_m=_triple(base),
+        base_turn_rad=_triple(rotation_vector(R_base)),
+        tip_m=_triple(tip),
+        tip_turn_rad=_triple(turn),
+        base_known=False,
+        tip_known=False,
+    )
+
+
+def _carried(points: FloatArray, onto: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotation (3, 3) and shift (3,) that carry points (m, 3) onto others, in least squares."""
+    a, b = points.mean(axis=0), onto.mean(axis=0)
+    R = _nearest_rotation((onto - b).T @ (points - a))
+    return R, b - R @ a
+
+
+def _nearest_rotation(matrix: FloatArray) -> FloatArray:
+    """Rotation nearest to a matrix (3, 3)."""
+    U, _, Vt = np.linalg.svd(matrix)
+    handed = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    return np.asarray(U @ handed @ Vt)
+
+
+def _triple(v: FloatArray) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])

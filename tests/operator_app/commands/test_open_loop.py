@@ -1,0 +1,90 @@
+"""`sarcal verify --open-loop`: another instrument agrees with a sound calibration, and names what does not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.cli import main
+from oracles.open_arm import measured_csv
+
+
+def judged(
+    folder: Path, csv: Path, capsys: pytest.CaptureFixture[str], *more: str
+) -> tuple[int, dict]:
+    capsys.readouterr()
+    code = main(["verify", str(folder), str(csv), "--open-loop", "--json", *more])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_an_arm_that_is_what_was_found_agrees(
+    journalled: Mapping[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    csv = measured_csv(tmp_path / "open.csv")
+    code, found = judged(journalled["run"], csv, capsys)
+    assert (code, found["verdict"], found["disagree"]) == (0, "agrees", [])
+    assert found["poses"] == 40
+    assert {"theta_off_1", "theta_off_7"} == set(found["not_compared"])
+    compared = found["parameters"]
+    assert {f"theta_off_{j}" for j in range(2, 7)} < set(compared)
+    for name, value in (("theta_off_2", -122.8), ("theta_off_5", 27.1), ("s_5", 0.320)):
+        row = compared[name]
+        assert abs(row["open_loop"] - value) < 3.0 * row["sigma"], name
+
+
+@pytest.mark.parametrize(
+    ("planted", "name", "size"),
+    [
+        ({"wrong_rad": {3: np.deg2rad(1.0)}}, "theta_off_3", 1.0),
+        ({"longer_m": {5: 0.010}}, "s_5", 0.010),
+    ],
+)
+def test_what_disagrees_is_named(
+    journalled: Mapping[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    planted: dict,
+    name: str,
+    size: float,
+) -> None:
+    csv = measured_csv(tmp_path / "open.csv", **planted)
+    code, found = judged(journalled["run"], csv, capsys)
+    assert (code, found["verdict"], found["disagree"]) == (4, "disagrees", [name])
+    row = found["parameters"][name]
+    assert abs(row["change"] - size) < 3.0 * row["sigma"]
+    assert main(["verify", str(journalled["run"]), str(csv), "--open-loop"]) == 4
+    assert f"of {name}." in " ".join(capsys.readouterr().out.split())
+
+
+def test_an_instrument_worse_than_its_file_says_proves_nothing(
+    journalled: Mapping[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    csv = measured_csv(tmp_path / "open.csv", sigma_m=5e-3)
+    code, found = judged(journalled["run"], csv, capsys)
+    assert (code, found["verdict"]) == (4, "open loop not accepted")
+    assert found["reasons"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["{csv}"], "--open-loop"),
+        (["--open-loop"], "name the file"),
+        (["{csv}", "--open-loop", "--instrument", "hinge"], "no instrument"),
+    ],
+)
+def test_endpoints_are_never_ignored_in_silence(
+    journalled: Mapping[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    words: str,
+) -> None:
+    csv = measured_csv(tmp_path / "open.csv")
+    given = [text.format(csv=csv) for text in arguments]
+    assert main(["verify", str(journalled["run"]), *given]) == 2
+    assert words in capsys.readouterr().err

@@ -23,7 +23,6 @@ from solver.chain.sensors import NoSensor
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.load_effects import LoadBasis, load_basis
-from solver.estimators.variance_components import VarianceComponents
 from solver.loops.closure import ClosureModel, pose_blocks
 
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
@@ -202,28 +201,3 @@ def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:
     return model.freed(
         [DhEntry.parse(name) for name in names if name not in known and is_entry(name)]
     )
-
-
-def without_known_errors(
-    model: ClosureModel,
-    x: FloatArray,
-    q: FloatArray,
-    *,
-    tolerated: Collection[str],
-    components: VarianceComponents,
-) -> tuple[ClosureModel, FloatArray, FloatArray]:
-    """Take out what was found of the sensors' errors and the lengths, so that only noise is left to judge.
-
-    Returns
-    -------
-    The loop with its lengths as found and no longer free, its parameters, and readings (m, n) less
-    the predicted errors.
-    """
-    straight = q.copy()
-    for joint, curve in components.curves_rad.items():
-        straight[:, joint - 1] -= curve
-    table = model.dh_table(x)
-    if not tolerated or table is None:
-        return model, x, straight
-    kept = [k for k, p in enumerate(model.parameters) if p.name not in tolerated]
-    return model.with_table(table).without(tolerated), x[kept], straight

@@ -194,7 +194,8 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> Table | No
         title="Sigma by leaving out each pose in turn",
         columns=(*words("parameter", "unit"), *figures("sigma", "jackknife")),
         rows=tuple(rows),
-        note="Where the jackknife is much larger than sigma, the noise model is too good to be true.",
+        note="Where the jackknife is much larger than sigma, the noise model is too good to be true. It "
+        "shows what differs from pose to pose; of what all poses share, lengths for one, it knows nothing.",
     )
 
 

@@ -279,6 +279,24 @@ class LinearFit:
             dof.append(good.sum(-1))
         return np.concatenate(chi2), np.concatenate(dof)
 
+    def without_each(self) -> FloatArray:
+        """Steps (m, P) that the parameters make when each pose in turn is left out, variances as they are.
+
+        The coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 (P w)`` of that pose (the matrix
+        inversion lemma): no refit. Of what a pose alone determines the least step is taken.
+        """
+        index, size = self._parameter_columns()
+        steps = []
+        for part in self.parts():
+            gain = part.M @ self.H_inverse
+            P = np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
+            left = (part.w + part.M @ self.coefficients)[..., None]
+            pull = np.linalg.pinv(P, rcond=1e-9, hermitian=True) @ left
+            steps.append((np.swapaxes(gain[..., index], -1, -2) @ pull)[..., 0] * size)
+        out = np.empty((len(self.design.q), len(index)))
+        out[:, self._places()] = np.concatenate(steps)
+        return out
+
     def _rows(self, poses: IntArray) -> tuple[FloatArray, FloatArray]:
         poses = np.atleast_1d(poses)
         M, w = [], []

@@ -1,6 +1,6 @@
 """What an estimate is worth: intervals, correlations, chi-square band, jackknife.
 
-Works on estimates and on the reduced linear system at the solution. Knows no fixture and no screen.
+Works on estimates and on the linear fit at the solution. Knows no fixture and no screen.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.estimators.estimate import Estimate, require_enough_poses
-from solver.estimators.implicit import LinearisedPoses, NoiseModel, fit_implicit
-from solver.loops.closure import ClosureModel
+from solver.estimators.linear_fit import LinearFit
 
 BAND = 0.99
 """chi2/dof outside this central band says that the noise model is wrong."""
@@ -51,28 +50,6 @@ class Chi2Test:
     def accepted(self) -> bool:
         """Whether chi2/dof lies inside the band."""
         return self.low <= self.per_dof <= self.high
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Jackknife:
-    """Spread of the estimate when each pose in turn is left out.
-
-    Attributes
-    ----------
-    x
-        Estimates without each pose (m, P).
-    covariance
-        Jackknife covariance (P, P): honest where errors are alike within a pose or the noise model
-        is wrong, blind to what all poses share.
-    """
-
-    x: FloatArray
-    covariance: FloatArray
-
-    @property
-    def standard_deviation(self) -> FloatArray:
-        """Standard deviation of every parameter (P,)."""
-        return np.sqrt(np.diagonal(self.covariance))
 
 
 def intervals(estimate: Estimate, *, level: float = 0.95) -> tuple[Interval, ...]:
@@ -132,48 +109,20 @@ def chi2_test(chi2: float, dof: int, *, band: float = BAND) -> Chi2Test:
     )
 
 
-def jackknife(
-    model: ClosureModel, q: FloatArray, noise: NoiseModel, x: FloatArray, *, full: bool = False
-) -> Jackknife:
-    """Pose-wise jackknife of the implicit estimator about its solution `x` (P,).
+def jackknife(fit: LinearFit) -> FloatArray:
+    """Standard deviation of every parameter (P,) by leaving out each pose of a mixed model in turn.
 
-    Parameters
-    ----------
-    full
-        Refit without each pose; by default one Gauss-Newton step from the common solution, which
-        is the same to second order and a hundred times quicker.
+    Honest where errors are alike within a pose or the noise model is wrong, blind to what all poses
+    share. Variances stay as they are.
 
     Raises
     ------
     TooFewPosesError
         If one pose fewer leaves no degree of freedom.
     """
-    m = len(q)
-    require_enough_poses(model, m - 1)
-    if full:
-        variance = np.broadcast_to(noise.joint_variance, q.shape)
-        left = []
-        for pose in range(m):
-            rest = np.delete(np.arange(m), pose)
-            part = NoiseModel(
-                joint_variance=variance[rest], fixture_variance=noise.fixture_variance
-            )
-            left.append(fit_implicit(model.at_poses(rest), q[rest], part, x).x)
-        found = np.array(left)
-    else:
-        system = fit_implicit(model, q, noise, x).system
-        found = x + one_step_without(system)
-    apart = found - found.mean(axis=0)
-    return Jackknife(x=found, covariance=(m - 1.0) / m * apart.T @ apart)
-
-
-def one_step_without(system: LinearisedPoses) -> FloatArray:
-    """Steps (m, P) that the solution of a linear system makes when each pose in turn is left out."""
-    WA = np.linalg.solve(system.V, system.A)
-    own = np.swapaxes(WA, -1, -2) @ system.A
-    pull = np.einsum("mrp,mr->mp", WA, system.w)
-    scale = np.sqrt(np.maximum(np.diagonal(own.sum(0)), 1e-300))
-    rest = (own.sum(0) - own) / np.outer(scale, scale)
-    # At the solution all pulls sum to zero, but for rounding.
-    target = (pull - pull.sum(0)) / scale
-    return np.asarray((np.linalg.pinv(rest, hermitian=True) @ target[..., None])[..., 0] / scale)
+    design = fit.design
+    m = len(design.q)
+    require_enough_poses(design.model, m - 1, known=len(design.soft_index))
+    steps = fit.without_each()
+    apart = steps - steps.mean(axis=0)
+    return np.asarray(np.sqrt((m - 1.0) / m * (apart**2).sum(axis=0)))

@@ -6,7 +6,7 @@ shows. Knows results and words; computes no estimate.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -32,7 +32,9 @@ MOST_BELIEVED = 4.0
 the files state leave another calibration when what is wrong with them is mended, named or not."""
 
 WORTHLESS_RAD, WORTHLESS_M = np.deg2rad(10.0), 0.03
-"""How well a tape measure and a protractor know a parameter beforehand, unless a file says otherwise."""
+"""How well a tape measure and a protractor know a parameter: a sigma beyond this is of no use."""
+
+NOTHING_KNOWN: Mapping[str, float] = {}
 
 COARSE_RAD, COARSE_M = np.deg2rad(1.0), 0.01
 """A sigma beyond this is named."""
@@ -199,9 +201,7 @@ def too_few(estimate: Estimate) -> tuple[NamedCause, ...]:
 def of_the_fit(
     estimate: Estimate,
     judged: tuple[str, ...],
-    *,
-    prior_m: float = WORTHLESS_M,
-    prior_rad: float = WORTHLESS_RAD,
+    known: Mapping[str, float] = NOTHING_KNOWN,
 ) -> tuple[NamedCause, ...]:
     """Name what the fit itself shows: that it did not converge, that its sigmas are of no use."""
     found = []
@@ -217,13 +217,7 @@ def of_the_fit(
         )
     return (
         *found,
-        *little_motion(
-            estimate.parameters,
-            estimate.standard_deviation,
-            judged,
-            prior_m=prior_m,
-            prior_rad=prior_rad,
-        ),
+        *little_motion(estimate.parameters, estimate.standard_deviation, judged, known),
     )
 
 
@@ -231,18 +225,25 @@ def little_motion(
     parameters: tuple[Parameter, ...],
     standard_deviation: FloatArray,
     judged: tuple[str, ...],
-    *,
-    prior_m: float = WORTHLESS_M,
-    prior_rad: float = WORTHLESS_RAD,
+    known: Mapping[str, float] = NOTHING_KNOWN,
 ) -> tuple[NamedCause, ...]:
-    """Name the parameters whose sigmas (P,) say little, because the poses differ little."""
-    wide, coarse = [], []
+    """Name the parameters whose sigmas (P,) say little, because the poses differ little.
+
+    Parameters
+    ----------
+    known
+        How well (rad, m) files state some of the parameters, by name. A sigma beyond that is named; it
+        refuses when it is of no use to anybody.
+    """
+    wide, coarse, refuses = [], [], False
     for p, sd in zip(parameters, standard_deviation, strict=True):
         if p.name not in judged:
             continue
         size = f"{p.name} ({_with_unit(float(sd), angle=p.is_angle)})"
-        if not sd <= (prior_rad if p.is_angle else prior_m):
+        worthless = WORTHLESS_RAD if p.is_angle else WORTHLESS_M
+        if not sd <= min(worthless, known.get(p.name, np.inf)):
             wide.append(size)
+            refuses |= not sd <= worthless
         elif sd > (COARSE_RAD if p.is_angle else COARSE_M):
             coarse.append(size)
     if not wide and not coarse:
@@ -256,7 +257,7 @@ def little_motion(
             "deviations in brackets",
             remedy="take more poses that differ more: every joint through a larger part of its "
             "range",
-            refuses=bool(wide),
+            refuses=refuses,
         ),
     )
 

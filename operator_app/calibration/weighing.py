@@ -29,7 +29,7 @@ from operator_app.calibration.verdict import (
 )
 from solver.arrays import IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import nominal_vector
+from solver.chain.parameters import Parameter, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
@@ -158,11 +158,27 @@ def weigh(
             *not_yet_named(since, by_tests),
             *(far if gross and not rivals else ()),
             *of_paper,
-            *of_the_fit(judging, judged),
+            *of_the_fit(judging, judged, known_beforehand(model.parameters, arm, fixture)),
         ),
         tests=tests,
         stated_chi2_per_dof=scale,
     )
+
+
+def known_beforehand(
+    parameters: tuple[Parameter, ...], arm: ArmModel, fixture: Fixture
+) -> dict[str, float]:
+    """How well (rad, m) the fixture's file states each of its own entries, by name.
+
+    Not the arm's: its offsets are what is looked for.
+    """
+    placed = fixture.tolerance
+    arms = {entry.name for entry in arm.free}
+    return {
+        p.name: placed.orientation_rad if p.is_angle else placed.position_m
+        for p in parameters
+        if p.name.split("[")[0] not in arms
+    }
 
 
 def _hardly_seen(

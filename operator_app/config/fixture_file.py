@@ -10,7 +10,6 @@ from pathlib import Path
 
 from fixtures.base import Fixture
 from operator_app.config.fixture_models import MODELS
-from operator_app.config.quantities import in_si
 from operator_app.config.resources import resolve
 from operator_app.config.schema import read_by_kind
 
@@ -25,22 +24,28 @@ class FixtureSpec:
         What the operator calls it.
     fixture
         The loop it closes, at its nominal placement.
-    tolerance_m, tolerance_rad
-        How well the placement was measured: the true one is believed to be within this.
     checklist
         What the operator confirms before anything moves.
     """
 
     name: str
     fixture: Fixture
-    tolerance_m: float
-    tolerance_rad: float
     checklist: tuple[str, ...]
 
     @property
     def kind(self) -> str:
         """``hinge``, ``rigid``, ..."""
         return self.fixture.kind
+
+    @property
+    def tolerance_m(self) -> float:
+        """How well the placement was measured: the true one is believed to be within this."""
+        return self.fixture.tolerance.position_m
+
+    @property
+    def tolerance_rad(self) -> float:
+        """The same of its angles."""
+        return self.fixture.tolerance.orientation_rad
 
 
 def parse_fixture(data: bytes, file: str) -> FixtureSpec:
@@ -55,7 +60,6 @@ def parse_fixture(data: bytes, file: str) -> FixtureSpec:
     return FixtureSpec(
         name=found.name,
         fixture=found.fixture(),
-        **in_si({"tolerance_mm": found.tolerance_mm, "tolerance_deg": found.tolerance_deg}),
         checklist=found.checklist,
     )
 

@@ -7,12 +7,13 @@ joint to the hinge axis (a_7, s_7, alpha_7 of the paper). Turns are rotation vec
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from fixtures.ball import Ball
-from fixtures.base import Fixture
+from fixtures.base import Fixture, Tolerance
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from fixtures.rigid import Rigid
@@ -67,7 +68,15 @@ class CommonFields(StrictModel):
     def fixture(self) -> Fixture:
         """Domain object."""
         placed = in_si(self.placement.model_dump())
-        return self.makes(**placed, stays_on_hand=self.stays_on_hand, **self.own())
+        return self.makes(
+            **placed, stays_on_hand=self.stays_on_hand, tolerance=self.tolerance(), **self.own()
+        )
+
+    def tolerance(self) -> Tolerance:
+        """Tell how well the placement was measured."""
+        return Tolerance(
+            position_m=self.tolerance_mm / 1e3, orientation_rad=math.radians(self.tolerance_deg)
+        )
 
     def own(self) -> dict[str, Any]:
         """Tell what one kind of fixture has beside its placement, as its domain object takes it."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fixtures.base import Tolerance
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
 from operator_app.calibration.verdict import Verdict
@@ -50,6 +51,25 @@ def test_a_sound_session_is_accepted_and_every_test_says_how_often_it_would_not_
         assert not test.fires
         assert 0.0 < test.false_alarm < 0.01
     assert sound.judgement.stated_chi2_per_dof is not None
+
+
+def test_no_sigma_exceeds_what_the_fixtures_file_states_without_a_word(sound: Solution) -> None:
+    """The file of a fixture measured to 0.5 mm and 5 deg knows some lengths better than 40 poses do."""
+    arm, hinge = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    names = [p.name for p in sound.estimate.parameters]
+    sigma = dict(zip(names, sound.estimate.standard_deviation, strict=True))
+    wide = {n for n in ("a_0", "s_0", "s_1", "a_7", "s_7") if sigma[n] > 0.5e-3}
+    assert 0 < len(wide) < 5
+    found = calibrate(
+        arm,
+        replace(hinge, tolerance=Tolerance(position_m=0.5e-3, orientation_rad=np.deg2rad(5.0))),
+        parse_poses(session(SEED).csv().encode(), "poses.csv").poses,
+    )
+    assert found.verdict is Verdict.WITH_WARNINGS
+    (cause,) = found.causes
+    assert cause.code == "LITTLE_MOTION"
+    assert "no better than was known before" in cause.text
+    assert set(re.findall(r"(\w+) \(", cause.text)) == wide
 
 
 def campaign(*values: str):

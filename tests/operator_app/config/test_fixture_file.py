@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fixtures.ball import Ball
-from fixtures.base import Severity
+from fixtures.base import Severity, Tolerance
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from fixtures.registry import FIXTURES
@@ -31,6 +31,7 @@ def test_hinge_is_nominal_near_table_2() -> None:
     assert nominal == (0.2, 0.01, 0.27, -0.1, 0.04)
     assert math.degrees(hinge.alpha_0_rad) == pytest.approx(-40.0, rel=1e-15)
     assert math.degrees(hinge.alpha_n_rad) == pytest.approx(100.0, rel=1e-15)
+    assert hinge.tolerance == Tolerance(position_m=0.030, orientation_rad=math.radians(10.0))
     # Table 2 lies within the stated tolerance of the nominal placement.
     found = np.array([0.202, 0.014, 0.273, -0.101, 0.038])
     assert np.all(np.abs(found - nominal) < spec.tolerance_m)

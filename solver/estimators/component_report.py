@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.chain.sensor_curve import rms_per_amplitude
 from solver.estimators.effects import Design
 from solver.estimators.linear_fit import LinearFit
@@ -118,16 +118,19 @@ def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -
     """Standard errors (K,); a component at its floor does not blur the others and takes their blur."""
     inner = np.flatnonzero(v > floor * (1.0 + 1e-9))
     error = np.zeros(len(v))
-    for k in range(len(v)):
-        use = inner if k in inner else np.append(inner, k)
-        block = information[np.ix_(use, use)]
-        size = np.sqrt(np.maximum(np.diagonal(block), 1e-300))
-        inverse = np.linalg.pinv(block / np.outer(size, size), rcond=1e-12)
-        at = int(np.flatnonzero(use == k)[0])
-        # A variance that a few poses leave to rounding has no error that could be told.
-        own = float(inverse[at, at])
-        error[k] = np.sqrt(own) / size[at] if own > 0.0 else np.inf
+    error[inner] = _errors(information, inner)
+    for k in np.setdiff1d(np.arange(len(v)), inner):
+        error[k] = _errors(information, np.append(inner, k))[-1]
     return error
+
+
+def _errors(information: FloatArray, use: IntArray) -> FloatArray:
+    """Standard errors of the components `use`, all others known."""
+    block = information[np.ix_(use, use)]
+    size = np.sqrt(np.maximum(np.diagonal(block), 1e-300))
+    own = np.diagonal(np.linalg.pinv(block / np.outer(size, size), rcond=1e-12))
+    # A variance that a few poses leave to rounding has no error that could be told.
+    return np.where(own > 0.0, np.sqrt(np.maximum(own, 0.0)), np.inf) / size
 
 
 def _interval(variance: float, error: float) -> tuple[float, float]:

@@ -18,6 +18,9 @@ from solver.arrays import FloatArray, IntArray
 from solver.estimators.effects import Design, Equations, System, Whitened
 from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 
+TOLD = 1e-3
+"""Share of its own noise from which a misclosure that the others predict is told from none."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Score:
@@ -256,6 +259,8 @@ class LinearFit:
         M, w = self._rows(poses)
         N, left = M @ self.half, w + M @ self.coefficients
         few = len(w) <= self.design.width
+        if few and (chi2 := _square_in(np.eye(len(w)) - N @ N.T, left)) is not None:
+            return chi2, len(w)
         share, vectors = np.linalg.eigh(N @ N.T if few else N.T @ N)
         share = np.clip(share, 0.0, 1.0)
         along = vectors.T @ (left if few else N.T @ left)
@@ -318,6 +323,17 @@ class LinearFit:
                 for name, b, t in zip(g.names, value, z, strict=True)
             ]
         return tuple(found)
+
+
+def _square_in(V: FloatArray, w: FloatArray) -> float | None:
+    """``w' V^-1 w``, None where V is so near to singular that its directions have to be counted."""
+    from scipy.linalg import lapack
+
+    factor, failed = lapack.dpotrf(V, lower=True)
+    if failed or float(np.diagonal(factor).min()) < TOLD:
+        return None
+    z, _ = lapack.dtrtrs(factor, w, lower=True)
+    return float(z @ z)
 
 
 def _inverse(H: FloatArray, scale: FloatArray) -> tuple[FloatArray, float]:

@@ -8,7 +8,7 @@ which they were taken; sums from the end give all k at once. Knows no loop and n
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -25,6 +25,9 @@ EDGE = 3
 
 AT_POSES = 0.4
 """Share of the continuous statistic's alarms that steps at poses show, by simulation of 10 to 300 poses."""
+
+AT_ONCE = 400_000
+"""Numbers of what a fit absorbs of steps that are looked at side by side: memory stays flat."""
 
 FREE = 1e-7
 """Share of a column's weight that the fit must have left for a step along it to be seen."""
@@ -101,46 +104,59 @@ def steps(
     if m < 2 * EDGE or not suspects:
         return ()
     level = false_alarm / sum(s.share for s in suspects)
-    of_reading = left if quiet is None else quiet
-    found = [
-        step
-        for s in suspects
-        if (step := _largest(of_reading if s.of_reading else left, s, scale, s.share * level))
-    ]
+    found: list[Step] = []
+    for of_reading in (False, True):
+        judged = quiet if of_reading and quiet is not None else left
+        here = [s for s in suspects if s.of_reading == of_reading]
+        for width in dict.fromkeys(s.columns.shape[-1] for s in here):
+            alike = [s for s in here if s.columns.shape[-1] == width]
+            lot = max(1, AT_ONCE // (m * judged.U.shape[-1] * width))
+            for first in range(0, len(alike), lot):
+                found += _largest(judged, alike[first : first + lot], scale, level)
     return tuple(sorted(found, key=lambda step: step.threshold - step.chi2))
 
 
-def _largest(left: LeftOver, suspect: Suspect, scale: float, level: float) -> Step | None:
-    m = len(left.white)
-    G = left.whiten(suspect.columns)
-    s = _from_here_on((np.swapaxes(G, -1, -2) @ left.white[..., None])[..., 0])
-    own = _from_here_on(np.swapaxes(G, -1, -2) @ G)
-    inside = _from_here_on(np.swapaxes(left.U, -1, -2) @ G)
-    C = own - np.swapaxes(inside, -1, -2) @ inside
+def _largest(
+    left: LeftOver, suspects: Sequence[Suspect], scale: float, level: float
+) -> Iterator[Step]:
+    """Largest step of each of some suspects (S) with as many columns (d) each.
+
+    `level` is the chance of a false alarm of a suspect whose share is 1.
+    """
+    m, r, K = left.U.shape
+    S, d = len(suspects), suspects[0].columns.shape[-1]
+    white = left.whiten(np.concatenate([s.columns for s in suspects], axis=-1))
+    G = white.reshape(m, r, S, d).transpose(0, 2, 1, 3)
+    Gt = np.swapaxes(G, -1, -2)
+    s = _from_here_on((Gt @ left.white[:, None, :, None])[..., 0])
+    own = _from_here_on(Gt @ G)
+    inside = _from_here_on(np.swapaxes(left.U, -1, -2) @ white)
+    inside = inside.reshape(m, K, S, d).transpose(0, 2, 3, 1)
+    C = own - inside @ np.swapaxes(inside, -1, -2)
     # Scaled, so that metres and radians are seen alike.
     size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1).max(axis=0))
-    if not bool(np.all(size > 0.0)):
-        return None
+    unit = np.where(size > 0.0, size, 1.0)
     places = slice(EDGE, m - EDGE + 1)
-    values, vectors = np.linalg.eigh((C / np.outer(size, size))[places])
+    values, vectors = np.linalg.eigh(C[places] / (unit[:, :, None] * unit[:, None, :]))
     free = values > FREE
-    along = (np.swapaxes(vectors, -1, -2) @ (s[places] / size)[..., None])[..., 0]
+    along = (np.swapaxes(vectors, -1, -2) @ (s[places] / unit)[..., None])[..., 0]
     inverse = np.where(free, 1.0 / np.where(free, values, 1.0), 0.0)
     chi2 = (along**2 * inverse).sum(-1)
-    best = int(np.argmax(chi2))
-    if not free[best].any():
-        return None
-    spread = (vectors[best] * inverse[best]) @ vectors[best].T
-    dof = int(free[best].sum())
-    return Step(
-        suspect=suspect.name,
-        pose=best + EDGE,
-        size=(vectors[best] @ (inverse[best] * along[best])) / size,
-        sd=np.sqrt(scale * np.diagonal(spread)) / size,
-        chi2=float(chi2[best]) / scale,
-        dof=dof,
-        threshold=step_threshold(m, dof, level),
-    )
+    for k, best in enumerate(np.argmax(chi2, axis=0).tolist()):
+        here = (best, k)
+        if not (size[k] > 0.0).all() or not free[here].any():
+            continue
+        spread = (vectors[here] * inverse[here]) @ vectors[here].T
+        dof = int(free[here].sum())
+        yield Step(
+            suspect=suspects[k].name,
+            pose=best + EDGE,
+            size=(vectors[here] @ (inverse[here] * along[here])) / size[k],
+            sd=np.sqrt(scale * np.diagonal(spread)) / size[k],
+            chi2=float(chi2[here]) / scale,
+            dof=dof,
+            threshold=step_threshold(m, dof, suspects[k].share * level),
+        )
 
 
 def _from_here_on(values: FloatArray) -> FloatArray:

@@ -18,7 +18,9 @@ def cut_short_lines(found: CutShort) -> list[str]:
     session, state = found.session, found.session.state
     interrupted = isinstance(found.cause, KeyboardInterrupt)
     said = "The run was interrupted" if interrupted else "The run has ended early"
-    if state.serial_number and found.held:
+    # Of this run: what an earlier one had connected to may not be there any more.
+    connected = session.identity is not None
+    if connected and found.held:
         said += "; the arm is held"
     folder = session.journal.kept_in
     if session.journal.loss is not None:
@@ -29,7 +31,7 @@ def cut_short_lines(found: CutShort) -> list[str]:
     lines = [f"{said}; no pose was taken."]
     if poses:
         lines = [f"{said}. {poses} poses are kept in {folder}.", *_way_on(found)]
-    if state.serial_number and not found.held:
+    if connected and not found.held:
         lines.insert(0, _SILENT)
     return lines
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,13 +41,17 @@ _channels = itertools.count()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What the operator was told ("" if nothing), and what the journal accepted."""
+    """What the operator was told ("" if nothing), and what the journal accepted.
+
+    `reaction_s` is the CPU time of this process, virtual arm and all, from the fault to the words; 0 without.
+    """
 
     kind: str
     said: str
     error: str
     poses: tuple[CapturedPose, ...]
     wrong: tuple[int, ...]
+    reaction_s: float
 
 
 def loop_error(q_rad: np.ndarray) -> float:
@@ -66,8 +71,15 @@ def session_with(kind: str, folder: Path, *, joint: int, at_sync: int, poses: in
     An empty kind is nothing.
     """
     script: Sequence[ScriptedFault] = ()
+    begun_s: list[float] = []
+
+    def begin() -> None:
+        begun_s.append(time.process_time())
+
+    reaction_s = 0.0
     if kind and at_sync:
-        script = [scripted(kind, joint=joint, at_sync=at_sync)]
+        fault = scripted(kind, joint=joint, at_sync=at_sync)
+        script = [replace(fault, happen=lambda faults: (begin(), fault.happen(faults))[-1])]
     chosen = Choices(scenario="exact", seed=0)
     procedure = load_procedure("hinge")
     procedure = replace(
@@ -93,6 +105,7 @@ def session_with(kind: str, folder: Path, *, joint: int, at_sync: int, poses: in
             ),
         )
         if kind and not at_sync:
+            begin()
             FAULT_KINDS[kind].happen(controller.faults, joint)
         session = opened(folder, arm, procedure)
         try:
@@ -101,6 +114,7 @@ def session_with(kind: str, folder: Path, *, joint: int, at_sync: int, poses: in
             take_poses(session, Listener(), (1, 5))
         except EXPECTED as found:
             said, error = str(found), type(found).__name__
+            reaction_s = time.process_time() - begun_s[0] if begun_s else 0.0
         finally:
             controller.unhang()
             session.close("done")
@@ -111,4 +125,5 @@ def session_with(kind: str, folder: Path, *, joint: int, at_sync: int, poses: in
         error=error,
         poses=used,
         wrong=tuple(p.number for p in used if loop_error(p.mean_rad) > CLOSES),
+        reaction_s=reaction_s,
     )

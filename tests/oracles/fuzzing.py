@@ -1,4 +1,4 @@
-"""Inputs that nobody would write, for every parser of files: sound ones changed at random, seed by seed.
+"""Inputs that nobody would write, for every parser and for the wire: sound ones changed at random, seed by seed.
 
 An outcome is an answer or one of the errors that `sarcal` turns into words and an exit code; whatever
 else comes out is a defect and is left to be raised.
@@ -6,6 +6,8 @@ else comes out is a defect and is left to be raised.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import re
 from collections.abc import Callable, Mapping
@@ -19,6 +21,7 @@ from operator_app.calibration.checks import Checks
 from operator_app.calibration.record import RecordError, from_dict, to_dict
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
+from operator_app.cli import COMMANDS, main
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.fixture_file import load_fixture, parse_fixture
 from operator_app.config.parameters_file import format_parameters, parse_parameters
@@ -32,7 +35,19 @@ from operator_app.session.opening import Choices, resume
 from operator_app.session.repair import repair
 from oracles.journals import ODD, events, mutated, mutated_journal, written
 from oracles.parameter_documents import make_document
+from oracles.wire_fuzzing import Target
 
+FULL = (
+    b"placement,pose,theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,theta7_deg,"
+    b"sd1_deg,sd2_deg,sd3_deg,sd4_deg,sd5_deg,sd6_deg,sd7_deg,samples,utc,note,"
+    b"x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n"
+    + b"".join(
+        b"1,%d,1.5,-2,3,4,5,6,7,0.01,0.01,0,0.01,0.01,0.1,0.1,32,2026-01-02T03:04:05Z,n,0.1,0.2,0.3,1,2,3\n"
+        % k
+        for k in range(1, 9)
+    )
+)
+"""Every column that a poses file may have."""
 DATA = Path(__file__).parents[1] / "data" / "hinge" / "hinge_quantised.csv"
 WORDS = (
     b"nan", b".inf", b"-1", b"0", b"1e999", b"1e-300", b"9" * 50, b"~", b"[", b"{", b"]]", b"&a",
@@ -40,6 +55,30 @@ WORDS = (
     b"\n", b"\t", b",", b";", b'"', b"'", b"#", b":", b": ", b"- ", b"|", b"%YAML 9.9", b"---",
     b"true", b"null", b"\x1b[2J", b"\xe2\x80\xae", b"1,5", b"12:30", b"0x1F", b"()", b"\\u0000",
 )  # fmt: skip
+ODD_WORDS = (
+    "", "-", "--", "-1", "0", "nan", "inf", "1e999", "1e-300", "9" * 40, "\u0663", "\x1b[2J", "a" * 5000,
+    "~nosuchuser/x", "/dev/null", "/dev/full", "/proc/self/mem", ".", "..", "/", "\udcff", "x\x00y", "6,7",
+    "1,,2", "latest", "hinge", "sarcos_dextrous", "no.csv", "--json", "-c", "{}", "%s", "virtual", "vcan0",
+)  # fmt: skip
+ENDING = ("solve", "verify", "export", "report", "compare", "session", "reset")
+"""Commands that end by themselves whatever they are given; `ENDLESS` ones are given one word too many."""
+ENDLESS = ("run", "plan", "controller", "monitor", "probe")
+TAKES_SESSIONS = ("export", "report", "compare", "run", "session")
+ARGUMENTS: Mapping[str, tuple[str, ...]] = {
+    "solve": (str(DATA), "--arm", "--fixture", "--estimator", "paper", "--unsensed", "--global-start",
+              "--length-tolerance", "--json"),
+    "verify": (str(DATA), "--poses", "--arm", "--fixture", "--session", "--open-loop", "--json"),
+    "export": ("--upload", "--force", "--show", "--output", "--json"),
+    "report": ("--output", "--json", "-o"),
+    "compare": ("--json", "--remounted"),
+    "session": ("list", "show", "repair", "--json"),
+    "reset": ("--json", "-i", "-b", "--scenario"),
+    "run": ("--poses", "--resume", "--force", "--plan", "--estimator", "--unsensed", "-i", "-b", "--seed"),
+    "plan": ("--poses", "--fixture", "--arm", "--seed", "--joints", "--json"),
+    "controller": ("--arm", "--state", "--fault", "--fault-joint", "--fault-sync", "-i", "-c", "--seed"),
+    "monitor": ("-i", "-c", "-b"),
+    "probe": ("-i", "-c", "-b", "--json"),
+}  # fmt: skip
 NUMBER = re.compile(rb"-?\d+(\.\d+)?([eE][-+]?\d+)?")
 
 
@@ -147,9 +186,8 @@ def _procedure_of(name: str) -> Callable[[Random, Path], None]:
 
 
 def _poses(rng: Random, _: Path) -> None:
-    parse_poses(
-        bytes_changed(DATA.read_bytes(), rng), "poses.csv", joint_count=rng.choice((7, None))
-    )
+    sound = rng.choice((DATA.read_bytes(), FULL))
+    parse_poses(bytes_changed(sound, rng), "poses.csv", joint_count=rng.choice((7, None)))
 
 
 @cache
@@ -179,6 +217,43 @@ def _record(rng: Random, _: Path) -> None:
             raise Refused(str(error)) from error
 
 
+_target = Target()
+
+
+def _wire(rng: Random, _: Path) -> None:
+    _target.meddle(rng)
+
+
+def _arguments(rng: Random, folder: Path) -> None:
+    """Words that are nearly a command, to the one door that commands have."""
+    command = rng.choice((*ENDING, *ENDLESS))
+    words = [
+        command,
+        *(rng.choice(ARGUMENTS[command] + ODD_WORDS) for _ in range(rng.randrange(6))),
+    ]
+    if rng.random() < 0.5:
+        words += [rng.choice(ARGUMENTS[command]), rng.choice(ODD_WORDS)]
+    if command in ENDLESS:
+        words.append("--no-such-option")
+    if rng.random() < 0.2:
+        rng.shuffle(words)
+        words = words if {*words} & {*COMMANDS} else [command, *words]
+    elif command in TAKES_SESSIONS:
+        words += ["--sessions", str(folder)]
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        try:
+            code = main(words)
+        except SystemExit as ended:
+            code = ended.code
+    if code not in (0, 2, 3, 4, 5):
+        raise AssertionError(f"exit code {code} for {words}")
+    if "\x1b[2J" in said.getvalue():
+        raise AssertionError(f"a terminal would obey what {words} says")
+    if code != 0:
+        raise Refused(said.getvalue())
+
+
 PARSERS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
     "journal, contents": (20, _journal_contents),
     "journal, bytes, repaired": (6, _journal_bytes),
@@ -189,6 +264,8 @@ PARSERS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
     "procedure with a plan": (3, _procedure_of("hinge_planned")),
     "poses": (3, _poses),
     "parameters": (3, _parameters),
+    "arguments": (2, _arguments),
+    "the wire": (12, _wire),
 }
 """What is fuzzed, in these shares."""
 

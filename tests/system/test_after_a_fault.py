@@ -168,6 +168,11 @@ def test_a_controller_that_died_holds_no_arm(tmp_path: Path, channel: str) -> No
     assert code == 3, said
     assert "the arm is held" not in said
     assert "The arm did not answer when it was told to hold" in said
+    # It is still dead: nobody is there to hold, whatever an earlier run had connected to.
+    code, _, said = finish(start(tmp_path, "run", "--resume", "latest"))
+    assert code == 3, said
+    assert "no answer from nodes" in said
+    assert "held" not in said
 
 
 def test_a_failed_connection_leaves_no_folder(

@@ -1,7 +1,8 @@
 """Every fault that the virtual controller can make, in every phase: what is said, and that no accepted pose is wrong.
 
 The rows below are the documentation of each fault; the campaign holds the program to them. All of them in
-every phase: pytest -m campaign tests/system/test_fault_campaign.py
+every phase: pytest -m campaign tests/system/test_fault_campaign.py; with figures, and with kills:
+python -m tests.benchmarks.campaign
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from operator_app.composition import describe, run_controller
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.opening import Choices
-from oracles.fault_session import PATIENCE_S, loop_error, session_with
+from oracles.fault_session import PATIENCE_S, Outcome, loop_error, session_with
 from oracles.parameter_documents import VALUES, make_document
 from oracles.profiles import sarcos
 
@@ -71,15 +72,17 @@ QUICK = [
 ]
 
 
-def judge(kind: str, at_sync: int, folder: Path) -> None:
+def judge(kind: str, at_sync: int, folder: Path) -> Outcome:
+    """Hold what came of a session with this fault to its row; return it."""
     found = session_with(kind, folder, joint=4, at_sync=at_sync)
     assert re.search(rf"^.*(?:{SEEN[kind]})", found.said), found.said
     if not found.error:
         assert len(found.poses) == 6
     if at_sync == BEFORE and kind.startswith("lost-counts"):
         # A zero that was elsewhere all along is what a calibration is for.
-        return
+        return found
     assert found.wrong == (), (found.said, [loop_error(p.mean_rad) for p in found.poses])
+    return found
 
 
 def test_every_fault_has_its_row() -> None:

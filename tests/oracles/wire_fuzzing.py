@@ -1,0 +1,333 @@
+"""A connected operator on whose wire somebody meddles: frames more, fewer, other, later, seed by seed.
+
+Between the operator and its bus stands a man in the middle who shares nothing with `hardware`: numbers of the
+standards, and frames seen before. The virtual arm behind is the paper's without any error and stands still, so
+that whatever a reading says can be held against what the drives have; a reading that is neither right nor
+refused, an exception that is no `HardwareError`, a thread that fell over: each is a defect and is raised.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import threading
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from random import Random
+from typing import Any
+
+import can
+import numpy as np
+
+from hardware.arm import JointMode
+from hardware.buses import BusSettings, open_bus
+from hardware.canopen_arm import CanopenArm
+from hardware.connection import BusOpeners
+from hardware.control_loop import Pace, Timing
+from hardware.errors import HardwareError
+from hardware.virtual.scenarios import scenario
+from operator_app.composition import describe, run_controller
+from operator_app.config.procedure_file import load_procedure
+from operator_app.session.opening import Choices
+
+NODES = (*range(1, 8), 16)
+BASES = (0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E4)
+SDO_BYTES = (
+    0x00,
+    0x01,
+    0x10,
+    0x20,
+    0x40,
+    0x41,
+    0x42,
+    0x43,
+    0x47,
+    0x4B,
+    0x4F,
+    0x60,
+    0x70,
+    0x80,
+    0xA2,
+    0xC1,
+    0xFF,
+)
+RIGHT_COUNTS = 3.0
+"""The arm stands still; encoders of 400,000 counts round."""
+MODES = [JointMode.POSITION if j in (1, 5) else JointMode.FREE for j in range(1, 8)]
+_channels = itertools.count()
+
+
+class WrongReadingError(AssertionError):
+    """A reading was accepted that is not where the joints are."""
+
+
+class FellOverError(AssertionError):
+    """A thread ended by something that is no fault of the bus."""
+
+
+class Meddler:
+    """In the place of the operator's bus handle; meddles with what it receives while there is something to do."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self._waiting: deque[can.Message] = deque()
+        self._seen: deque[can.Message] = deque(maxlen=200)
+        self.todo: deque[tuple[int, Callable[[can.Message, Random], list[can.Message]]]] = deque()
+        self.rng = Random(0)  # noqa: S311 - to be repeated
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._bus, name)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if self._waiting:
+            return self._waiting.popleft()
+        message = self._bus.recv(timeout)
+        if message is None:
+            return None
+        self._seen.append(message)
+        if not self.todo:
+            return message
+        after, act = self.todo.popleft()
+        if after > 0:
+            self.todo.appendleft((after - 1, act))
+            return message
+        self._waiting.extend(act(message, self.rng))
+        return self._waiting.popleft() if self._waiting else None
+
+    # ---- what can be done -----------------------------------------------------------------------------
+
+    def insert(self, message: can.Message, rng: Random) -> list[can.Message]:
+        return [message, self.foreign(rng)] if rng.random() < 0.5 else [self.foreign(rng), message]
+
+    def burst(self, message: can.Message, rng: Random) -> list[can.Message]:
+        return [message, *(self.foreign(rng) for _ in range(rng.choice((5, 50, 300))))]
+
+    def drop(self, message: can.Message, rng: Random) -> list[can.Message]:
+        return []
+
+    def other_length(self, message: can.Message, rng: Random) -> list[can.Message]:
+        data = bytes(message.data)[: rng.randrange(9)]
+        if rng.random() < 0.3:
+            data = (data + rng.randbytes(8))[: rng.randrange(9)]
+        return [
+            _frame(message.arbitration_id, data if len(data) != len(message.data) else data[:-1])
+        ]
+
+    def twice(self, message: can.Message, rng: Random) -> list[can.Message]:
+        return [message] * rng.choice((2, 3, 40))
+
+    def again(self, message: can.Message, rng: Random) -> list[can.Message]:
+        return [message, rng.choice(self._seen)]
+
+    def later(self, message: can.Message, rng: Random) -> list[can.Message]:
+        self.todo.append((rng.choice((0, 1, 7, 14)), lambda now, _: [now, message]))
+        return []
+
+    def other_answer(self, message: can.Message, rng: Random) -> list[can.Message]:
+        """What an SDO server says is changed; of other frames nothing."""
+        if message.arbitration_id & 0x780 != 0x580:
+            self.todo.appendleft((0, self.other_answer))
+            return [message]
+        data = bytearray(message.data)
+        for _ in range(rng.choice((1, 1, 2))):
+            match rng.randrange(4):
+                case 0:
+                    data[0] = rng.choice(SDO_BYTES)
+                case 1:
+                    data[rng.randrange(8)] ^= 1 << rng.randrange(8)
+                case 2:
+                    data[4:8] = rng.choice((b"\0\0\0\0", b"\xff\xff\xff\xff", rng.randbytes(4)))
+                case _:
+                    data = bytearray(rng.randbytes(8))
+        return [_frame(message.arbitration_id, bytes(data))]
+
+    def foreign(self, rng: Random) -> can.Message:
+        """A frame that nobody of this bus has sent."""
+        node = rng.choice((*NODES, 0, 9, 30, 100, 127))
+        match rng.randrange(9):
+            case 0:
+                return _frame(rng.randrange(0x800), rng.randbytes(rng.randrange(9)))
+            case 1:
+                return can.Message(
+                    arbitration_id=rng.randrange(1 << 29), data=rng.randbytes(rng.randrange(9))
+                )
+            case 2:
+                return can.Message(
+                    arbitration_id=rng.choice(BASES) + node & 0x7FF, is_extended_id=False,
+                    is_remote_frame=True, dlc=rng.randrange(9),
+                )  # fmt: skip
+            case 3:
+                return can.Message(is_error_frame=True, data=rng.randbytes(8))
+            case 4:  # heartbeats and boot-ups
+                state = rng.choice((0, 4, 5, 127, 128, 133, 255))
+                return _frame(0x700 + node, bytes([state]) * rng.choice((0, 1, 1, 1, 2)))
+            case 5:  # emergencies
+                code = rng.choice((0, 0x8130, 0x8611, 0x5441, 0xFFFF, rng.randrange(1 << 16)))
+                data = code.to_bytes(2, "little") + rng.randbytes(6)
+                return _frame(0x080 + node, data[: rng.choice((8, 8, 8, 1, 2, 3))])
+            case 6:
+                return _frame(0x580 + node, bytes([rng.choice(SDO_BYTES)]) + rng.randbytes(7))
+            case 7 if self._seen:
+                seen = rng.choice(self._seen)
+                data = bytearray(seen.data)
+                if data and rng.random() < 0.7:
+                    data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+                return _frame(seen.arbitration_id, bytes(data))
+            case _:
+                return _frame(rng.choice(BASES) + node & 0x7FF, rng.randbytes(rng.randrange(9)))
+
+
+def _frame(identifier: int, data: bytes) -> can.Message:
+    return can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+
+
+class Target:
+    """An operator in control of an arm that stands still, made anew whenever an input has ended it."""
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+        self._fallen: list[BaseException] = []
+        self.arm: CanopenArm | None = None
+        self.connections = 0
+
+    def close(self) -> None:
+        self.arm = None
+        self._stack.close()
+
+    def _open(self) -> CanopenArm:
+        self.connections += 1
+        arm_file = scenario("exact").arm(load_procedure("hinge").arm)
+        settings = BusSettings(channel=f"wire-{os.getpid()}-{next(_channels)}")
+        self._controller = self._stack.enter_context(
+            run_controller(arm_file, Choices(scenario="exact"), settings, heartbeat_timeout_s=30.0)
+        )
+        handles: list[Meddler] = []
+
+        def main(wanted: BusSettings) -> Any:
+            handles.append(Meddler(open_bus(wanted)))
+            return handles[-1]
+
+        arm = CanopenArm(
+            describe(arm_file),
+            settings,
+            pace=Pace.FAST_FORWARD,
+            timing=Timing(
+                heartbeat_timeout_s=5.0,
+                lost_after_s=0.2,
+                answer_timeouts_s=dict.fromkeys(Pace, 0.05),
+                sdo_timeout_s=0.05,
+            ),
+            openers=BusOpeners(main=main),
+        )
+        self._stack.callback(arm.close)
+        self.arm, self.meddler = arm, handles
+        return arm
+
+    def ready(self) -> CanopenArm:
+        """Return an arm in control, connected through a meddler that does nothing yet."""
+        if self.arm is not None:
+            return self.arm
+        arm = self._open()
+        arm.connect()
+        arm.take_control()
+        arm.set_modes(MODES)
+        arm.settle(window=5, spread_rad=[1e-4] * 7, timeout_syncs=500)
+        return arm
+
+    def meddle(self, rng: Random) -> None:
+        """Do one input's mischief while the operator does something; raises what came of it."""
+        threading.excepthook = lambda seen: self._fallen.append(seen.exc_value or RuntimeError())
+        connecting = rng.random() < 0.02
+        if connecting:
+            self.close()
+        arm = self._open() if connecting else self.ready()
+        if connecting:
+            # The mischief is there from the first frame on: the handle is made by `connect`.
+            planned = self._plan(rng)
+            opened = arm._openers.main
+
+            def main(wanted: BusSettings) -> Any:
+                handle: Any = opened(wanted)
+                handle.todo, handle.rng = planned(handle), rng
+                return handle
+
+            arm._openers = BusOpeners(main=main)
+        else:
+            meddler = self.meddler[-1]
+            meddler.rng, meddler.todo = rng, self._plan(rng)(meddler)
+        try:
+            self._work(arm, rng, connecting=connecting)
+        except HardwareError:
+            self._mend(arm)
+            raise
+        finally:
+            if self.meddler:
+                self.meddler[-1].todo.clear()
+            self._look()
+
+    def _plan(self, rng: Random) -> Callable[[Meddler], deque[Any]]:
+        names = rng.choice(
+            (
+                ("insert", "insert", "burst", "again"),
+                ("insert", "other_answer"),
+                ("other_answer",),
+                ("drop", "other_length", "twice", "later"),
+            )
+        )
+        chosen = [(rng.randrange(20), rng.choice(names)) for _ in range(rng.choice((1, 1, 2, 4)))]
+        return lambda meddler: deque((after, getattr(meddler, name)) for after, name in chosen)
+
+    def _work(self, arm: CanopenArm, rng: Random, *, connecting: bool) -> None:
+        if connecting:
+            arm.connect()
+            arm.take_control()
+            arm.set_modes(MODES)
+            return
+        for _ in range(rng.choice((1, 2))):
+            match rng.randrange(8):
+                case 0 | 1 | 2:
+                    self._read(arm, rng.choice((1, 2, 4)))
+                case 3:
+                    arm.settle(window=3, spread_rad=[1e-4] * 7, timeout_syncs=20)
+                case 4:
+                    arm.active_parameters()
+                case 5:
+                    arm.set_modes(MODES)
+                case 6:
+                    here = arm.snapshot().positions_rad
+                    arm.move({1: float(here[0]) + 0.001}, speed_rad_per_s=0.1)
+                    arm.settle(window=5, spread_rad=[1e-4] * 7, timeout_syncs=500)
+                case _:
+                    arm.upload_parameters(b"schema: sarcal/parameters/2\n" * rng.choice((1, 9, 40)))
+
+    def _read(self, arm: CanopenArm, samples: int) -> None:
+        before = self._counts()
+        reading = arm.capture(samples)
+        # What was set in motion before may still be coming to rest.
+        both = np.array([before, self._counts()])
+        low, high = both.min(axis=0) - RIGHT_COUNTS, both.max(axis=0) + RIGHT_COUNTS
+        if np.any((reading.mean_counts < low) | (reading.mean_counts > high)):
+            raise WrongReadingError(f"{reading.mean_counts} is not where the joints are: {both}")
+
+    def _counts(self) -> list[int]:
+        return [node.drive.counts for node in self._controller.drives]
+
+    def _mend(self, arm: CanopenArm) -> None:
+        """Go on as an operator does: reset, take control; where that is refused, connect anew."""
+        self.meddler[-1].todo.clear()
+        try:
+            arm.reset_stop()
+            arm.take_control()
+            arm.set_modes(MODES)
+        except HardwareError:
+            self.close()
+
+    def _look(self) -> None:
+        """Find what fell over; afterwards everything is made anew."""
+        failure = self._controller.failure
+        if failure is not None or self._fallen:
+            fallen, self._fallen = self._fallen, []
+            with suppress(HardwareError):
+                self.close()
+            raise FellOverError(f"{failure!r} {fallen!r}") from (failure or fallen[0])

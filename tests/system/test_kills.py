@@ -1,0 +1,29 @@
+"""Programs killed at random instants: nothing accepted is lost or wrong, and the next command goes on.
+
+A share of it; all of it, with figures: python -m tests.benchmarks.campaign
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from oracles.killing import chain
+
+
+def test_an_operator_killed_with_its_arm_loses_nothing(tmp_path: Path) -> None:
+    found = chain(str(tmp_path / "day"), 101, 1, embedded=True)
+    assert found.faults == []
+    assert (found.total, found.poses) == (1, found.sessions * 6)
+    assert found.sessions
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seed", [201, 202])
+def test_operators_and_controllers_killed_on_a_bus_lose_nothing(tmp_path: Path, seed: int) -> None:
+    found = chain(str(tmp_path / "day"), seed, 8, embedded=False)
+    assert found.faults == []
+    assert (found.total, found.poses) == (8, found.sessions * 6)
+    assert found.sessions

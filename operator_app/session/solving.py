@@ -18,6 +18,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
+from hardware.priority import in_turn
 from operator_app.errors import SessionError
 
 if TYPE_CHECKING:
@@ -162,8 +163,8 @@ _START = "from operator_app.session.solving import serve; serve()"
 def serve() -> None:
     """Solve what comes through the pipe until the other end is gone."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    # Absolute: whoever keeps the time of an arm may run before others, and this is not that one.
-    os.nice(NICENESS - min(os.nice(0), 0))
+    in_turn()  # whoever keeps the time of an arm may run before others: this is not that one
+    os.nice(NICENESS)
     connection: Connection = Connection(int(sys.argv[1]))
     with contextlib.suppress(EOFError, OSError):
         while True:

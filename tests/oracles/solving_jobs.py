@@ -49,9 +49,9 @@ def cannot_tell(name: str) -> None:
     raise UnidentifiableError((direction,), note="one note")
 
 
-def niceness() -> int:
-    """Return its own."""
-    return os.getpriority(os.PRIO_PROCESS, 0)
+def turn() -> tuple[int, int]:
+    """Return how this process is scheduled, and how nice it is."""
+    return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
 
 
 def break_down() -> None:

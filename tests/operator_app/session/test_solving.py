@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hardware.priority import first_in_line
 from operator_app.calibration.solve import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -117,8 +118,10 @@ def test_what_the_solver_refuses_is_raised_as_it_is_here() -> None:
 
 
 def test_whoever_solves_runs_behind_everybody_else() -> None:
-    with SolvingProcess() as process:
-        assert process(jobs.niceness) == max(os.getpriority(os.PRIO_PROCESS, 0), 0) + NICENESS
+    with first_in_line(), SolvingProcess() as process:
+        policy, niceness = process(jobs.turn)
+    assert policy == os.SCHED_OTHER
+    assert niceness >= NICENESS
 
 
 PARENT = """

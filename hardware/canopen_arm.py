@@ -25,6 +25,7 @@ from hardware.cia402 import Wish
 from hardware.connection import BusOpeners, Connection
 from hardware.control_loop import Pace, Timing
 from hardware.description import ArmDescription
+from hardware.drive_facts import DriveFacts, read_drive_facts
 from hardware.errors import (
     BusError,
     CommandRefused,
@@ -340,6 +341,25 @@ class CanopenArm:
         link.read_modes()
         self._raise_if_stopped(link)
         self._raise_for_drives(link, lagging, "reset")
+
+    # ---- on the bench ----------------------------------------------------------------------------
+
+    def drive_facts(self) -> tuple[DriveFacts, ...]:
+        """What the drives say they would do at a quick stop, and without an operator."""
+        return read_drive_facts(self._link.access, self._link.profile)
+
+    def room(self, joint: int, step_rad: float) -> float:
+        """A step of a joint from where it is, the way in which its range is longer."""
+        limits, scale = self._link.limits[joint - 1], self._link.scales[joint - 1]
+        here = scale.to_rad(self._link.loop.sample.counts[joint - 1])
+        ends = [scale.to_rad(limits.lower_counts), scale.to_rad(limits.upper_counts)]
+        return step_rad if max(ends) - here >= here - min(ends) else -step_rad
+
+    def fall_silent(self) -> None:
+        """End heartbeat, SYNC and connection, and leave the drives as they are: as if this program died."""
+        link, self._connection = self._link, None
+        link.close()
+        self._recording_failure = link.recording_failure
 
     # ---- parameters ------------------------------------------------------------------------------
 

@@ -28,6 +28,7 @@ COMMANDS = {
     "new": "make an arm file, from a URDF",
     "session": "list sessions, show one, or repair the journal of one that is damaged",
     "probe": "say which nodes are on a bus and whether they can be driven; moves nothing",
+    "arm-check": "check an arm on the bench in a safe order; asks before anything moves",
     "monitor": "watch a bus beside a running session; sends nothing",
     "reset": "clear tripped drives and a STOP; moves nothing",
     "controller": "run the virtual controller as its own process",
@@ -111,7 +112,7 @@ def _dispatch(argv: Sequence[str]) -> int:
 
 def _module(command: str) -> Any:
     # `import` is a word of Python's.
-    name = "import_poses" if command == "import" else command
+    name = "import_poses" if command == "import" else command.replace("-", "_")
     return importlib.import_module(f"operator_app.commands.{name}")
 
 

@@ -11,7 +11,7 @@ from hardware.virtual.scenario_names import DEFAULT_SCENARIO, SCENARIOS
 from operator_app.exit_codes import UsageError
 
 if TYPE_CHECKING:
-    from operator_app.session.opening import Choices
+    from operator_app.session.opening import Choices, Opening
 
 
 MOST_POSES = 100_000
@@ -136,6 +136,47 @@ def sessions_option(parser: argparse.ArgumentParser) -> None:
         default=Path("sessions"),
         metavar="DIR",
         help="folder that holds the session folders (default ./sessions)",
+    )
+
+
+def arm_options(parser: argparse.ArgumentParser) -> None:
+    """SESSION or ``--arm``: what a command connects to that takes no poses."""
+    parser.add_argument(
+        "session",
+        nargs="?",
+        metavar="SESSION",
+        help="a session on the arm: its arm file and its bus (folder, name or latest)",
+    )
+    parser.add_argument(
+        "--arm",
+        default="sarcos_dextrous",
+        help="arm file or built-in name, where no session is named (default sarcos_dextrous)",
+    )
+    sessions_option(parser)
+
+
+def opening_from(args: argparse.Namespace) -> Opening:
+    """Tell what to connect to: the arm of a session, or the one the options name."""
+    from dataclasses import replace
+
+    from operator_app.config.arm_file import load_arm
+    from operator_app.config.procedure import DEFAULT_PROFILE
+    from operator_app.config.profile_file import load_profile
+    from operator_app.session.opening import begin, resume
+
+    choices = choices_from(args)
+    if args.session is not None:
+        return resume(args.session, choices, root=args.sessions)
+    arm = load_arm(args.arm)
+    profile = load_profile(args.profile or DEFAULT_PROFILE, joints=arm.joint_count)
+    opening = begin("hinge", replace(choices, profile=None), root=args.sessions)
+    return replace(opening, procedure=replace(opening.procedure, arm=arm, profile=profile))
+
+
+def record_option(parser: argparse.ArgumentParser) -> None:
+    """``--record FILE``."""
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE", help="record the bus (.blf, .asc, .log)"
     )
 
 

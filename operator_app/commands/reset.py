@@ -4,36 +4,21 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
+    arm_options,
     bus_options,
-    choices_from,
     json_option,
+    opening_from,
     scenario_options,
-    sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
-if TYPE_CHECKING:
-    from operator_app.session.opening import Opening
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "session",
-        nargs="?",
-        metavar="SESSION",
-        help="a session on the arm to be reset: its arm file and its bus (folder, name or latest)",
-    )
-    parser.add_argument(
-        "--arm",
-        default="sarcos_dextrous",
-        help="arm file or built-in name, where no session is named (default sarcos_dextrous)",
-    )
-    sessions_option(parser)
+    arm_options(parser)
     bus_options(parser)
     scenario_options(parser)
     json_option(parser)
@@ -47,7 +32,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.wording import drive_words
     from operator_app.signals import ending_signals_interrupt
 
-    with ending_signals_interrupt(), open_arm(_opening(args)) as rig:
+    with ending_signals_interrupt(), open_arm(opening_from(args)) as rig:
         if rig.simulated:
             raise UsageError(
                 "the embedded virtual arm begins anew with every program: there is nothing to reset; "
@@ -99,21 +84,3 @@ def _report(args: argparse.Namespace, cleared: dict[int, str], stays: dict[int, 
             "look at the sensor and at what the joint met), then reset again.",
             err=True,
         )
-
-
-def _opening(args: argparse.Namespace) -> Opening:
-    """What to connect to: the arm of a session, or the one the options name."""
-    from dataclasses import replace
-
-    from operator_app.config.arm_file import load_arm
-    from operator_app.config.procedure import DEFAULT_PROFILE
-    from operator_app.config.profile_file import load_profile
-    from operator_app.session.opening import begin, resume
-
-    choices = choices_from(args)
-    if args.session is not None:
-        return resume(args.session, choices, root=args.sessions)
-    arm = load_arm(args.arm)
-    profile = load_profile(args.profile or DEFAULT_PROFILE, joints=arm.joint_count)
-    opening = begin("hinge", replace(choices, profile=None), root=args.sessions)
-    return replace(opening, procedure=replace(opening.procedure, arm=arm, profile=profile))

@@ -250,3 +250,21 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
         "nothing was sent",
     ):
         assert words in out, words
+
+
+def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
+    tmp_path: Path, channel: str
+) -> None:
+    bus = ["-i", "loopback", "-c", channel]
+    with controller_on(tmp_path, channel):
+        code, out, said = finish(start(tmp_path, "arm-check", *bus, "--through", "look", "--json"))
+        assert code == 0, (out, said)
+        found = json.loads(out)
+        assert found["held"]
+        assert {f["stage"] for f in found["findings"]} == {"look"}
+        assert not [f for f in found["findings"] if f["passed"] is not True]
+        # Nobody answers: nothing is enabled.
+        code, out, said = finish(start(tmp_path, "arm-check", *bus))
+        assert code == 0, (out, said)
+        assert "Enable them? [y/N]" in said
+        assert "not tried: nobody agreed to it" in out

@@ -1,0 +1,122 @@
+"""`sarcal arm-check`: an arm on the bench, tried in a safe order before it is first used."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from dataclasses import asdict
+from typing import TYPE_CHECKING, cast
+
+from operator_app.commands.options import (
+    arm_options,
+    bus_options,
+    json_option,
+    opening_from,
+    record_option,
+    scenario_options,
+)
+from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import harmless, say
+
+if TYPE_CHECKING:
+    from hardware.bench_check import Finding
+    from hardware.canopen_arm import CanopenArm
+
+STAGES = ("look", "hold", "move", "free", "silence")
+"""Names of `hardware.bench_check.Stage`, here so that --help does not load the bus."""
+MARK = {True: "ok", False: "FAILED", None: "-"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    arm_options(parser)
+    parser.add_argument(
+        "--through",
+        choices=STAGES,
+        default=STAGES[-1],
+        help="the last stage: look (nothing is enabled), hold (drives on, STOP), move (each joint by a "
+        "little, and STOP on the way), free (each joint lets go), silence (as if this program died); "
+        "default silence. Every stage after look asks first, joint by joint",
+    )
+    parser.add_argument(
+        "--step",
+        type=float,
+        default=1.0,
+        metavar="DEG",
+        help="how far each joint is turned (default 1 deg; the hand must be free to move)",
+    )
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=1.0,
+        metavar="DEG_PER_S",
+        help="how fast (default 1 deg/s)",
+    )
+    bus_options(parser)
+    record_option(parser)
+    scenario_options(parser)
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Try, and report each thing as it was found; exit 3 where something failed."""
+    from hardware.bench_check import Stage, check
+    from operator_app.composition import open_arm
+    from operator_app.signals import ending_signals_interrupt, ending_signals_wait
+
+    if not 0.05 <= args.step <= 10.0:
+        raise UsageError("--step: between 0.05 and 10 deg")
+    if not 0.05 <= args.speed <= 10.0:
+        raise UsageError("--speed: between 0.05 and 10 deg/s")
+    findings: list[Finding] = []
+    with (
+        ending_signals_interrupt(),
+        open_arm(opening_from(args), record_to=args.record) as rig,
+    ):
+        if rig.simulated:
+            raise UsageError(
+                "the embedded virtual arm is part of this program: try it on `sarcal controller -i "
+                "loopback` in another terminal, and name the bus of a real arm with -i"
+            )
+        arm = cast("CanopenArm", rig.arm)  # `open_arm` makes no other
+        try:
+            for finding in check(
+                arm,
+                _ask,
+                last=Stage(args.through),
+                step_rad=math.radians(args.step),
+                speed_rad_per_s=math.radians(args.speed),
+            ):
+                findings.append(finding)
+                say(_line(finding), err=args.json)
+        finally:
+            with ending_signals_wait():
+                held = arm.close()
+    if args.json:
+        found = [{**asdict(f), "stage": f.stage.value} for f in findings]
+        say(json.dumps({"findings": found, "held": held}, indent=2))
+    failed = sum(f.passed is False for f in findings)
+    passed = sum(f.passed is True for f in findings)
+    say(
+        f"{passed} passed, {failed} failed, {len(findings) - passed - failed} not tried or not told. "
+        + ("The arm is held." if held else "The arm did not answer when it was told to hold."),
+        err=args.json,
+    )
+    return ExitCode.ARM_FAULT if failed else ExitCode.ACCEPTED
+
+
+def _line(finding: Finding) -> str:
+    who = "" if finding.joint is None else f"joint {finding.joint}"
+    return (
+        f"{MARK[finding.passed]:<7} {finding.stage.value:<8} {who:<9} {finding.name:<16} "
+        f"{harmless(finding.text)}"
+    )
+
+
+def _ask(question: str) -> bool:
+    """Ask on the terminal; the end of the input is a no."""
+    say(f"{question} [y/N] ", err=True)
+    sys.stderr.flush()
+    return sys.stdin.readline().strip().lower() in ("y", "yes")

@@ -1,0 +1,203 @@
+"""What a check on the bench tries, asks, finds and leaves behind."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+
+import can
+import pytest
+
+from hardware.arm import DriveState
+from hardware.bench_check import Finding, Stage, check
+from hardware.buses import BusSettings
+from hardware.canopen_arm import CanopenArm
+from hardware.control_loop import Pace, Timing
+from hardware.description import (
+    ArmDescription,
+    EncoderDescription,
+    JointDescription,
+    RvdtDescription,
+)
+from hardware.virtual.controller import VirtualController
+from oracles.foreign_arm import Axis, foreign_arm
+from oracles.profiles import sarcos
+from oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse
+from tests.hardware.test_foreign_arm import DESCRIPTION as ACME
+from tests.hardware.test_foreign_arm import JOINTS, drafted
+
+STEP, SPEED = math.radians(1.0), math.radians(5.0)
+_channels = itertools.count()
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.05)
+    monkeypatch.setattr("hardware.probing.ANSWERS_S", 0.3)
+
+
+class Bystander:
+    """Answers yes to what does not begin with a word that is refused."""
+
+    def __init__(self, *refused: str) -> None:
+        self.refused, self.asked = refused, list[str]()
+
+    def __call__(self, question: str) -> bool:
+        self.asked.append(question)
+        return not any(word in question for word in self.refused)
+
+
+class Bench:
+    """Joints that move by themselves, as on a bench, behind our own drives."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        self.settings = BusSettings(channel=f"bench-{next(_channels)}")
+        self.plant = TrivialPlant([axis.scale.counts_per_rad for axis in axes()])
+        bus = stack.enter_context(can.Bus(self.settings.channel, interface="virtual"))
+        self.controller = stack.enter_context(
+            VirtualController(
+                bus,
+                self.plant,
+                axes=axes(),
+                arm=ARM,
+                validate=parse,
+                heartbeat_timeout_s=1.5,
+            )
+        )
+
+    def arm(self) -> CanopenArm:
+        rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))
+        encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
+        description = ArmDescription(
+            model=ARM.model,
+            joints=tuple(
+                JointDescription(
+                    name="test",
+                    lower_rad=math.radians(-60.0),
+                    upper_rad=math.radians(60.0),
+                    max_speed_rad_per_s=math.radians(180.0),
+                    max_torque_nm=100.0,
+                    sensor=rvdt if j >= 6 else encoder,
+                )
+                for j in range(1, 8)
+            ),
+        )
+        return patient(description, self.settings, sarcos())
+
+
+def patient(*args: object) -> CanopenArm:
+    timing = Timing(
+        answer_timeouts_s=dict.fromkeys(Pace, 2.0), heartbeat_timeout_s=5.0, lost_after_s=5.0
+    )
+    return CanopenArm(*args, pace=Pace.FAST_FORWARD, timing=timing)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with ExitStack() as stack:
+        yield Bench(stack)
+
+
+def tried(arm: CanopenArm, who: Bystander, last: Stage = Stage.SILENCE) -> list[Finding]:
+    try:
+        return list(check(arm, who, last=last, step_rad=STEP, speed_rad_per_s=SPEED))
+    finally:
+        arm.close()
+
+
+def failed(findings: list[Finding]) -> list[tuple[str, int | None]]:
+    return [(f.name, f.joint) for f in findings if f.passed is False]
+
+
+def test_a_sound_arm_passes_every_stage_and_is_asked_before_each_motion(bench: Bench) -> None:
+    who = Bystander()
+    findings = tried(bench.arm(), who)
+    assert failed(findings) == []
+    assert [f.stage for f in findings] == sorted((f.stage for f in findings), key=list(Stage).index)
+    assert {f.stage for f in findings} == set(Stage)
+    turned = [f for f in findings if f.name == "moves"]
+    assert [f.joint for f in turned] == list(range(1, 8))
+    # The way in which there is more room, by the encoders of joints 1 to 5 to the count.
+    assert {f.text for f in turned[:5]} == {"told to turn by -1.000 deg, it reads -1.000 deg"}
+    assert len([q for q in who.asked if "will turn by" in q]) == 7
+    assert len([q for q in who.asked if "will be let free" in q]) == 7
+    assert "fall silent for 3.0 s" in who.asked[-1]
+
+
+def test_looking_asks_nothing_and_enables_nothing(bench: Bench) -> None:
+    who = Bystander()
+    findings = tried(bench.arm(), who, Stage.LOOK)
+    assert failed(findings) == []
+    assert who.asked == []
+    assert all(command.mode is None for command in bench.plant.commands)
+
+
+def test_nothing_is_enabled_without_a_yes(bench: Bench) -> None:
+    findings = tried(bench.arm(), Bystander("enabled"), Stage.HOLD)
+    assert findings[-1].stage is Stage.HOLD
+    assert findings[-1].passed is None
+    assert all(command.mode is None for command in bench.plant.commands)
+
+
+def test_a_joint_that_nobody_wants_turned_stays(bench: Bench) -> None:
+    before = bench.plant.angles_rad[2]
+    findings = tried(bench.arm(), Bystander("Joint 3 will"), Stage.MOVE)
+    assert [f.text for f in findings if f.joint == 3 and f.stage is Stage.MOVE] == [
+        "not tried: nobody agreed to it"
+    ]
+    assert bench.plant.angles_rad[2] == pytest.approx(before, abs=1e-3)
+
+
+def test_a_joint_that_turns_the_wrong_way_ends_the_check(bench: Bench) -> None:
+    findings = tried(bench.arm(), Bystander("Did joint 2"))
+    assert failed(findings) == [("direction", 2)]
+    assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD, Stage.MOVE}
+
+
+def test_a_joint_that_does_not_turn_is_named(bench: Bench) -> None:
+    bench.plant.stuck.add(4)
+    findings = tried(bench.arm(), Bystander(), Stage.MOVE)
+    told = failed(findings)
+    assert told[0] in (("moves", 4), ("no error", None)), "it is told, or its drive trips"
+
+
+def test_a_drive_that_does_not_watch_for_the_operator_is_named_before_it_is_enabled() -> None:
+    settings = BusSettings(channel=f"bench-foreign-{next(_channels)}")
+    drives = [Axis(counts=1000 * (k + 1)) for k in range(JOINTS)]
+    who = Bystander()
+    with (
+        can.Bus(settings.channel, interface="virtual") as bus,
+        foreign_arm(bus, (1, 2, 3, 4), drives),
+    ):
+        profile = drafted(settings)
+        findings = tried(patient(ACME, settings, profile), who)
+        assert failed(findings) == [("guard", j) for j in range(1, JOINTS + 1)]
+        assert who.asked == []
+        assert {axis.status for axis in drives} == {0x40}
+        # What it says of stops and modes, this drive does not say at all.
+        assert [f.passed for f in findings if f.name in ("modes", "quick stop")] == [None] * 8
+
+
+def test_an_arm_that_cannot_be_reached_is_one_finding(bench: Bench) -> None:
+    arm = CanopenArm(
+        ACME,
+        bench.settings,
+        replace(sarcos(), joints=sarcos().joints[:JOINTS]),
+        pace=Pace.FAST_FORWARD,
+    )
+    findings = tried(arm, Bystander())
+    assert failed(findings) == [("no error", None)]
+    assert "The arm on the bus is not the one in the arm file" in findings[0].text
+
+
+def test_after_the_check_the_arm_is_held_and_free_to_take(bench: Bench) -> None:
+    tried(bench.arm(), Bystander(), Stage.HOLD)
+    again = bench.arm()
+    again.connect()
+    snapshot = again.snapshot()
+    assert snapshot.token == 0
+    assert {joint.drive for joint in snapshot.joints} == {DriveState.SWITCH_ON_DISABLED}
+    again.close()

@@ -28,7 +28,8 @@ class Checks:
     Attributes
     ----------
     jackknife_sd
-        Standard deviation of every parameter (P,) by leaving out each pose in turn.
+        Standard deviation of every identified parameter, by leaving out each pose in turn; of what was
+        only corrected within its tolerance it is not asked.
     held_out
         Parts of the poses judged by what the others give.
     far_block
@@ -76,14 +77,17 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
             return None
 
     return Checks(
-        jackknife_sd=_jackknife_sd(estimated(np.arange(len(q)))),
+        jackknife_sd=_jackknife_sd(
+            estimated(np.arange(len(q))),
+            [k for k, p in enumerate(model.parameters) if p.name not in solution.tolerated],
+        ),
         held_out=held_out(fold_poses(q, FOLDS)),
         far_block=held_out((far_block(q, FAR_SHARE),)),
     )
 
 
-def _jackknife_sd(found: Calibrated) -> FloatArray | None:
+def _jackknife_sd(found: Calibrated, identified: list[int]) -> FloatArray | None:
     try:
-        return jackknife(found.linear)
+        return jackknife(found.linear)[identified]
     except SolverError:
         return None

@@ -13,6 +13,8 @@ import numpy as np
 from fixtures.base import SetupCheck, Severity
 from operator_app.calibration.causes import NamedCause, poses_named
 from operator_app.config.procedure import AcceptanceLimits
+from operator_app.units.figure import ANGLE_TOLERANCE
+from solver.chain.arm_model import ArmModel
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
 from solver.judging.identifiability import Identifiability
@@ -95,6 +97,20 @@ def held_notices(held: tuple[str, ...]) -> tuple[Notice, ...]:
             code="HELD",
             text=f"{', '.join(held)} cannot be seen in these poses and "
             f"{'was' if len(held) == 1 else 'were'} held at nominal values",
+        ),
+    )
+
+
+def as_stated_notices(blind: tuple[str, ...], arm: ArmModel) -> tuple[Notice, ...]:
+    """Say which offsets are known no better than before: these poses cannot see them."""
+    if not blind or arm.offset_tolerance_rad is None:
+        return ()
+    size = ANGLE_TOLERANCE(arm.offset_tolerance_rad).with_unit
+    return (
+        Notice(
+            code="AS_STATED",
+            text=f"{', '.join(blind)} cannot be seen in these poses and "
+            f"{'is' if len(blind) == 1 else 'are'} what the arm's file states, within {size}",
         ),
     )
 

@@ -166,6 +166,9 @@ def soften(
 ) -> tuple[ClosureModel, dict[str, float]]:
     """Free the arm's lengths and twists within their tolerances: the maker's table is not exact.
 
+    So are offsets that are not free, because the poses cannot see them, where the arm's file states how
+    well they are known.
+
     Parameters
     ----------
     length_tolerance_m
@@ -187,6 +190,10 @@ def soften(
     for kind in (DhKind.A, DhKind.S, DhKind.ALPHA):
         sizes = arm.twist_tolerance_rad if kind is DhKind.ALPHA else length
         found |= {DhEntry(kind, row): float(sizes[row - 1]) for row in range(1, n + 1)}
+    if arm.offset_tolerance_rad is not None:
+        known = arm.offset_tolerance_rad
+        blind = model.unsensed_joints
+        found |= {e: known for e in arm.free if e.kind is DhKind.THETA_OFF and e.row not in blind}
     free = {p.name for p in part.parameters} | set(held)
     if part.dh_table(nominal_vector(part.parameters)) is not None:
         # Where the hinge is decides s_1 and the last link; the arm's table cannot know.

@@ -17,6 +17,7 @@ from operator_app.calibration.branches import Branches, on_main_branch
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.hand_error import tip_sigma
 from operator_app.calibration.judgement import (
+    as_stated_notices,
     cause_notices,
     condition_notices,
     flexure_notices,
@@ -51,7 +52,7 @@ from operator_app.calibration.weighing import Known, weigh
 from operator_app.config.procedure import AcceptanceLimits
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import nominal_vector
+from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate, require_enough_poses
@@ -65,6 +66,7 @@ from solver.estimators.variance_components import (
 from solver.judging.dropping import drop_unidentifiable
 from solver.judging.identifiability import Identifiability
 from solver.judging.ranges import range_findings
+from solver.loops.closure import ClosureModel
 from solver.search.global_start import global_start
 
 ESTIMATORS = ("implicit", "paper")
@@ -137,17 +139,17 @@ def calibrate(
     require_enough_poses(model, len(q))
     sigma = arm.sigma_rad()
     x0 = None if found is None else found.x
-    held: tuple[str, ...] = ()
-    if drop:
-        model, held = drop_unidentifiable(model, x0, q, sigma_rad=sigma)
+    model, blind = _without_blind(model, arm, x0, q, drop=drop)
+    if blind:
         require_enough_poses(model, len(q))
-        if held and search:
+        if search:
             # What is held now has other values than in the search: it is done again without it.
             found = global_start(model, q, progress=progress)
         x0 = None if found is None else found.x
+    held = blind if drop else ()
     paper = None
     if not unsensed_joints:
-        made = branches.paper if x0 is None and not held else None
+        made = branches.paper if x0 is None and not blind else None
         paper = made or estimate_paper(model, q, x0=x0)
 
     hard = model
@@ -273,6 +275,7 @@ def calibrate(
             *setup_notices(checks),
             *flipped_notices(flipped, poses.label),
             *held_notices(held),
+            *as_stated_notices(() if drop else blind, arm),
             *rival_notices(found),
             *flexure_notices(components, tuple(tolerance)),
             *outlier_notices(solution.outliers),
@@ -283,6 +286,18 @@ def calibrate(
         judgement=judgement,
         reasons=(*judgement.reasons, *reasons_against(estimate, limits)),
     )
+
+
+def _without_blind(
+    model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
+) -> tuple[ClosureModel, tuple[str, ...]]:
+    """Take out what the poses cannot see: on request, or because the arm's file says how well it is known."""
+    if not drop and arm.offset_tolerance_rad is None:
+        return model, ()
+    smaller, blind = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
+    known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in blind)
+    # Of others than offsets no file states anything: they are asked for and cannot be had.
+    return (smaller, blind) if drop or known else (model, ())
 
 
 def _why_blind(

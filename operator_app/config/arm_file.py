@@ -147,6 +147,7 @@ class ArmFile(StrictModel):
     name: Name
     source: Text | None = None
     tolerance: ToleranceModel = ToleranceModel()
+    offset_tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)] | None = None
     dh: Annotated[tuple[RowModel, ...], Field(min_length=1, max_length=32)]
     joints: tuple[JointModel, ...]
     free: tuple[Text, ...]
@@ -278,6 +279,9 @@ class ArmFile(StrictModel):
             free=tuple(DhEntry.parse(name) for name in self.free),
             home_rad=frozen(np.deg2rad(self.home_deg)),
             tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
+            offset_tolerance_rad=None
+            if self.offset_tolerance_deg is None
+            else math.radians(self.offset_tolerance_deg),
             masses=None
             if self.links is None or self.gravity is None
             else link_masses(self.links, self.gravity),

@@ -76,6 +76,8 @@ class ArmModel:
         Pose the arm starts from, sensor coordinates, shape (n,).
     tolerances
         Of rows 1..n; empty where the whole table is exact.
+    offset_tolerance_rad
+        How well the nominal offsets are known beforehand; None where nothing is known of them.
     masses
         What its links weigh; None where nobody states it.
     assumed
@@ -88,6 +90,7 @@ class ArmModel:
     free: tuple[DhEntry, ...]
     home_rad: FloatArray
     tolerances: tuple[RowTolerance, ...] = ()
+    offset_tolerance_rad: float | None = None
     masses: LinkMasses | None = None
     assumed: tuple[str, ...] = ()
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.chain.parameters import nominal_vector
+from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_shapes import FREE, loaded_give, shapes_of_sag, sides_of_play
 from solver.estimators.pose_basis import PoseBasis, pose_basis
@@ -106,10 +106,10 @@ class Layout:
         self.soft: BoolArray = np.array([n in errors.tolerance for n in names], dtype=bool)
         soft_names = [n for n in names if n in errors.tolerance]
         self.soft_sd = np.array([errors.tolerance[n] for n in soft_names])
-        # Lengths before twists, so that each is one group of columns.
-        angles = np.array([p.is_angle for p in parameters], dtype=bool)
+        # Lengths before twists before offsets, so that each is one group of columns.
+        kind = np.array([_SOFT.index(_source(p)) for p in parameters], dtype=int)
         self.soft_index = np.concatenate(
-            (np.flatnonzero(self.soft & ~angles), np.flatnonzero(self.soft & angles))
+            [np.flatnonzero(self.soft & (kind == k)) for k in range(len(_SOFT))]
         )
         order = {n: k for k, n in enumerate(soft_names)}
         self.soft_sd = np.array([self.soft_sd[order[names[k]]] for k in self.soft_index])
@@ -172,11 +172,17 @@ class Layout:
             self.play_component = self._component(
                 Component(name="joint_play", start=ANEW**2, floor=ANEW**2)
             )
-        lengths = sum(not self.model.parameters[k].is_angle for k in self.soft_index)
-        soft = [names[k] for k in self.soft_index]
-        for source, listed in (("lengths", soft[:lengths]), ("twists", soft[lengths:])):
-            if listed:
-                self._stated_group(source, tuple(listed))
+        soft = [self.model.parameters[k] for k in self.soft_index]
+        for source in _SOFT:
+            listed = tuple(p.name for p in soft if _source(p) == source)
+            if listed and source == OFFSETS:
+                # Nothing is left of the poses to tell whether these are off by more than stated.
+                self.groups.append(
+                    Group(source=source, width=len(listed), fixed=1.0, component=None, scale=0.0,
+                          names=listed)
+                )  # fmt: skip
+            elif listed:
+                self._stated_group(source, listed)
         turning = np.flatnonzero(self.accuracy)
         if len(turning):
             self._stated_group(
@@ -301,6 +307,18 @@ class Layout:
         return np.concatenate(
             [np.full(g.width, g.variance(v)) for g in self.groups] or [np.zeros(0)]
         )
+
+
+OFFSETS = "offsets"
+_SOFT = ("lengths", "twists", OFFSETS)
+"""Sources of what a tolerance is stated of, in the order of their columns."""
+
+
+def _source(parameter: Parameter) -> str:
+    """Which of `_SOFT` a parameter with a tolerance belongs to."""
+    if parameter.name.startswith(f"{DhKind.THETA_OFF.symbol}_"):
+        return OFFSETS
+    return "twists" if parameter.is_angle else "lengths"
 
 
 _NOTHING = PoseBasis(phi=np.zeros((0, 0)), missed=np.zeros(0))

@@ -19,6 +19,7 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from solver.chain.arm_model import ArmModel
+from solver.errors import UnidentifiableError
 from tests.oracles.panda import FOLDER, TRAINING
 from tests.oracles.panda_prediction import scatter
 
@@ -48,6 +49,49 @@ def test_sockets_that_nobody_measured_are_no_reason_against_it(
         assert solution.verdict is Verdict.ACCEPTED
         assert solution.held == ("theta_off_1", "theta_off_7")
         assert len(solution.tolerated) > 15
+
+
+def test_what_a_ball_cannot_see_is_known_as_well_as_the_arms_file_states(
+    of_pairs: tuple[Solution, ...],
+) -> None:
+    """Without a word of the operator: the sockets' sigmas then hold that joint 1's zero is not known."""
+    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
+    arm, ball = load_arm("franka_panda"), load_fixture("ball").fixture
+    assert arm.offset_tolerance_rad == pytest.approx(np.deg2rad(1.0))
+    for pair, dropped in zip(PAIRS, of_pairs, strict=True):
+        found = calibrate(arm, ball, pick_placements(poses, pair))
+        assert found.verdict is Verdict.ACCEPTED
+        assert found.held == ()
+        (said,) = [n.text for n in found.warnings if n.code == "AS_STATED"]
+        assert "theta_off_1, theta_off_7" in said
+        assert "1.0 deg" in said
+        sigma, before = (
+            dict(zip([p.name for p in s.estimate.parameters], s.estimate.standard_deviation,
+                     strict=True))
+            for s in (found, dropped)
+        )  # fmt: skip
+        for name in ("theta_off_1", "theta_off_7"):
+            assert 0.98 < sigma[name] / np.deg2rad(1.0) < 1.0 + 1e-9
+            assert name in found.tolerated
+        for name in SEEN:
+            assert found.estimate.value(name) == pytest.approx(
+                dropped.estimate.value(name), abs=0.05 * before[name]
+            )
+            assert sigma[name] == pytest.approx(before[name], rel=1e-2)
+        # A socket x metres beside the first axis is known to x times what that axis' zero is.
+        for k in pair:
+            x, y = (found.estimate.value(f"ground_{c}[{k}]") for c in "xy")
+            for name, lever in ((f"ground_x[{k}]", y), (f"ground_y[{k}]", x)):
+                both = np.hypot(before[name], lever * sigma["theta_off_1"])
+                assert sigma[name] == pytest.approx(both, rel=0.05)
+
+
+def test_without_such_a_statement_it_is_an_error_that_names_them() -> None:
+    arm = replace(load_arm("franka_panda"), offset_tolerance_rad=None)
+    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
+    with pytest.raises(UnidentifiableError) as error:
+        calibrate(arm, load_fixture("ball").fixture, pick_placements(poses, (1, 2)))
+    assert any("theta_off_1" in d.parameters for d in error.value.directions)
 
 
 def test_offsets_of_separate_pairs_agree_within_what_they_claim(

@@ -200,7 +200,7 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> Table | No
 
 
 def tolerated_table(solution: Solution) -> Table | None:
-    """Lengths and twists that were corrected within their tolerances."""
+    """Lengths, twists and offsets that were corrected within their tolerances."""
     estimate = solution.estimate
     places, round_places = precision(estimate), nominal_places(estimate.parameters)
     rows = []
@@ -219,9 +219,11 @@ def tolerated_table(solution: Solution) -> Table | None:
                     Figure(sd, quantity, n, key=(*key, "sigma")),
                 )
             )
+    offsets = any(name.startswith("theta_off_") for name in solution.tolerated)
     return None if not rows else Table(
         ident="tolerated",
-        title="Lengths and twists corrected within their tolerances",
+        title=f"Lengths{', twists and offsets' if offsets else ' and twists'} corrected within their "
+        "tolerances",
         columns=(*words("entry", "unit"), *figures("nominal", "found", "sigma")),
         rows=tuple(rows),
         detail=True,

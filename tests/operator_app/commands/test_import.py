@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from operator_app.cli import main
 from operator_app.config.errors import ConfigError
 from operator_app.config.joint_log import load_joint_log
 from operator_app.config.poses_file import load_poses
+from operator_app.config.resources import resolve
 from tests.oracles.panda import panda_readings
 
 HINGE = Path(__file__).parents[2] / "data/hinge"
@@ -91,7 +93,12 @@ def test_poses_that_cannot_determine_it_all_are_kept_and_said(
 ) -> None:
     sessions = ["--sessions", str(tmp_path / "sessions")]
     (file,) = raw_logs(tmp_path, (3,))
-    assert main(["import", file, "--rad", *PANDA[:-1], *sessions, "--json"]) == 5
+    packaged = resolve("arm", "franka_panda").data.decode()
+    unknown = tmp_path / "arm.yaml"
+    unknown.write_text(re.sub(r"(?m)^offset_tolerance_deg: .*\n", "", packaged))
+    assert unknown.read_text() != packaged
+    arm = ["--arm", str(unknown), *PANDA[2:-1]]
+    assert main(["import", file, "--rad", *arm, *sessions, "--json"]) == 5
     found = json.loads(capsys.readouterr().out)
     assert found["unidentifiable"]
     assert main(["report", found["session"]["folder"], "--text"]) == 5

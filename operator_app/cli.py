@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """The command line: parsing, dispatch, and every error a user can cause as words and an exit code.
 
 Commands are imported when they are called, so that ``--help`` and the terminal app start at once.
@@ -6,13 +7,16 @@ Commands are imported when they are called, so that ``--help`` and the terminal 
 from __future__ import annotations
 
 import argparse
+import difflib
 import errno
 import importlib
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from operator_app.commands.completion import asked, complete
 from operator_app.own_names import ForeignPackageError, require_own_names
 from operator_app.words_out import harmless, say
 
@@ -31,6 +35,7 @@ COMMANDS = {
     "arm-check": "check an arm on the bench in a safe order; asks before anything moves",
     "monitor": "watch a bus beside a running session; sends nothing",
     "reset": "clear tripped drives and a STOP; moves nothing",
+    "eds": "write the EDS files of joint drive and supervisor",
     "controller": "run the virtual controller as its own process",
 }
 
@@ -84,10 +89,13 @@ def _dispatch(argv: Sequence[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    wanted = next((word for word in argv if word in COMMANDS), APP)
+    completing = asked()
+    words = argv if completing is None else completing
+    wanted = next((word for word in words if word in COMMANDS), APP)
     if wanted == APP:
         # Without a command: the terminal app, whose options belong to `sarcal` itself.
         _module(APP).add_arguments(parser)
+    chosen = None
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
     for name, summary in COMMANDS.items():
         sub = subparsers.add_parser(
@@ -95,6 +103,9 @@ def _dispatch(argv: Sequence[str]) -> int:
         )
         if name == wanted:
             _module(name).add_arguments(sub)
+            chosen = sub
+    if completing is not None:
+        complete(parser, chosen)
     args = parser.parse_args(argv)
 
     from operator_app.exit_codes import EXPECTED_ERRORS, exit_code
@@ -128,6 +139,10 @@ class _Parser(argparse.ArgumentParser):
     """Repeats what was typed only as text."""
 
     def error(self, message: str) -> NoReturn:
+        if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
+            near = difflib.get_close_matches(unknown[1], COMMANDS, n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            message = f"there is no command {unknown[1]!r}; {hint}all: {', '.join(COMMANDS)}"
         super().error(harmless(message))
 
 

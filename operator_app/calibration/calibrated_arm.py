@@ -6,11 +6,12 @@ how the hand held it (`hand_side`). The arm's own entries outlive it. Knows no f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from operator_app.calibration.hand_error import HandAccuracy, spread_of
 from operator_app.calibration.solution import Solution
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -87,6 +88,35 @@ class CalibratedArm:
         rates = point.loop(x, q_rad, np.zeros((*q_rad.shape[:-1], 0))).jac_x
         order = [p.name for p in point.parameters]
         return np.asarray(rates[..., [order.index(name) for name in self._free]])
+
+
+EVERYWHERE = 300
+"""Poses over the joints' ranges: their rms is known to some 4 %."""
+
+
+def hand_accuracy(found: CalibratedArm, arm: ArmModel) -> HandAccuracy:
+    """Compare the hand before and after calibration over the ranges of all joints.
+
+    The poses follow an additive recurrence (Roberts' R_n: steps of powers of the root of
+    ``g^(n+1) = g + 1``), as even as random ones of many times their number; no machine's own sequence.
+    """
+    n, g = arm.joint_count, 2.0
+    for _ in range(60):
+        g = (1.0 + g) ** (1.0 / (n + 1))
+    steps = g ** -np.arange(1.0, n + 1)
+    even = (0.5 + np.arange(1, EVERYWHERE + 1)[:, None] * steps) % 1.0
+    q = arm.lower_rad + even * (arm.upper_rad - arm.lower_rad)
+    entries = (DhEntry.parse(name) for name in found.identified)
+    nominal = arm.table.stacked()
+    believed = replace(
+        found, hand=_with(found.hand, {e.name: float(nominal[e.kind, e.row - 1]) for e in entries})
+    )
+    moved = found.T_base(q)[:, :3, 3] - believed.T_base(q)[:, :3, 3]
+    return HandAccuracy(
+        before=spread_of(np.linalg.norm(moved, axis=-1)),
+        after=spread_of(found.tip_sigma_m(q)),
+        poses=EVERYWHERE,
+    )
 
 
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from operator_app.calibration.causes import NamedCause
-from operator_app.calibration.hand_error import TipSigma
+from operator_app.calibration.hand_error import HandAccuracy, TipSigma
 from operator_app.calibration.judgement import Notice
 from operator_app.calibration.verdict import Judgement, Verdict
 from solver.estimators.estimate import Estimate
@@ -61,6 +61,8 @@ class Solution:
         Figures of the error model that no file states.
     hand
         How far off the hand may be at these poses; None in records of earlier versions.
+    accuracy
+        What the calibration brings over the joints' ranges; None in records of earlier versions.
     implicit
         What weighing every reading by its noise gives, where the paper's estimate is the chosen one.
     """
@@ -83,6 +85,7 @@ class Solution:
     assumed: tuple[str, ...] = ()
     judgement: Judgement = field(default_factory=Judgement)
     hand: TipSigma | None = None
+    accuracy: HandAccuracy | None = None
     implicit: Estimate | None = None
 
     @property

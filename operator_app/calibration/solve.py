@@ -14,6 +14,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
 from operator_app.calibration.branches import Branches, on_main_branch
+from operator_app.calibration.calibrated_arm import calibrated_arm, hand_accuracy
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.hand_error import tip_sigma
 from operator_app.calibration.judgement import (
@@ -269,6 +270,7 @@ def calibrate(
     )
     return replace(
         solution,
+        accuracy=hand_accuracy(calibrated_arm(solution, arm), arm),
         warnings=(
             *noise_notices(whole.linear.stated.chi2, whole.linear.dof),
             *range_notices(out_of_range, poses.label),

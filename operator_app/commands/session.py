@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from operator_app.commands.options import json_option, sessions_option
+from operator_app.config.errors import ConfigError
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import harmless, say
+from operator_app.words_out import say
+
+if TYPE_CHECKING:
+    from operator_app.session.state import SessionState
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Report on stdout."""
     from operator_app.errors import JournalError
+    from operator_app.report.session_table import session_table_text
     from operator_app.report.text import aligned
     from operator_app.session.folder import (
         SessionEntry,
@@ -91,10 +96,22 @@ def execute(args: argparse.Namespace) -> int:
     fact = facts(entry)
     if args.json:
         say(json.dumps(fact, indent=2))
-    else:
-        for key, value in fact.items():
-            say(harmless(f"{key.replace('_', ' ')}: {value if value not in ('', [], {}) else '-'}"))
+    elif entry.state is not None:
+        title = _procedure_of(entry.state)
+        say(session_table_text(entry.folder, entry.state, procedure=title, torn=entry.torn))
     return ExitCode.ACCEPTED
+
+
+def _procedure_of(state: SessionState) -> str:
+    """Say what a session follows, as far as its documents can be read."""
+    from operator_app.config.strict_yaml import load_strict
+
+    try:
+        found = load_strict(state.sources["procedure"].encode(), "procedure").data
+    except (KeyError, ConfigError):
+        return "not known"
+    known = [str(found[key]) for key in ("arm", "fixture") if key in found]
+    return f"{found.get('name', 'not known')}: {', '.join(known)}"
 
 
 def _repair(args: argparse.Namespace) -> int:

@@ -27,6 +27,7 @@ from operator_app.report.parameter_facts import (
 )
 from operator_app.report.quality_facts import (
     CLOSURE_COLUMNS,
+    accuracy_table,
     budget_table,
     causes_table,
     closure_row,
@@ -119,6 +120,7 @@ def facts_of(
             causes_table(solution),
             dh_table(solution),
             hand_table(solution),
+            accuracy_table(solution),
             determined_table(solution, headlines),
             closure_table(solution, beside, checks),
             jackknife_table(estimate, None if checks is None else checks.jackknife_sd),

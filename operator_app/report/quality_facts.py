@@ -106,6 +106,38 @@ def hand_table(solution: Solution) -> Table | None:
     )
 
 
+def accuracy_table(solution: Solution) -> Table | None:
+    """Return what the calibration brings: the hand before and after, over the joints' ranges."""
+    found = solution.accuracy
+    if found is None:
+        return None
+    rows = (
+        ("rms", "rms", found.before.rms, found.after.rms),
+        ("95 % stay below", "p95", found.before.most, found.after.most),
+        ("worst pose", "worst", found.before.worst, found.after.worst),
+    )
+    return Table(
+        ident="accuracy",
+        title="What it brings: how far off the hand is [mm]",
+        columns=(
+            *words("over the ranges of all joints"),
+            *figures("before"),
+            *figures("after, one sigma"),
+        ),
+        rows=tuple(
+            (
+                name,
+                Figure(before, CLOSURE_LENGTH, key=("hand_accuracy_mm", "before", key)),
+                Figure(after, CLOSURE_LENGTH, key=("hand_accuracy_mm", "after", key)),
+            )
+            for name, key, before, after in rows
+        ),
+        note=f"At {found.poses} poses evenly over the ranges, whatever may be in the way there. Before: the "
+        "arm file's own entries against the calibrated ones, as the arm's base sees the hand; what "
+        "belongs to the mounting has no part in it. After: by the parameters' covariance.",
+    )
+
+
 def observability_table(solution: Solution) -> Table:
     """Return the five observability indices of the literature."""
     return Table(

@@ -29,7 +29,7 @@ from operator_app.tui.widgets.plot import plot
 from operator_app.units.numbers import plural
 from solver.judging.rvdt import RvdtVerdict
 
-TABLES = ("causes", "dh", "hand", "budget", "halving", "closure")
+TABLES = ("causes", "dh", "hand", "accuracy", "budget", "halving", "closure")
 """Tables that the plots' panel shows after them, those of them that there are."""
 
 

@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from operator_app.calibration.calibrated_arm import calibrated_arm
 from operator_app.calibration.loop import pick_placements
 from operator_app.calibration.solve import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
+from operator_app.planning.simulated import simulated_poses
 from operator_app.report.facts import facts_of
+from solver.chain.parameters import DhEntry
 from solver.loops.point import PointClosure
 from tests.oracles.panda import FOLDER
+from tests.oracles.pinocchio_chain import PinocchioChain
 
 
 def test_it_is_the_scatter_of_hands_drawn_from_the_covariance() -> None:
@@ -35,3 +39,61 @@ def test_it_is_the_scatter_of_hands_drawn_from_the_covariance() -> None:
         {"rms": 1e3 * solution.hand.rms, "worst": 1e3 * solution.hand.worst}
     )
     assert 0.2 < said["rms"] <= said["worst"] < 10.0
+
+
+def test_before_and_after_are_distances_of_hands_that_pinocchio_places() -> None:
+    """Before: offsets planted and found again move the hand as an independent chain says; after: less."""
+    made = simulated_poses(load_arm("sarcos_dextrous"), load_fixture("hinge"), poses=40, seed=5)
+    arm = load_arm("sarcos_dextrous")
+    solution = calibrate(arm, load_fixture("hinge").fixture, made.poses)
+    found = solution.accuracy
+    assert found is not None
+    hand = calibrated_arm(solution, arm)
+    truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
+    # The arm's own entries nominal and true, the hand's as they truly are.
+    rows = {name: arm.table.stacked().copy() for name in ("believed", "true")}
+    for name, value in truth.items():
+        entry = DhEntry.parse(name)
+        if entry.row and (entry.row == 7 or name in hand.identified):
+            rows["true"][entry.kind, entry.row - 1] = value
+            if entry.row == 7:
+                rows["believed"][entry.kind, entry.row - 1] = value
+    chain, rng, off = PinocchioChain(7), np.random.default_rng(0), []
+    for _ in range(400):
+        q = rng.uniform(arm.lower_rad, arm.upper_rad)
+        ends = [chain.frames(q + r[0], *r[1:])[1][-1] for r in rows.values()]
+        off.append(np.linalg.norm(ends[0] - ends[1]))
+    assert found.before.rms == pytest.approx(float(np.sqrt(np.mean(np.square(off)))), rel=0.1)
+    assert found.before.most == pytest.approx(float(np.quantile(off, 0.95)), rel=0.1)
+    assert found.after.worst < 0.1 * found.before.rms
+    said = facts_of(solution).json["hand_accuracy_mm"]
+    assert said["before"]["rms"] == pytest.approx(1e3 * found.before.rms)
+    assert said["after"] == pytest.approx(
+        {
+            "rms": 1e3 * found.after.rms,
+            "p95": 1e3 * found.after.most,
+            "worst": 1e3 * found.after.worst,
+        }
+    )
+
+
+def test_the_truth_is_as_far_from_the_calibrated_hand_as_its_sigma_says() -> None:
+    """Eight arms, each looked at over its whole range: errors over sigma come to 1, not to 2 or a half."""
+    ratios = []
+    for seed in range(8):
+        arm = load_arm("sarcos_dextrous")
+        made = simulated_poses(arm, load_fixture("hinge"), poses=24, seed=20 + seed)
+        solution = calibrate(arm, load_fixture("hinge").fixture, made.poses)
+        hand = calibrated_arm(solution, arm)
+        truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
+        rows = arm.table.stacked().copy()
+        for name, value in truth.items():
+            entry = DhEntry.parse(name)
+            if entry.row and name not in ("theta_off_1", "s_1"):
+                rows[entry.kind, entry.row - 1] = value
+        chain, rng = PinocchioChain(7), np.random.default_rng(seed)
+        q = rng.uniform(arm.lower_rad, arm.upper_rad, (60, 7))
+        true = np.array([chain.frames(one + rows[0], *rows[1:])[1][-1] for one in q])
+        error = np.linalg.norm(hand.T_base(q)[:, :3, 3] - true, axis=1)
+        ratios.append(float(np.mean(error**2) / np.mean(hand.tip_sigma_m(q) ** 2)))
+    assert 0.3 < np.mean(ratios) < 1.5

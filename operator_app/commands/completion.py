@@ -1,0 +1,63 @@
+"""What a shell may complete: commands, options, packaged names, sessions. Needs the extra ``[completion]``.
+
+With argcomplete installed, a shell asks once: ``eval "$(register-python-argcomplete sarcal)"``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+BY_DEST = {"arm": "arm", "fixture": "fixture", "procedure": "procedure"}
+SESSIONS = ("session", "name", "a", "b", "resume")
+
+
+def asked(environ: Mapping[str, str] = os.environ) -> list[str] | None:
+    """Return the words on a shell's command line that is being completed; None: nobody asks."""
+    if "_ARGCOMPLETE" not in environ:
+        return None
+    line = environ.get("COMP_LINE", "")
+    try:
+        return shlex.split(line)[1:]
+    except ValueError:
+        # A quote that is still open.
+        return line.split()[1:]
+
+
+def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser | None) -> None:
+    """Answer the shell and end; return where argcomplete is not installed."""
+    try:
+        import argcomplete  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    except ImportError:
+        return
+    for action in () if command is None else command._actions:  # noqa: SLF001 - it has no other list
+        if action.dest in BY_DEST or action.dest in SESSIONS:
+            action.completer = _names(action.dest)  # type: ignore[attr-defined]
+    argcomplete.autocomplete(parser)
+
+
+def _names(dest: str) -> Any:
+    def completer(prefix: str, parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
+        from operator_app.config.resources import builtin_names
+
+        if dest in BY_DEST:
+            # A path will do as well, and only a path begins like one.
+            kind: Any = BY_DEST[dest]
+            return [*builtin_names(kind), *_paths(prefix)]
+        root = getattr(parsed_args, "sessions", None) or Path("sessions")
+        folders = sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []
+        return ["latest", *folders, *_paths(prefix)]
+
+    return completer
+
+
+def _paths(prefix: str) -> Iterable[str]:
+    if "/" not in prefix and not prefix.startswith("."):
+        return []
+    where = Path(prefix).expanduser()
+    folder = where if prefix.endswith("/") else where.parent
+    return [f"{p}/" if p.is_dir() else str(p) for p in folder.glob("*")] if folder.is_dir() else []

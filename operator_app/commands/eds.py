@@ -1,0 +1,40 @@
+"""`sarcal eds`: the electronic data sheets of the devices this program speaks to, for other CANopen tools."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path(),
+        metavar="DIR",
+        help="folder to write joint.eds and supervisor.eds into (default: this one)",
+    )
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Write the files; a file that is there and says something else is not written over."""
+    from hardware.eds.dictionary import EDS_FILES
+    from operator_app.config.atomic import write_atomically
+
+    sheets = {args.output / sheet.name: sheet.read_bytes() for sheet in EDS_FILES.values()}
+    for target, data in sheets.items():
+        if target.exists() and (not target.is_file() or target.read_bytes() != data):
+            raise UsageError(f"{target} exists and is another file; name another folder with -o")
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"-o: {args.output} cannot be made: {error.strerror}") from error
+    for target, data in sheets.items():
+        write_atomically(target, data)
+        say(f"EDS         {target}")
+    return ExitCode.ACCEPTED

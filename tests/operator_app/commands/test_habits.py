@@ -1,0 +1,97 @@
+"""What people expect of a command in a terminal: a hint, completion, tables, files for other tools."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import canopen
+import pytest
+
+from operator_app.cli import COMMANDS, main
+
+HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"), [("runn", "run"), ("sovle", "solve"), ("exprot", "export")]
+)
+def test_a_misspelt_command_gets_the_right_one(
+    typed: str, meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([typed, "hinge"])
+    assert ended.value.code == 2
+    assert f"there is no command {typed!r}; did you mean {meant}?" in capsys.readouterr().err
+
+
+def test_nonsense_gets_no_guess_but_the_list(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["xyzzy\x1b[2J"])
+    said = capsys.readouterr().err
+    assert "did you mean" not in said
+    assert all(command in said for command in COMMANDS)
+    assert "\x1b" not in said
+
+
+def test_eds_files_are_read_by_canopen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["eds", "-o", str(tmp_path / "eds")]) == 0
+    assert {p.name for p in (tmp_path / "eds").iterdir()} == {"joint.eds", "supervisor.eds"}
+    for file in (tmp_path / "eds").iterdir():
+        assert canopen.import_od(str(file), node_id=3)[0x1018][1].default is not None
+    assert main(["eds", "-o", str(tmp_path / "eds")]) == 0
+    (tmp_path / "eds/joint.eds").write_text("mine")
+    assert main(["eds", "-o", str(tmp_path / "eds")]) == 2
+    assert (tmp_path / "eds/joint.eds").read_text() == "mine"
+
+
+def completions(line: str, folder: Path) -> list[str]:
+    """What a shell is offered; argcomplete's own protocol, answered on a file."""
+    answer = folder / "answer"
+    subprocess.run(
+        [sys.executable, "-c", "from operator_app.cli import main; main()"],
+        cwd=folder,
+        env=os.environ
+        | {
+            "PYTHONPATH": str(Path(__file__).parents[3]),
+            "_ARGCOMPLETE": "1",
+            "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
+            "_ARGCOMPLETE_IFS": "\n",
+            "COMP_LINE": line,
+            "COMP_POINT": str(len(line)),
+        },
+        check=False,
+        timeout=60,
+    )
+    return [word.strip() for word in answer.read_text().split("\n")]
+
+
+def test_a_shell_completes_commands_options_and_names(tmp_path: Path) -> None:
+    pytest.importorskip("argcomplete")
+    (tmp_path / "sessions/20260101-hinge").mkdir(parents=True)
+    assert set(completions("sarcal re", tmp_path)) == {"report", "reset"}
+    assert "--drop-unidentifiable" in completions("sarcal import --dr", tmp_path)
+    assert completions("sarcal solve p.csv --arm fr", tmp_path) == ["franka_panda"]
+    assert "hinge_planned" in completions("sarcal run h", tmp_path)
+    assert "20260101-hinge" in completions("sarcal report 2", tmp_path)
+
+
+def test_a_session_is_shown_as_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = ["--sessions", str(tmp_path / "sessions")]
+    assert main(["import", str(HINGE), "--serial", "SDA-9", *root]) == 0
+    capsys.readouterr()
+    assert main(["session", "show", *root]) == 0
+    said = capsys.readouterr().out
+    lines = {" ".join(line.split()) for line in said.splitlines()}
+    assert "arm, serial number SDA-9" in lines
+    assert f"poses read from {HINGE}" in lines
+    assert "poses 60 poses that count" in lines
+    assert any(
+        line.startswith("solved accepted by implicit, scaled condition number") for line in lines
+    )
+    assert "pose j1 j2 j3 j4 j5 j6 j7 sd note" in lines
+    first = next(line for line in said.splitlines() if line.split()[:1] == ["1"])
+    assert len(first.split()) == 9
+    assert max(len(line) for line in said.split("Poses:")[1].splitlines()) <= 80

@@ -18,6 +18,7 @@ from hardware.errors import (
     Stopped,
     TwoDevices,
 )
+from hardware.following import Astray
 from hardware.node_watch import NodeWatch
 from hardware.objects import OPERATOR_NODE, EmergencyCode
 
@@ -32,14 +33,15 @@ class Seen:
         STOP was pressed.
     lost_joints, doubled_joints
         Joints that do not answer any more, and those that answer twice.
-    jump
-        A reading that jumped.
+    jump, astray
+        A reading that jumped, and a joint that is not where it was told to be.
     """
 
     stop_latched: bool
     lost_joints: tuple[int, ...] = ()
     doubled_joints: tuple[int, ...] = ()
     jump: Jump | None = None
+    astray: Astray | None = None
 
 
 def find_alarm(
@@ -94,6 +96,13 @@ def _noticed(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
             f"jumped by {seen.jump.counts:+d} counts between two SYNCs, and no other joint moved with it: "
             "it has lost counts, or its coupling slipped. No pose was captured since",
             since_sync=seen.jump.sync_count,
+        )
+    if seen.astray is not None:
+        yield SensorFault(
+            seen.astray.joint,
+            f"is {seen.astray.counts:+d} counts from where it was told to be, and its drive says that it "
+            "follows: it has failed, or somebody else leads it. No pose was captured since",
+            since_sync=seen.astray.sync_count,
         )
 
 

@@ -32,7 +32,8 @@ from hardware.errors import (
     Stopped,
     TwoDevices,
 )
-from hardware.mapping import check_mapping, check_positions, patience_s
+from hardware.following import Following
+from hardware.mapping import check_mapping, check_positions
 from hardware.objects import (
     COB_NMT,
     ERROR_CODE,
@@ -46,6 +47,7 @@ from hardware.profile import BusProfile
 from hardware.sdo import ObjectAccess
 from hardware.snapshots import build_snapshot
 from hardware.stop_line import StopLine
+from hardware.supervision import check_watch, following_windows_counts, patience_s
 from hardware.wire import Wire
 
 LISTEN_S: Final = 0.35
@@ -160,6 +162,8 @@ class Connection:
         )
         self._require_single()
         loop.heartbeat_timeout_s = patience_s(access, profile, loop.heartbeat_timeout_s)
+        check_watch(access, profile)
+        loop.following = Following(following_windows_counts(access, profile, self.scales))
         self._rated_nm = identifying.read_rated_torques_nm(access, profile)
         loop.begin_heartbeat()
         wire.send(COB_NMT, bytes([NmtCommand.START, 0]))

@@ -30,6 +30,7 @@ from hardware.attention import Attention
 from hardware.continuity import Continuity, Jump
 from hardware.cyclic import Abandoned, Sample, Setpoint, Setpoints, frames_of
 from hardware.errors import BusError, HardwareError
+from hardware.following import Astray, Following
 from hardware.node_watch import NodeWatch
 from hardware.objects import (
     COB_HEARTBEAT,
@@ -158,8 +159,11 @@ class ControlLoop:
         Why the thread has ended.
     heartbeat_timeout_s
         Silence after which a node is lost; set before `begin_sync`.
-    jump
-        The first jump of a joint's reading that was no motion; None if there was none.
+    jump, astray
+        The first jump of a joint's reading that was no motion, and the first joint that was not where it
+        was told to be; None if there was none.
+    following
+        Watches for the latter; set before `begin_sync`.
     """
 
     def __init__(
@@ -181,6 +185,8 @@ class ControlLoop:
         self.moving = False
         self.failure: HardwareError | None = None
         self.jump: Jump | None = None
+        self.astray: Astray | None = None
+        self.following = Following()
         self._watched = bool(allowed_counts)
         self._continuity = Continuity(allowed_counts)
         self._wire, self._frames, self._pace = wire, frames_of(profile), pace
@@ -228,7 +234,7 @@ class ControlLoop:
     def forget_faults(self) -> None:
         """Forget emergencies, and what was seen of sensors and of other programs, so far."""
         self.nodes.forget_faults()
-        self.jump = None
+        self.jump = self.astray = None
 
     def close(self) -> None:
         """Stop everything that is sent and end the thread. Safe to call twice."""
@@ -266,6 +272,7 @@ class ControlLoop:
                 lost_joints=self._sampler.lost(),
                 doubled_joints=self._sampler.doubled(),
                 jump=self.jump,
+                astray=self.astray,
             ),
             now_s=self.attention.listened_s,
             heartbeat_timeout_s=self.heartbeat_timeout_s,
@@ -343,6 +350,8 @@ class ControlLoop:
         self._sampler.close()
         if self.jump is None and self._watched:
             self.jump = self._continuity.see(self.sample)
+        if self.astray is None and not self.stop_latched:
+            self.astray = self.following.see(self.sample, self.commands)
 
     def _drain(self) -> None:
         """Look at what has arrived, as far as there is time for it."""

@@ -15,7 +15,6 @@ from hardware.objects import (
     COB_SYNC,
     DEVICE_TYPE,
     EMCY_COB_ID,
-    HEARTBEAT_PRODUCER,
     POSITION_ACTUAL,
     RPDO1_COMMUNICATION,
     RPDO1_MAP,
@@ -31,9 +30,6 @@ from hardware.sdo import ObjectAccess
 
 AGREES_RAD = 0.01
 """Position by PDO and by SDO: an RVDT's noise, and what a joint at rest creeps between the two."""
-
-HEARTBEATS = 2.5
-"""Heartbeats of a node that may fail to come before it is called silent."""
 
 NOT_VALID, _EXTENDED, _GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
 """Bits beside an identifier."""
@@ -92,28 +88,6 @@ def check_positions(
         raise MappingDiffers(found)
 
 
-def patience_s(access: ObjectAccess, profile: BusProfile, least_s: float) -> float:
-    """How long a silence may be: as asked for, and some heartbeats (1017h) of the slowest node.
-
-    Raises
-    ------
-    MappingDiffers
-        A node sends none, or so seldom that its loss would go unnoticed.
-    """
-    found, longest_s = [], 0.0
-    for node in profile.nodes:
-        period_ms = read_number(access, node, HEARTBEAT_PRODUCER, 0)
-        if period_ms is None:  # that it is heard is made sure of
-            continue
-        longest_s = max(longest_s, 1e-3 * period_ms)
-        if not 0 < period_ms <= profile.slowest_heartbeat_ms:
-            expected = f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms"
-            found.append(_words(node, HEARTBEAT_PRODUCER, 0, expected, f"{period_ms} ms"))
-    if found:
-        raise MappingDiffers(found)
-    return max(least_s, HEARTBEATS * longest_s)
-
-
 def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[str]:
     """What of a drive's PDOs is not as it has to be: node, object, expected and found, in words."""
     yield from _cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=_GENERATES_SYNC)
@@ -137,7 +111,7 @@ def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterato
                 continue
             value = read_number(access, node, communication + number - 1, 1)
             if value is not None and not value & NOT_VALID and value & IDENTIFIER in taken:
-                yield _words(
+                yield difference_words(
                     node,
                     communication + number - 1,
                     1,
@@ -160,13 +134,13 @@ def _type(access: ObjectAccess, node: int, index: int, types: tuple[int, ...]) -
     kind = read_number(access, node, index, 2)
     if kind not in types:
         expected = " or ".join(map(str, types))
-        yield _words(node, index, 2, f"transmission type {expected}", _number(kind, "d"))
+        yield difference_words(node, index, 2, f"transmission type {expected}", _number(kind, "d"))
 
 
 def _map(access: ObjectAccess, node: int, index: int, name: str, pdo: Pdo) -> Iterator[str]:
     entries = read_map(access, node, index)
     if entries != pdo.entries:
-        yield _words(
+        yield difference_words(
             node,
             index,
             None,
@@ -188,7 +162,7 @@ def _cob_id(
     value = read_number(access, node, index, sub)
     wrong = value is None or value & (IDENTIFIER | _EXTENDED | refused) != expected
     if wrong:
-        yield _words(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
+        yield difference_words(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
 
 
 def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
@@ -212,6 +186,7 @@ def _number(value: int | None, digits: str) -> str:
     return f"{value:{digits}}" + ("h" if digits.endswith("X") else "")
 
 
-def _words(node: int, index: int, sub: int | None, expected: str, found: str) -> str:
+def difference_words(node: int, index: int, sub: int | None, expected: str, found: str) -> str:
+    """Say what of an object (all of it, or a sub-index) is not as it has to be."""
     place = f"{index:04X}h" if sub is None else f"{index:04X}h sub {sub}"
     return f"node {node}, {place}: expected {expected}, found {found}"

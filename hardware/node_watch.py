@@ -168,6 +168,8 @@ class NodeWatch:
         if code == 0:  # error reset or no error
             self.faults = tuple(fault for fault in self.faults if fault.node != node)
             return
+        if any((fault.node, fault.code) == (node, code) for fault in self.faults):
+            return  # said already: a drive that goes on complaining says nothing new
         fault = Fault(
             node=node,
             joint=self.profile.joint_of.get(node),

@@ -24,9 +24,10 @@ from hardware.acceptance import controller_filters
 from hardware.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.controller_network import ControllerNetwork
+from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_group import DriveGroup
 from hardware.virtual.drive_node import DriveNode
-from hardware.virtual.faults import Disturbances, FaultInjector, ScriptedFault
+from hardware.virtual.faults import FaultInjector, ScriptedFault
 from hardware.virtual.node import VirtualNode
 from hardware.virtual.parameter_store import ParameterStore
 from hardware.virtual.parameters import Validate, takes_no_documents
@@ -35,9 +36,14 @@ from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode, Surroundi
 
 _POLL_S = 0.02
 """Longest wait for a frame: how soon wall-clock duties and `post` are seen to on a quiet bus."""
+_SHORT_POLL_S = 0.002
+"""The same where frames come late, which somebody has to send then."""
 _CATCH_UP_FRAMES = 1000
 """Frames looked at before a heartbeat counts as lost: it may be waiting behind them."""
 _NODE_BITS = 0x7F
+STORM = 50
+"""Emergencies with every SYNC, of a drive that does not stop complaining."""
+_COMPLAINT = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 
 
 class VirtualController:
@@ -108,8 +114,7 @@ class VirtualController:
         self._group = DriveGroup(
             self.drives,
             plant,
-            self.disturbances.frozen_counts,
-            self.disturbances.lost_counts,
+            self.disturbances,
         )
         self.supervisor = SupervisorNode(
             arm=arm,
@@ -200,7 +205,9 @@ class VirtualController:
                 node.boot()
             self._next_beat_s = self._clock() + HEARTBEAT_PERIOD_S
             while not self._closing:
-                message = self._bus.recv(_POLL_S)
+                message = self._bus.recv(
+                    _POLL_S if self.disturbances.wire is None else _SHORT_POLL_S
+                )
                 self._running.wait()
                 if message is not None:
                     self._take_in(message)
@@ -212,6 +219,8 @@ class VirtualController:
 
     def _take_in(self, message: can.Message) -> None:
         if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
+            return
+        if self.disturbances.off_until_s is not None:
             return
         identifier, data = message.arbitration_id, message.data
         if identifier == objects.COB_SYNC:
@@ -255,11 +264,18 @@ class VirtualController:
             send(node.tpdo1_id, data)
             if node.number in disturbances.doubled_tpdos:
                 send(node.tpdo1_id, data)
+        for number in disturbances.storming:
+            for _ in range(STORM):
+                send(objects.COB_EMCY + number, _COMPLAINT)
 
     # ---- wall-clock duties -------------------------------------------------------------------------------
 
     def _see_to_time(self) -> None:
         now = self._clock()
+        self._network.send_overdue()
+        off_until_s = self.disturbances.off_until_s
+        if off_until_s is not None and now >= off_until_s:
+            self.disturbances.off_until_s = None
         holder = self.supervisor.holder
         if holder and self._lost(holder, now):
             self._catch_up()

@@ -53,6 +53,8 @@ class Drive:
         self.external_stop = False
         self.sensor_failed = False
         self.refuses_modes = False
+        self.ignores_heartbeat = False
+        self.sees_no_following_error = False
         self.power_up()
 
     def power_up(self) -> None:
@@ -133,6 +135,8 @@ class Drive:
 
     def lose_heartbeat(self) -> None:
         """Hold, and let nothing move until the fault is reset and the drive enabled again."""
+        if self.ignores_heartbeat:
+            return
         if self.state in cia402.POWERED:
             self._hold()
         self.trip(EmergencyCode.HEARTBEAT_LOST, holding=self._holding)
@@ -227,7 +231,7 @@ class Drive:
         self._torque_for = self._torque_for + 1 if excess else 0
         if self._torque_for >= axis.trip_cycles:
             self._trip_once(EmergencyCode.EXCESS_TORQUE)
-        if self.mode is not JointMode.POSITION:
+        if self.mode is not JointMode.POSITION or self.sees_no_following_error:
             return
         away = abs(self.counts - self.target_counts) > axis.following_window_counts
         self._following_for = self._following_for + 1 if away else 0

@@ -10,11 +10,12 @@ Rules of the arm as a whole, beyond CiA 402:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from hardware.arm import DriveState
 from hardware.objects import EmergencyCode
+from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveNode
 from hardware.virtual.port import JointCommand, PlantPort
 
@@ -30,28 +31,24 @@ class DriveGroup:
         Nodes of joints 1..n.
     plant
         What they move.
-    frozen_counts
-        Joints whose sensor is stuck, and what it reports; looked at in every period.
-    lost_counts
-        By how many counts a joint's sensor is off; likewise.
+    disturbances
+        Joints whose sensor is stuck or off, and those that go astray; looked at in every period.
     """
 
     def __init__(
         self,
         drives: Sequence[DriveNode],
         plant: PlantPort,
-        frozen_counts: Mapping[int, int],
-        lost_counts: Mapping[int, int],
+        disturbances: Disturbances,
     ) -> None:
         if len(drives) != plant.joint_count:
             raise ValueError(f"{len(drives)} axes for a plant of {plant.joint_count} joints")
-        self._drives, self._plant, self._frozen = tuple(drives), plant, frozen_counts
-        self._lost = lost_counts
+        self._drives, self._plant, self._disturbances = tuple(drives), plant, disturbances
 
     def step(self) -> None:
         """One control period: commands out, readings in, trips."""
         reading = self._plant.step([self._command_of(node) for node in self._drives])
-        frozen, lost = self._frozen, self._lost
+        frozen, lost = self._disturbances.frozen_counts, self._disturbances.lost_counts
         for node, counts, torque, speed in zip(
             self._drives,
             reading.position_counts,
@@ -67,11 +64,11 @@ class DriveGroup:
 
     def _command_of(self, node: DriveNode) -> JointCommand:
         """What a drive does: it goes by its own sensor, and so as far off as that one is."""
-        command = node.drive.command()
-        lost = self._lost.get(node.number)
-        if not lost:
+        command, wrong = node.drive.command(), self._disturbances
+        off = wrong.astray(node.number) - wrong.lost_counts.get(node.number, 0)
+        if not off:
             return command
-        return replace(command, target_rad=command.target_rad - node.axis.scale.to_rad(lost))
+        return replace(command, target_rad=command.target_rad + node.axis.scale.to_rad(off))
 
     def quick_stop(self) -> None:
         """Stop and hold every drive that is enabled."""

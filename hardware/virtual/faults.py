@@ -1,58 +1,20 @@
 """Things that go wrong on purpose, for tests and demonstrations. Knows the virtual controller only.
 
-`Disturbances` is what the controller looks at on every SYNC; `FaultInjector` is how it is changed, from
+`FaultInjector` changes what the controller looks at on every SYNC (`hardware.virtual.disturbances`), from
 any thread; a `ScriptedFault` does so at a given SYNC, so that a run with faults is repeatable too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
-from hardware.objects import EmergencyCode, NmtCommand
+from hardware.objects import HEARTBEAT_CONSUMER, EmergencyCode, NmtCommand
+from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveNode
 from hardware.virtual.frame_faults import BadWire, FrameFaults
 from hardware.virtual.supervisor_node import SupervisorNode
-
-
-@dataclass(slots=True)
-class Disturbances:
-    """What is wrong at present.
-
-    Attributes
-    ----------
-    cut_since_s
-        Nodes whose cable is cut, and since when (the controller's clock).
-    no_heartbeat
-        Nodes that work but send no heartbeat.
-    lost_tpdos
-        How many TPDO1 of a joint will yet be lost.
-    doubled_tpdos
-        Joints that answer every SYNC twice.
-    frozen_counts
-        Joints whose sensor reports this, wherever they are.
-    wire
-        What frames go through; None lets them pass.
-    lost_counts
-        Counts by which a joint's sensor is off, and its drive with it.
-    """
-
-    cut_since_s: dict[int, float] = field(default_factory=dict)
-    no_heartbeat: set[int] = field(default_factory=set)
-    lost_tpdos: dict[int, int] = field(default_factory=dict)
-    doubled_tpdos: set[int] = field(default_factory=set)
-    frozen_counts: dict[int, int] = field(default_factory=dict)
-    lost_counts: dict[int, int] = field(default_factory=dict)
-    wire: BadWire | None = None
-
-    def loses_tpdo(self, joint: int) -> bool:
-        """Whether this joint's TPDO1 gets lost now; counts down."""
-        left = self.lost_tpdos.get(joint, 0)
-        if left == 0:
-            return False
-        self.lost_tpdos[joint] = left - 1
-        return True
 
 
 class Victim(Protocol):
@@ -130,9 +92,60 @@ class FaultInjector:
         victim = self._victim
 
         def act() -> None:
-            victim.disturbances.wire = None if faults == FrameFaults() else BadWire(faults)
+            wire = None if faults == FrameFaults() else BadWire(faults, clock=victim.now_s)
+            victim.disturbances.wire = wire
 
         victim.post(act)
+
+    def leave_bus(self, seconds: float) -> None:
+        """Be off the bus, all nodes of the arm, and come back by itself."""
+        victim = self._victim
+
+        def act() -> None:
+            victim.disturbances.off_until_s = victim.now_s() + seconds
+
+        victim.post(act)
+
+    def stall_sdo(self, node: int) -> None:
+        """Let a node answer no object access any more."""
+        self._victim.post(lambda: self._victim.disturbances.stalled_sdo.add(node))
+
+    def refuse_sdo(self, node: int) -> None:
+        """Let a node refuse every object access (08000000h)."""
+        self._victim.post(lambda: self._victim.disturbances.refused_sdo.add(node))
+
+    def set_up_otherwise(self, joint: int, index: int, subindex: int, value: int) -> None:
+        """Let an object of a drive read as somebody else has set it up."""
+        node = self._drive(joint)
+        self._victim.post(lambda: node.serve(index, subindex, lambda: value))
+
+    def stop_watching(self, joint: int) -> None:
+        """Let a drive go on when the operator's heartbeat is lost, and 1016h say that it does."""
+        node = self._drive(joint)
+
+        def act() -> None:
+            with node.lock:
+                node.drive.ignores_heartbeat = True
+
+        self.set_up_otherwise(joint, HEARTBEAT_CONSUMER, 1, 0)
+        self._victim.post(act)
+
+    def storm(self, joint: int) -> None:
+        """Let a drive send emergencies without end."""
+        self._drive(joint)
+        self._victim.post(lambda: self._victim.disturbances.storming.add(joint))
+
+    def go_astray(self, joint: int) -> None:
+        """Let a drive go 5 deg from where it is told to be, without noticing it."""
+        node = self._drive(joint)
+        astray = self._victim.disturbances.astray_counts
+
+        def act() -> None:
+            astray[joint] = 0
+            with node.lock:
+                node.drive.sees_no_following_error = True
+
+        self._victim.post(act)
 
     def trip(self, joint: int, code: EmergencyCode) -> None:
         """Let a drive trip."""

@@ -1,8 +1,10 @@
-"""What happens to frames on a bad bus: lost, doubled, swapped, flipped, drowned. Knows frames, no node."""
+"""What happens to frames on a bad bus: lost, doubled, swapped, late, flipped, drowned. Knows no node."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import heapq
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import can
@@ -10,6 +12,9 @@ import numpy as np
 
 BABBLE_ID = 0x7EE
 """An identifier that nobody of the arm uses."""
+
+LATE_S = (0.005, 0.05)
+"""A late frame comes between so much and so much later."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,21 +24,26 @@ class FrameFaults:
     lost: float = 0.0
     doubled: float = 0.0
     swapped: float = 0.0
+    late: float = 0.0
     flipped: float = 0.0
     babble: float = 0.0
 
 
 class BadWire:
-    """Frames in, frames out as the faults have it; the same for a seed."""
+    """Frames in, frames out as the faults have it; the same for a seed, but for when late ones come."""
 
-    def __init__(self, faults: FrameFaults, seed: int = 0) -> None:
-        self._faults, self._rng = faults, np.random.default_rng(seed)
+    def __init__(
+        self, faults: FrameFaults, seed: int = 0, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._faults, self._rng, self._clock = faults, np.random.default_rng(seed), clock
         self._held: can.Message | None = None
+        self._late: list[tuple[float, int, can.Message]] = []
+        self._count = 0
 
     def passed(self, message: can.Message) -> Iterator[can.Message]:
         """Frames that go out when this one is sent."""
         faults = self._faults
-        lost, doubled, swapped, flipped = self._rng.random(4)
+        lost, doubled, swapped, flipped, late = self._rng.random(5)
         if lost < faults.lost:
             return
         if flipped < faults.flipped and len(message.data):
@@ -41,6 +51,11 @@ class BadWire:
             message.data[bit // 8] ^= 1 << bit % 8
         if swapped < faults.swapped and self._held is None:
             self._held = message
+            return
+        if late < faults.late:
+            self._count += 1
+            due_s = self._clock() + self._rng.uniform(*LATE_S)
+            heapq.heappush(self._late, (due_s, self._count, message))
             return
         yield message
         if doubled < faults.doubled:
@@ -50,3 +65,8 @@ class BadWire:
             yield held
         for _ in range(round(faults.babble)):
             yield can.Message(arbitration_id=BABBLE_ID, data=b"babble", is_extended_id=False)
+
+    def overdue(self) -> Iterator[can.Message]:
+        """Late frames whose time has come."""
+        while self._late and self._late[0][0] <= self._clock():
+            yield heapq.heappop(self._late)[2]

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 import threading
 from pathlib import Path
 
+from hardware.virtual.fault_words import FAULTS
 from operator_app.commands.options import bus_options, choices_from, scenario_options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
-FAULTS = (
-    "frames-lost", "frames-lost-10", "frames-doubled", "frames-reordered", "frames-flipped",
-    "babbling", "silent-node", "silent-supervisor", "no-heartbeat", "missed-answers",
-    "double-answers", "restart-node", "restart", "hang", "lost-counts-5", "lost-counts-500",
-    "frozen-sensor", "broken-sensor", "collision", "refused-modes", "external-stop",
-)  # fmt: skip
-"""Names of `hardware.virtual.fault_kinds`, here so that --help does not load the controller."""
+_HELP = "help"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,9 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fault",
         action="append",
         default=[],
-        choices=FAULTS,
+        choices=(*FAULTS, _HELP),
         metavar="KIND",
-        help=f"let something go wrong; may be given again. One of: {', '.join(FAULTS)}",
+        help="let something go wrong; may be given again. `--fault help` tells for each what is broken, what "
+        f"an operator sees and what to do. One of: {', '.join(FAULTS)}",
     )
     faults.add_argument(
         "--fault-joint",
@@ -60,12 +57,15 @@ def execute(args: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from hardware.buses import bus_settings
     from hardware.priority import first_in_line
-    from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
+    from hardware.virtual.fault_kinds import scripted
     from operator_app.composition import run_controller, virtual_arm
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.signals import ending_signals_interrupt
 
+    if _HELP in args.fault:
+        say(fault_table())
+        return ExitCode.ACCEPTED
     choices = choices_from(args)
     settings = bus_settings(args.interface, args.channel, args.bitrate)
     if settings.interface == "virtual":
@@ -93,7 +93,7 @@ def execute(args: argparse.Namespace) -> int:
             f"-c {settings.channel}"
             f"{' --scenario exact' if chosen.name == 'exact' else ''}\n"
             + "".join(
-                f"At SYNC {args.fault_sync}: {FAULT_KINDS[kind].text} (joint {args.fault_joint}).\n"
+                f"At SYNC {args.fault_sync}: {FAULTS[kind].broken} (joint {args.fault_joint}).\n"
                 for kind in args.fault
             )
             + "Ctrl-C ends it.",
@@ -101,3 +101,26 @@ def execute(args: argparse.Namespace) -> int:
         )
         threading.Event().wait()
     return ExitCode.ACCEPTED
+
+
+def fault_table() -> str:
+    """Say for every fault what is broken, what an operator sees, what to do."""
+    rows = [
+        f"{kind}\n"
+        + "\n".join(
+            textwrap.fill(
+                text,
+                width=100,
+                initial_indent=f"  {head:<8}",
+                subsequent_indent=" " * 10,
+                break_on_hyphens=False,
+            )
+            for head, text in (
+                ("broken", words.broken),
+                ("you see", words.seen()),
+                ("do", words.remedy),
+            )
+        )
+        for kind, words in FAULTS.items()
+    ]
+    return "\n\n".join(rows)

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import FrozenInstanceError, fields, replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -185,6 +187,7 @@ def test_a_move_at_the_largest_speed_passes_step_by_step(
     [
         {"lower_counts": 501},
         {"max_speed_rad_per_s": 0.0},
+        {"max_speed_rad_per_s": -1.0},
         {"max_speed_rad_per_s": NAN},
         {"max_step_counts": 0},
     ],
@@ -201,9 +204,31 @@ def test_impossible_limits_are_wrong_calls(bad: dict[str, float]) -> None:
         JointLimits(**{**good, **bad})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("bad", [0.0, -1.0, NAN, INF])
-def test_a_scale_is_positive(bad: float) -> None:
-    with pytest.raises(ValueError, match="positive"):
+def test_a_range_may_be_a_single_count() -> None:
+    limits = replace(LIMITS, lower_counts=7, upper_counts=7)
+    assert refuse_move(limits, 7, 1.0) is None
+    assert reason_of(refuse_move(limits, 8, 1.0)) is Reason.OUT_OF_RANGE
+
+
+@pytest.mark.parametrize("made", [LIMITS, READY, refuse_move(LIMITS, NAN, 1.0)])
+def test_what_decides_is_named_and_cannot_be_changed(made: Any) -> None:
+    values = {field.name: getattr(made, field.name) for field in fields(made)}
+    with pytest.raises(TypeError, match="positional"):
+        type(made)(*values.values())
+    for name, value in values.items():
+        with pytest.raises(FrozenInstanceError):
+            setattr(made, name, value)
+    assert not hasattr(made, "__dict__")
+
+
+def test_the_ends_of_a_range_are_named() -> None:
+    with pytest.raises(TypeError, match="positional"):
+        joint_limits(1, JointScale(counts_per_rad=100.0), -1.0, 2.0, 3.0, 0.01)  # type: ignore[call-arg, misc]
+
+
+@pytest.mark.parametrize("bad", [0.0, NAN, INF, -INF])
+def test_a_scale_is_finite_and_not_zero(bad: float) -> None:
+    with pytest.raises(ValueError, match="not zero"):
         JointScale(counts_per_rad=bad)
 
 

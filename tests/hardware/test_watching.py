@@ -24,6 +24,7 @@ from hardware.errors import (
     SensorFault,
     TwoDevices,
 )
+from hardware.node_watch import NodeWatch
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.test_canopen_arm import TWO_DRIVEN, capture_for_ever, describe, make
@@ -327,3 +328,16 @@ def test_a_strange_channel_is_one_clear_error(channel: str) -> None:
     with pytest.raises(BusError, match="channel name") as refused:
         bus_settings("loopback", channel)
     assert str(refused.value).isprintable()
+
+
+def test_a_drive_that_goes_on_complaining_is_one_fault() -> None:
+    nodes = NodeWatch(sarcos(7))
+    for sync in range(5000):
+        for code in (0x8311, 0x7305):
+            nodes.note(0x84, struct.pack("<HB5x", code, 0x21), 0.0, sync)
+    assert [(fault.node, fault.code, fault.sync_count) for fault in nodes.faults] == [
+        (4, 0x8311, 0),
+        (4, 0x7305, 0),
+    ]
+    nodes.note(0x84, bytes(8), 0.0, 5001)
+    assert nodes.faults == ()

@@ -106,7 +106,7 @@ def session_with(kind: str, folder: Path, *, joint: int, at_sync: int, poses: in
         )
         if kind and not at_sync:
             begin()
-            FAULT_KINDS[kind].happen(controller.faults, joint)
+            FAULT_KINDS[kind](controller.faults, joint)
         session = opened(folder, arm, procedure)
         try:
             connect(session, Listener())

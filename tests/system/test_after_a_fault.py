@@ -15,9 +15,7 @@ import can
 import pytest
 
 from hardware.buses import BusSettings, open_bus
-from hardware.virtual.fault_kinds import FAULT_KINDS
 from operator_app.cli import main
-from operator_app.commands.controller import FAULTS
 from operator_app.session.journal import read_journal
 
 SARCAL = [sys.executable, "-m", "operator_app.cli"]
@@ -206,10 +204,6 @@ def test_a_session_interrupted_by_ctrl_c_is_held(tmp_path: Path, channel: str) -
     assert code == 130, said
     assert "the arm is held" in said
     assert f"sarcal run --resume {Path('sessions') / folder.name}" in said
-
-
-def test_the_command_line_knows_every_fault() -> None:
-    assert set(FAULTS) == set(FAULT_KINDS)
 
 
 def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channel: str) -> None:

@@ -1,0 +1,63 @@
+"""Is each joint where it was told to be? Looked at with every sample. Knows no bus, no clock and no arm.
+
+A drive watches its own following error (6065h) by its own target and its own sensor. When somebody else
+gives it targets, or it does not do what it says, that sees nothing; the operator, who knows what was
+commanded, does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from hardware.arm import DriveState
+from hardware.cia402 import STATE_BITS, StatusBit
+from hardware.cyclic import Sample, Setpoints
+from hardware.objects import CYCLIC_POSITION
+
+AWAY_SYNCS: Final = 10
+"""So many SYNCs in a row: a target that was just sent, or a frame that came late, is no error."""
+
+_STATE: Final = 0x6F
+_FOLLOWS: Final = STATE_BITS[DriveState.OPERATION_ENABLED] | StatusBit.FOLLOWS_COMMAND
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Astray:
+    """A joint that is `counts` from its target, since the answer to a SYNC."""
+
+    joint: int
+    counts: int
+    sync_count: int
+
+
+class Following:
+    """Looks at every sample.
+
+    Parameters
+    ----------
+    windows_counts
+        By joint: how far from its target it may be; empty: nothing is looked at.
+    """
+
+    def __init__(self, windows_counts: Sequence[float] = ()) -> None:
+        self._windows = tuple(windows_counts)
+        self._away = [0] * len(self._windows)
+
+    def see(self, sample: Sample, commands: Setpoints | None) -> Astray | None:
+        """Take in a sample and the commands that were sent before it; the joint that is astray, if one is."""
+        if commands is None or not sample.complete:
+            return None
+        for at, window in enumerate(self._windows):
+            command, status = commands[at], sample.statuswords[at]
+            follows = (
+                command.mode == CYCLIC_POSITION
+                and status & (_STATE | StatusBit.FOLLOWS_COMMAND) == _FOLLOWS
+            )
+            error = sample.counts[at] - command.target_counts
+            self._away[at] = self._away[at] + 1 if follows and abs(error) > window else 0
+            if self._away[at] >= AWAY_SYNCS:
+                since = sample.sync_count - self._away[at] + 1
+                return Astray(joint=at + 1, counts=error, sync_count=since)
+        return None

@@ -1,0 +1,94 @@
+"""Who watches whom: heartbeats and windows that the nodes are set up with, by SDO. Moves nothing, changes nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from hardware.errors import MappingDiffers
+from hardware.mapping import difference_words, read_number
+from hardware.objects import (
+    FOLLOWING_WINDOW,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER,
+    OPERATOR_NODE,
+)
+from hardware.profile import BusProfile
+from hardware.scale import JointScale
+from hardware.sdo import ObjectAccess
+
+HEARTBEATS = 2.5
+"""Heartbeats of a node that may fail to come before it is called silent."""
+
+LONGEST_WATCH_MS = 10_000
+"""A drive that notices later than this that its operator is gone does not watch."""
+
+FOLLOWING_SHARE, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
+"""On ways without a fault the virtual arms' joints are at most 0.11 deg from their targets; a drive trips at 3 deg."""
+_ANYTHING = 0xFFFFFFFF
+
+
+def patience_s(access: ObjectAccess, profile: BusProfile, least_s: float) -> float:
+    """How long a silence may be: as asked for, and some heartbeats (1017h) of the slowest node.
+
+    Raises
+    ------
+    MappingDiffers
+        A node sends none, or so seldom that its loss would go unnoticed.
+    """
+    found, longest_s = [], 0.0
+    for node in profile.nodes:
+        period_ms = read_number(access, node, HEARTBEAT_PRODUCER, 0)
+        if period_ms is None:  # that it is heard is made sure of
+            continue
+        longest_s = max(longest_s, 1e-3 * period_ms)
+        if not 0 < period_ms <= profile.slowest_heartbeat_ms:
+            expected = f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms"
+            found.append(difference_words(node, HEARTBEAT_PRODUCER, 0, expected, f"{period_ms} ms"))
+    if found:
+        raise MappingDiffers(found)
+    return max(least_s, HEARTBEATS * longest_s)
+
+
+def check_watch(access: ObjectAccess, profile: BusProfile) -> None:
+    """Make sure that drives watch the operator's heartbeat (1016h); one without that object is not asked.
+
+    Raises
+    ------
+    MappingDiffers
+        A drive would go on when the operator is gone.
+    """
+    found = []
+    for node in profile.drives:
+        entries = read_number(access, node, HEARTBEAT_CONSUMER, 0)
+        if entries is None:
+            continue
+        watched = [
+            read_number(access, node, HEARTBEAT_CONSUMER, sub) or 0 for sub in range(1, entries + 1)
+        ]
+        if not any(
+            value >> 16 & 0x7F == OPERATOR_NODE and 0 < value & 0xFFFF <= LONGEST_WATCH_MS
+            for value in watched
+        ):
+            seen = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
+            expected = (
+                f"node {OPERATOR_NODE}'s heartbeat watched, for {LONGEST_WATCH_MS} ms at the most"
+            )
+            found.append(difference_words(node, HEARTBEAT_CONSUMER, None, expected, seen))
+    if found:
+        raise MappingDiffers(found)
+
+
+def following_windows_counts(
+    access: ObjectAccess, profile: BusProfile, scales: Sequence[JointScale]
+) -> tuple[float, ...]:
+    """How far from its target a joint may be before the operator is told: part of what its drive takes (6065h).
+
+    A drive that takes anything, or does not say what, is allowed `FOLLOWING_RAD`.
+    """
+    windows = []
+    for node, scale in zip(profile.drives, scales, strict=True):
+        told = read_number(access, node, FOLLOWING_WINDOW, 0)
+        usual = FOLLOWING_RAD * scale.density
+        windows.append(usual if told in (None, 0, _ANYTHING) else FOLLOWING_SHARE * (told or 0.0))
+    return tuple(windows)

@@ -1,0 +1,70 @@
+"""What is wrong with the virtual arm at present: looked at on every SYNC. Knows no node and no bus."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from hardware.virtual.frame_faults import BadWire
+
+ASTRAY_STEP_COUNTS, ASTRAY_COUNTS = 20, 5556
+"""A control period, and in all: 5 deg of an encoder with 400,000 counts."""
+
+
+@dataclass(slots=True)
+class Disturbances:
+    """What is wrong at present.
+
+    Attributes
+    ----------
+    cut_since_s
+        Nodes whose cable is cut, and since when (the controller's clock).
+    no_heartbeat
+        Nodes that work but send no heartbeat.
+    lost_tpdos
+        How many TPDO1 of a joint will yet be lost.
+    doubled_tpdos
+        Joints that answer every SYNC twice.
+    frozen_counts
+        Joints whose sensor reports this, wherever they are.
+    wire
+        What frames go through; None lets them pass.
+    lost_counts
+        Counts by which a joint's sensor is off, and its drive with it.
+    astray_counts
+        Counts by which a joint's drive is away from where it was told to be; they grow.
+    storming
+        Joints that send emergencies on every SYNC.
+    stalled_sdo, refused_sdo
+        Nodes that do not answer object access, and those that refuse it.
+    off_until_s
+        Until when nothing passes between the bus and any node; None: it does.
+    """
+
+    cut_since_s: dict[int, float] = field(default_factory=dict)
+    no_heartbeat: set[int] = field(default_factory=set)
+    lost_tpdos: dict[int, int] = field(default_factory=dict)
+    doubled_tpdos: set[int] = field(default_factory=set)
+    frozen_counts: dict[int, int] = field(default_factory=dict)
+    lost_counts: dict[int, int] = field(default_factory=dict)
+    astray_counts: dict[int, int] = field(default_factory=dict)
+    storming: set[int] = field(default_factory=set)
+    stalled_sdo: set[int] = field(default_factory=set)
+    refused_sdo: set[int] = field(default_factory=set)
+    off_until_s: float | None = None
+    wire: BadWire | None = None
+
+    def loses_tpdo(self, joint: int) -> bool:
+        """Whether this joint's TPDO1 gets lost now; counts down."""
+        left = self.lost_tpdos.get(joint, 0)
+        if left == 0:
+            return False
+        self.lost_tpdos[joint] = left - 1
+        return True
+
+    def astray(self, joint: int) -> int:
+        """By how many counts a joint's drive is astray in this period; they grow."""
+        counts = self.astray_counts.get(joint)
+        if counts is None:
+            return 0
+        self.astray_counts[joint] = min(counts + ASTRAY_STEP_COUNTS, ASTRAY_COUNTS)
+        return counts

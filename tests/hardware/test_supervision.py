@@ -1,0 +1,82 @@
+"""Who watches whom, as the nodes are set up: what is refused before anything is enabled."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import pytest
+
+from hardware.errors import MappingDiffers
+from hardware.scale import JointScale
+from hardware.sdo import ObjectAccess
+from hardware.supervision import following_windows_counts
+from oracles.profiles import sarcos
+from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.test_canopen_arm import make
+
+OPERATOR = 127
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
+    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.5)
+
+
+def watches(bus: FakeArmBus, node: int, *entries: tuple[int, int]) -> None:
+    """Give a drive its 1016h: nodes and milliseconds."""
+    bus.objects[node, 0x1016, 0] = bytes([len(entries)])
+    for sub, (watched, time_ms) in enumerate(entries, 1):
+        bus.objects[node, 0x1016, sub] = struct.pack("<L", watched << 16 | time_ms)
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        [],
+        [(0, 0)],
+        [(OPERATOR, 0)],
+        [(OPERATOR, 10_001)],
+        [(OPERATOR - 1, 500)],
+        [(5, 500), (OPERATOR, 0)],
+    ],
+)
+def test_a_drive_that_would_go_on_without_its_operator_is_refused(
+    entries: list[tuple[int, int]],
+) -> None:
+    bus = FakeArmBus()
+    watches(bus, 6, *entries)
+    with pytest.raises(MappingDiffers, match="node 6, 1016h: expected node 127's heartbeat"):
+        make(bus).connect()
+    assert not [identifier for identifier, _ in bus.sent if 0x200 < identifier <= 0x207]
+
+
+@pytest.mark.parametrize(
+    "entries", [[(OPERATOR, 1)], [(OPERATOR, 10_000)], [(5, 0), (OPERATOR, 500)]]
+)
+def test_one_entry_for_the_operator_is_enough(entries: list[tuple[int, int]]) -> None:
+    bus = FakeArmBus()
+    watches(bus, 6, *entries)
+    arm = make(bus)
+    arm.connect()
+    arm.close()
+
+
+class Windows(ObjectAccess):
+    """Nodes that answer 6065h with what they are given."""
+
+    def __init__(self, *counts: int) -> None:
+        self._counts = counts
+
+    def read(self, node: int, index: int, subindex: int = 0) -> bytes:
+        assert (index, subindex) == (0x6065, 0)
+        return struct.pack("<L", self._counts[node - 1])
+
+
+def test_a_joint_may_be_a_third_of_its_drives_window_away_and_a_degree_where_there_is_none() -> (
+    None
+):
+    scales = [JointScale(counts_per_rad=sense * 400_000 / (2 * math.pi)) for sense in (1, -1, 1)]
+    windows = following_windows_counts(Windows(3000, 0, 0xFFFFFFFF), sarcos(3), scales)
+    assert windows == pytest.approx([1000.0, 400_000 / 360, 400_000 / 360])

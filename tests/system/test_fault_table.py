@@ -1,0 +1,54 @@
+"""The table of faults: `--fault help` prints all of it, and the program can say what it says that it says."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hardware.virtual.fault_words import FAULTS
+from operator_app.cli import main
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+GAP = "\0"
+"""Stands for a value in a sentence."""
+
+
+def strings_of(*folders: str) -> Iterator[str]:
+    """Every sentence written in these packages, but for the table itself."""
+    for folder in folders:
+        for path in sorted((REPOSITORY / folder).rglob("*.py")):
+            if path.name == "fault_words.py":
+                continue
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.JoinedStr):
+                    yield "".join(
+                        str(part.value) if isinstance(part, ast.Constant) else GAP
+                        for part in node.values
+                    ).lower()
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    yield node.value.lower()
+
+
+def test_every_fault_is_told_by_help_with_what_is_seen_and_what_to_do(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["controller", "--fault", "help"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    for kind, words in FAULTS.items():
+        row = f"{kind} broken {words.broken} you see {words.seen()} do {words.remedy}"
+        assert " ".join(row.split()) in said
+
+
+def test_what_the_table_says_is_what_the_program_can_say() -> None:
+    sentences = list(strings_of("hardware", "operator_app/session", "operator_app/calibration"))
+    for kind, words in FAULTS.items():
+        for part in words.says:
+            pattern = "".join(
+                f"(?:{piece}|{GAP})" if piece.isdigit() else re.escape(piece)
+                for piece in re.split(r"([0-9]+)", part.replace("{joint}", GAP).lower())
+            )
+            assert any(re.search(pattern, text) for text in sentences), (kind, part)

@@ -27,6 +27,7 @@ from operator_app.config.fixture_file import load_fixture, parse_fixture
 from operator_app.config.parameters_file import format_parameters, parse_parameters
 from operator_app.config.poses_file import load_poses, parse_poses
 from operator_app.config.procedure_file import parse_procedure
+from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Resource, resolve
 from operator_app.exit_codes import EXPECTED_ERRORS
 from operator_app.session.folder import read_session
@@ -77,7 +78,7 @@ ARGUMENTS: Mapping[str, tuple[str, ...]] = {
     "plan": ("--poses", "--fixture", "--arm", "--seed", "--joints", "--json"),
     "controller": ("--arm", "--state", "--fault", "--fault-joint", "--fault-sync", "-i", "-c", "--seed"),
     "monitor": ("-i", "-c", "-b"),
-    "probe": ("-i", "-c", "-b", "--json"),
+    "probe": ("-i", "-c", "-b", "--json", "--profile", "--draft"),
 }  # fmt: skip
 NUMBER = re.compile(rb"-?\d+(\.\d+)?([eE][-+]?\d+)?")
 
@@ -185,6 +186,11 @@ def _procedure_of(name: str) -> Callable[[Random, Path], None]:
     return parse
 
 
+def _profile(rng: Random, _: Path) -> None:
+    data = _in_yaml(_packaged("profile", "sarcos").data, rng)
+    parse_profile(data, "profile.yaml", joints=rng.choice((7, None)))
+
+
 def _poses(rng: Random, _: Path) -> None:
     sound = rng.choice((DATA.read_bytes(), FULL))
     parse_poses(bytes_changed(sound, rng), "poses.csv", joint_count=rng.choice((7, None)))
@@ -260,6 +266,7 @@ PARSERS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
     "solution in a journal": (4, _record),
     "arm": (4, _arm),
     "fixture": (4, _fixture),
+    "bus profile": (3, _profile),
     "procedure": (3, _procedure_of("hinge")),
     "procedure with a plan": (3, _procedure_of("hinge_planned")),
     "poses": (3, _poses),

@@ -18,6 +18,7 @@ PACKAGED = [(kind, name) for kind in get_args(Kind) for name in builtin_names(ki
 HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 PROCEDURE = resolve("procedure", "hinge").data.decode()
+PROFILE = resolve("profile", "sarcos").data.decode()
 PARAMETERS = format_parameters(make_document()).decode()
 
 
@@ -62,6 +63,11 @@ BAD = [
     ("arm", SARCOS, "counts_per_rev: 400000", "counts: 400000"),
     ("arm", SARCOS, "range_deg: [-35, 115]", "range_deg: [-35]"),
     ("procedure", PROCEDURE, "upload: ", "upload: maybe "),
+    ("profile", PROFILE, "supervisor: 16", "supervisor: 0"),
+    ("profile", PROFILE, "6064h(32)", "0x6064"),
+    ("profile", PROFILE, "180h + node", "180h + nodes"),
+    ("profile", PROFILE, "compared: [607Dh", "compared: [607D"),
+    ("profile", PROFILE, "pdo: 1", "pdo: 0"),
     ("procedure", PROCEDURE, "poses: ", "poses: -"),
     ("procedure", PROCEDURE, "estimator: ", "estimator: x"),
     ("parameters", PARAMETERS, "estimator: implicit", "estimator: best"),

@@ -1,0 +1,183 @@
+"""Bus profiles: what the packaged one says, and one clear complaint with its place for every mistake."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.arm import JointMode
+from hardware.profile import BusProfile, JointProfile, Pdo
+from operator_app.config.errors import ConfigError
+from operator_app.config.profile_file import format_profile, load_profile, parse_profile
+from operator_app.config.resources import resolve
+from operator_app.session.opening import Choices, begin
+
+GOOD = """\
+schema: sarcal/profile/1
+name: acme
+supervisor: none
+serial_number: ACME-7
+commands:
+  - {pdo: 2, cob_id: 300h + node, map: [607Ah(32), 6040h(16)]}
+  - {pdo: 3, cob_id: 400h + node, map: [6060h(8), 6071h(16), 0005h(8)]}
+answers:
+  - {pdo: 3, cob_id: 380h + node, map: [6077h(16), 6064h(32), 6041h(16)]}
+joints:
+  - {joint: 1, node: 21}
+  - {joint: 2, node: 22, direction: -1, counts_per_rev: 65536, zero_counts: -12, rated_torque_nm: 3.5}
+  - joint: 3
+    node: 33
+    answers:
+      - {pdo: 1, cob_id: 1A1h, map: [6041h(16), 2011h sub 3(16)]}
+      - {pdo: 4, cob_id: 4A1h, map: [6064h(64)]}
+      - {pdo: 5, cob_id: 2A1h, map: [6077h(32)]}
+compared: [60C2h]
+device_type: {value: 00040192h, mask: 0000FFFFh}
+modes: {free: 4}
+heartbeat: {slowest_ms: 2000, silent_after_s: 4}
+sdo_timeout_s: 2.5
+"""
+
+
+def parse(text: str, joints: int | None = 3) -> BusProfile:
+    return parse_profile(text.encode(), "p.yaml", joints=joints)
+
+
+def complaints(text: str, joints: int | None = 3) -> list[str]:
+    with pytest.raises(ConfigError) as refused:
+        parse(text, joints)
+    return [str(problem) for problem in refused.value.problems]
+
+
+def test_everything_is_read() -> None:
+    found = parse(GOOD)
+    assert found.drives == (21, 22, 33)
+    assert (found.supervisor, found.serial_number, found.nodes) == (None, "ACME-7", (21, 22, 33))
+    one, two, three = found.joints
+    assert [pdo.cob_id for pdo in one.commands] == [0x315, 0x415]
+    assert one.answers[0].entries == ((0x6077, 0, 16), (0x6064, 0, 32), (0x6041, 0, 16))
+    assert (two.direction, two.counts_per_rev, two.zero_counts) == (-1, 65536, -12)
+    assert two.rated_torque_nm == 3.5
+    assert [(pdo.number, pdo.cob_id) for pdo in three.answers] == [
+        (1, 0x1A1),
+        (4, 0x4A1),
+        (5, 0x2A1),
+    ]
+    assert three.answers[0].entries[1] == (0x2011, 3, 16)
+    assert found.is_drive(0x12340192)
+    assert not found.is_drive(0x00020191)
+    assert found.mode_codes == {JointMode.POSITION: 8, JointMode.FREE: 4}
+    assert (found.slowest_heartbeat_ms, found.heartbeat_timeout_s) == (2000, 4.0)
+    assert found.sdo_timeout_s == 2.5
+    assert found.compared == {0x60C2}
+
+
+def test_the_packaged_profile_is_that_of_an_arm_of_any_number_of_joints() -> None:
+    for joints in (1, 7, 15):
+        found = load_profile("sarcos", joints=joints)
+        assert found.drives == tuple(range(1, joints + 1))
+    assert len(load_profile("sarcos").joints) == 15
+
+
+MISTAKES = [
+    ("supervisor: none", "supervisor: 22", "serial_number: is what the supervisor says"),
+    ("serial_number: ACME-7\n", "", "serial_number: is missing"),
+    ("6064h(32)", "6064h(24)", "6064h(24) cannot be read or written"),
+    ("6064h(32)", "6064h(320)", "'6064h(320)' is no mapped object"),
+    ("6064h(32)", "6064(32)", "'6064(32)' is no mapped object"),
+    ("[6077h(16), 6064h(32), 6041h(16)]", "[6077h(16), 6064h(32)]", "nothing carries 6041h"),
+    ("607Ah(32), 6040h(16)", "607Ah(16), 6040h(16)", "16 bits of target (607Ah)"),
+    ("6071h(16), 0005h(8)", "60FEh(32)", "60FEh(32) is nothing that this program commands"),
+    ("6071h(16), 0005h(8)", "6071h(4)", "6071h(4) is no whole number of bytes"),
+    ("6071h(16), 0005h(8)", "6071h(64)", "is longer than the 8 bytes of a frame"),
+    ("6071h(16), 0005h(8)", "607Ah(32)", "607Ah is carried 2 times"),
+    ("pdo: 3, cob_id: 400h", "pdo: 2, cob_id: 400h", "PDO 2 is listed twice"),
+    ("300h + node", "380h + node", "395h, for joint 1, is taken by joint 1"),
+    ("300h + node", "600h + node", "615h, for joint 1, is taken by SDO"),
+    ("300h + node", "300h+node", "'300h+node' is no identifier"),
+    ("node: 22", "node: 21", "node 21 is joint 1 and joint 2"),
+    ("node: 22", "node: 127", "joints[joint 2].node: must be at most 126"),
+    ("joint: 2", "joint: 1", "joint 1 is listed twice"),
+    ("joint: 3", "joint: 9", "there is no joint 9; the arm's joints are 1 to 3"),
+    ("direction: -1", "direction: 2", "direction: 2 is not known here"),
+    ("compared: [60C2h]", "compared: [6041h]", "compared[1]: 6041h cannot be compared"),
+    ("free: 4", "free: 8", "modes.free: is the code of position mode as well"),
+    ("value: 00040192h", "value: 0x40192", "'0x40192' is no hexadecimal number"),
+    ("slowest_ms", "slowest_s", "heartbeat.slowest_s: unknown key; did you mean slowest_ms?"),
+    ("answers:\n  - {pdo: 3, cob_id: 380h + node, map: [6077h(16), 6064h(32), 6041h(16)]}\n", "",
+     "answers: joint 1 has none"),
+    ("sarcal/profile/1", "sarcal/profile/2", "version 2 of the profile file"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "words"), MISTAKES)
+def test_one_mistake_gives_one_complaint_with_its_place(old: str, new: str, words: str) -> None:
+    assert old in GOOD
+    told = complaints(GOOD.replace(old, new, 1))
+    assert any(words in line for line in told), told
+    assert all(line.startswith("p.yaml:") for line in told)
+    if "supervisor: 22" not in new:
+        assert len(told) == 1, told
+
+
+def test_a_drive_that_counts_otherwise_needs_an_arm_without_supervisor() -> None:
+    text = GOOD.replace("supervisor: none", "supervisor: 40").replace("serial_number: ACME-7\n", "")
+    (told,) = complaints(text)
+    assert "joints[joint 2]: a supervisor sets home offsets (607Ch)" in told
+
+
+@given(
+    nodes=st.lists(st.integers(1, 126), min_size=1, max_size=15, unique=True),
+    first=st.integers(1, 100),
+    apart=st.booleans(),
+)
+@settings(deadline=None, max_examples=40)
+def test_what_is_written_reads_back_the_same(nodes: list[int], first: int, *, apart: bool) -> None:
+    def joint(k: int, node: int) -> JointProfile:
+        base = 0x100 + first if apart else 0x180 + node
+        return JointProfile(
+            node=node,
+            commands=(
+                Pdo(
+                    number=1,
+                    cob_id=base + 0x100 + (k if apart else 0),
+                    entries=((0x6040, 0, 16), (0x607A, 0, 32), (0x6060, 0, 8)),
+                ),
+            ),
+            answers=(
+                Pdo(
+                    number=2,
+                    cob_id=base + 0x200 + (k if apart else 0),
+                    entries=((0x6041, 0, 16), (0x2000, 7, 16)),
+                ),
+                Pdo(
+                    number=3,
+                    cob_id=base + 0x300 + (k if apart else 0),
+                    entries=((0x6064, 0, 32), (0x6077, 0, 16)),
+                ),
+            ),
+        )
+
+    made = BusProfile(
+        name="made",
+        joints=tuple(joint(k, node) for k, node in enumerate(nodes)),
+        supervisor=None,
+        serial_number="0-1: 2",
+        compared=frozenset({0x607D, 0x60C2}),
+    )
+    assert parse_profile(format_profile(made, comment="x\ny"), "x", joints=len(nodes)) == made
+
+
+def test_a_session_keeps_the_profile_it_began_with(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    own = resolve("profile", "sarcos").data.decode().replace("name: sarcos", "name: own")
+    file.write_text(own)
+    opening = begin("hinge", Choices(profile=str(file)), root=tmp_path)
+    assert opening.procedure.profile == replace(load_profile("sarcos", joints=7), name="own")
+    assert opening.sources["profile"] == own
+    with pytest.raises(ConfigError, match="is neither a built-in bus profile nor a file"):
+        begin("hinge", Choices(profile="sarcoss"), root=tmp_path)

@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import can
@@ -147,6 +148,7 @@ def probe(
     *,
     opener: Callable[[BusSettings], can.BusABC] = open_bus,
     listen_s: float = LISTEN_S,
+    record_to: Path | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Probe:
     """Look who is on a bus, and compare the drives that a profile names with it.
@@ -156,7 +158,7 @@ def probe(
     BusError
         It cannot be opened, or takes no frames.
     """
-    wire = Wire(opener(settings))
+    wire = Wire(opener(settings), record_to=record_to)
     ears = _Ears(wire)
     try:
         ears.listen(listen_s)

@@ -27,7 +27,8 @@ class Wire:
     bus
         Open bus; `close` shuts it down.
     record_to
-        File to record to, in the format its suffix names (``.blf``, ``.asc``, ``.log``, ...).
+        File to record to, in the format its suffix names (``.blf``, ``.asc``, ``.log``, ...). What was
+        recorded before is evidence: beside a file of that name another is begun, ``bus-2.blf``.
 
     Attributes
     ----------
@@ -50,7 +51,7 @@ class Wire:
         self._numbers_channels = record_to is not None and record_to.suffix.lower() == ".blf"
         if record_to is not None:
             try:
-                self._writer = can.Logger(str(record_to))
+                self._writer = can.Logger(str(_unused(record_to)))
             except (OSError, ValueError) as error:
                 raise BusError(
                     f"The bus cannot be recorded to {record_to}: {error}. Choose another file."
@@ -151,3 +152,11 @@ class Wire:
             except (OSError, ValueError, struct.error) as error:
                 self.recording_failure = str(error)
                 self._writer = None
+
+
+def _unused(path: Path) -> Path:
+    """Find a file that is not there yet: of this name, or of the first number beside it that is free."""
+    candidate, k = path, 2
+    while candidate.exists():
+        candidate, k = path.with_name(f"{path.stem}-{k}{path.suffix}"), k + 1
+    return candidate

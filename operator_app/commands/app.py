@@ -7,20 +7,23 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from functools import partial
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, NoReturn
 
 from operator_app.commands.options import (
     bus_options,
     choices_from,
     pose_count,
+    recording,
     scenario_options,
+    session_record_option,
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
 if TYPE_CHECKING:
+    from operator_app.session.opening import Opening, Rig
     from operator_app.session.sessions import Sessions
 
 
@@ -47,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="let the embedded virtual arm run N times faster than real time (default 1)",
     )
     sessions_option(parser)
+    session_record_option(parser)
     bus_options(parser)
     scenario_options(parser)
 
@@ -64,7 +68,14 @@ def execute(args: argparse.Namespace) -> int:
         from operator_app.composition import open_arm
         from operator_app.session.sessions import Sessions
 
-        join = partial(open_arm, pace=Pace.REAL_TIME, speed=args.speed)
+        def join(opening: Opening) -> AbstractContextManager[Rig]:
+            return open_arm(
+                opening,
+                pace=Pace.REAL_TIME,
+                speed=args.speed,
+                record_to=recording(args, opening),
+            )
+
         made.append(Sessions(args.procedure, choices_from(args), root=args.sessions, join=join))
         return made[0]
 

@@ -11,7 +11,9 @@ from operator_app.commands.options import (
     choices_from,
     estimator_options,
     force_option,
+    recording,
     scenario_options,
+    session_record_option,
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
@@ -42,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     force_option(parser)
     estimator_options(parser)
     sessions_option(parser)
+    session_record_option(parser)
     bus_options(parser)
     scenario_options(parser)
 
@@ -97,7 +100,7 @@ def execute(args: argparse.Namespace) -> int:
         data = in_format(what, args.format)
     elif args.upload:
         # In the session: what its arm is given, and why, is in its journal.
-        with unattended(opening) as session:
+        with unattended(opening, record_to=recording(args, opening)) as session:
             connect(session, Listener())
             session.take_control()
             exported = session.export(solution, upload_too=True, forced=forced)

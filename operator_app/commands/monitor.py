@@ -8,9 +8,8 @@ import sys
 import time
 from collections.abc import Iterable
 from datetime import UTC, datetime
-from pathlib import Path
 
-from operator_app.commands.options import bus_options, json_option
+from operator_app.commands.options import bus_options, json_option, record_option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
@@ -22,10 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="how long to watch (default: until Ctrl-C)"
     )
-    parser.add_argument(
-        "--record", type=Path, metavar="FILE", help="record the bus as well (.blf, .asc, .log)"
-    )
     bus_options(parser)
+    record_option(parser)
     json_option(parser)
 
 

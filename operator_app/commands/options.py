@@ -173,6 +173,20 @@ def opening_from(args: argparse.Namespace) -> Opening:
     return replace(opening, procedure=replace(opening.procedure, arm=arm, profile=profile))
 
 
+def session_record_option(parser: argparse.ArgumentParser) -> None:
+    """``--record``: into the session's folder."""
+    parser.add_argument(
+        "--record",
+        action="store_true",
+        help="record the bus to bus.blf in the session folder (bus-2.blf beside an earlier one)",
+    )
+
+
+def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
+    """Where ``--record`` of a session goes."""
+    return opening.folder / "bus.blf" if args.record else None
+
+
 def record_option(parser: argparse.ArgumentParser) -> None:
     """``--record FILE``."""
     parser.add_argument(

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import bus_options, json_option
+from operator_app.commands.options import bus_options, json_option, record_option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write a bus profile of the drives that are found, for --profile",
     )
     bus_options(parser)
+    record_option(parser)
     json_option(parser)
 
 
@@ -54,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
         )
     if args.draft is not None and args.draft.exists():
         raise UsageError(f"--draft: {args.draft} exists: it may hold what you know of the arm")
-    found = probe(settings, load_profile(args.profile or DEFAULT_PROFILE))
+    found = probe(settings, load_profile(args.profile or DEFAULT_PROFILE), record_to=args.record)
     if args.draft is not None:
         return _draft(args, found)
     problems = [problem for node in found.nodes for problem in node.problems]

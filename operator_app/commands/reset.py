@@ -10,6 +10,7 @@ from operator_app.commands.options import (
     bus_options,
     json_option,
     opening_from,
+    record_option,
     scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
@@ -20,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     arm_options(parser)
     bus_options(parser)
+    record_option(parser)
     scenario_options(parser)
     json_option(parser)
 
@@ -32,7 +34,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.wording import drive_words
     from operator_app.signals import ending_signals_interrupt
 
-    with ending_signals_interrupt(), open_arm(opening_from(args)) as rig:
+    with ending_signals_interrupt(), open_arm(opening_from(args), record_to=args.record) as rig:
         if rig.simulated:
             raise UsageError(
                 "the embedded virtual arm begins anew with every program: there is nothing to reset; "

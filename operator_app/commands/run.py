@@ -16,7 +16,9 @@ from operator_app.commands.options import (
     json_option,
     plan_option,
     pose_count,
+    recording,
     scenario_options,
+    session_record_option,
     sessions_option,
     tolerance_option,
 )
@@ -42,9 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-upload", action="store_true", help="write the parameters but do not upload them"
     )
-    parser.add_argument(
-        "--record", action="store_true", help="record the bus to bus.blf in the session folder"
-    )
+    session_record_option(parser)
     force_option(parser)
     homing_option(parser)
     plan_option(parser)
@@ -71,7 +71,7 @@ def execute(args: argparse.Namespace) -> int:
         else begin(args.procedure, choices, root=args.sessions)
     )
     listener = ConsoleListener()
-    record_to = opening.folder / "bus.blf" if args.record else None
+    record_to = recording(args, opening)
     try:
         with (
             unattended(opening, record_to=record_to, cut_short=listener.cut_short) as session,

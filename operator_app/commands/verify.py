@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
@@ -12,7 +13,9 @@ from operator_app.commands.options import (
     homing_option,
     json_option,
     pose_count,
+    recording,
     scenario_options,
+    session_record_option,
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
@@ -59,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     homing_option(parser)
     sessions_option(parser)
+    session_record_option(parser)
     bus_options(parser)
     scenario_options(parser)
     json_option(parser)
@@ -100,7 +104,9 @@ def execute(args: argparse.Namespace) -> int:
         verdict = judge_poses(arm, fixture, poses, fixed_by(solution))
     else:
         count = NEW_POSES if wanted is None else wanted
-        verdict, poses = _on_the_arm(opening, solution, count, homing=args.go_home)
+        verdict, poses = _on_the_arm(
+            opening, solution, count, homing=args.go_home, record_to=recording(args, opening)
+        )
     if args.json:
         say(json.dumps(verification_json(verdict, poses), indent=2, allow_nan=False))
     else:
@@ -135,7 +141,7 @@ def _open_loop(
 
 
 def _on_the_arm(
-    opening: Opening, solution: Solution, count: int, *, homing: bool
+    opening: Opening, solution: Solution, count: int, *, homing: bool, record_to: Path | None
 ) -> tuple[Prediction, PoseSet]:
     """Take `count` poses in the session, elsewhere than it did."""
     from operator_app.composition import unattended
@@ -146,7 +152,7 @@ def _on_the_arm(
 
     if count < 1:
         raise UsageError("--poses: take at least 1")
-    with unattended(opening) as session:
+    with unattended(opening, record_to=record_to) as session:
         connect(session, Listener())
         session.set_modes(drives_of(session))
         if homing:

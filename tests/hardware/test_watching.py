@@ -317,6 +317,20 @@ def test_a_channel_of_any_name_is_recorded(bus: FakeArmBus, tmp_path: Path, suff
         assert sum(frame.arbitration_id == 0x701 for frame in recorded) >= 1
 
 
+def test_connecting_again_leaves_the_recording_before_alone(
+    bus: FakeArmBus, tmp_path: Path
+) -> None:
+    arm = make(bus, record_to=tmp_path / "bus.blf")
+    arm.connect()
+    arm.close()
+    first = (tmp_path / "bus.blf").read_bytes()
+    arm.connect()
+    arm.close()
+    assert (tmp_path / "bus.blf").read_bytes() == first
+    with can.LogReader(tmp_path / "bus-2.blf") as again:
+        assert sum(frame.arbitration_id == 0x701 for frame in again) >= 1
+
+
 @pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])
 def test_an_adapter_without_its_driver_is_one_clear_error(interface: str) -> None:
     with pytest.raises(BusError, match=interface):

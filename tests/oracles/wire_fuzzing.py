@@ -30,6 +30,7 @@ from hardware.virtual.scenarios import scenario
 from operator_app.composition import describe, run_controller
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.opening import Choices
+from oracles.profiles import sarcos
 
 NODES = (*range(1, 8), 16)
 BASES = (0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E4)
@@ -211,6 +212,7 @@ class Target:
         arm = CanopenArm(
             describe(arm_file),
             settings,
+            sarcos(),
             pace=Pace.FAST_FORWARD,
             timing=Timing(
                 heartbeat_timeout_s=5.0,

@@ -251,12 +251,15 @@ def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
 ) -> None:
     bus = ["-i", "loopback", "-c", channel]
     with controller_on(tmp_path, channel):
-        code, out, said = finish(start(tmp_path, "arm-check", *bus, "--through", "look", "--json"))
+        look = ("arm-check", *bus, "--through", "look", "--json", "--record", "look.log")
+        code, out, said = finish(start(tmp_path, *look))
         assert code == 0, (out, said)
         found = json.loads(out)
         assert found["held"]
         assert {f["stage"] for f in found["findings"]} == {"look"}
         assert not [f for f in found["findings"] if f["passed"] is not True]
+        with can.LogReader(tmp_path / "look.log") as recorded:
+            assert {0x080, 0x187, 0x601} <= {frame.arbitration_id for frame in recorded}
         # Nobody answers: nothing is enabled.
         code, out, said = finish(start(tmp_path, "arm-check", *bus))
         assert code == 0, (out, said)

@@ -7,6 +7,26 @@ from typing import NamedTuple
 
 import numpy as np
 
+from operator_app.units.figure import (
+    ANGLE_TOLERANCE,
+    GIVES_ANGLE,
+    GIVES_LENGTH,
+    GREW,
+    LENGTH_TOLERANCE,
+    LINEARITY,
+    LOST_COUNTS,
+    LOST_LSB,
+    MANY_TIMES,
+    OF_FULL_SCALE,
+    OFF_LENGTH,
+    SCATTER,
+    SHIFTED,
+    STEP,
+    STRAY,
+    TARGET,
+    TIMES,
+    TURNED,
+)
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
@@ -64,7 +84,7 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
         case Cause.LENGTH_CHANGED:
             return Words(
                 f"STEP_LENGTH_{subject}",
-                f"{subject} changed by {1e3 * found.b[0]:+.2f} mm {_between(candidate, labels)}",
+                f"{subject} changed by {GREW(float(found.b[0])).with_unit} {_between(candidate, labels)}",
                 f"look for a loose joint or link at {subject}, then take all poses again",
             )
         case Cause.ODD_POSES:
@@ -96,16 +116,17 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
 def larger_in_words(found: Larger, design: Design) -> Words:
     """Say that a source of error is larger than its statement, one of several that are."""
     kind, _, which = found.component.partition("_")
-    size = f"about {found.times:.1f} times what "
+    times = TIMES(found.times).shown
+    size = f"about {times} times what "
     match kind:
         case "fixture":
             stated = design.errors.give_rad if which == "rad" else design.errors.give_m
-            unit = "mrad" if which == "rad" else "mm"
-            gives = f"{1e3 * found.times * (stated or 0.0):.2g} {unit}"
+            kind_of = GIVES_ANGLE if which == "rad" else GIVES_LENGTH
+            gives = kind_of(found.times * (stated or 0.0)).with_unit
             return Words(
                 "FIXTURE_GIVES",
                 f"the fixture {'turns' if which == 'rad' else 'shifts'} by about {gives} anew in every "
-                f"pose, {found.times:.1f} times what its file states",
+                f"pose, {times} times what its file states",
                 "tighten its bolts and look for play; else state its give in the fixture file",
             )
         case "rvdt":
@@ -199,19 +220,19 @@ def shift_in_words(
     sensor = arm.joints[joint - 1].sensor
     counts = ""
     if isinstance(sensor, Encoder | Rvdt):
-        unit = "counts" if isinstance(sensor, Encoder) else "LSB"
-        counts = f" ({step_rad / sensor.resolution_rad:+.0f} {unit})"
+        lost = LOST_COUNTS if isinstance(sensor, Encoder) else LOST_LSB
+        counts = f" ({lost(step_rad / sensor.resolution_rad).with_unit})"
     where = f"between pose {labels[first - 1]} and pose {labels[first]}"
     if abs(step_rad) > RESTARTED_RAD:
         return Words(
             f"STEP_JOINT_{joint}",
-            f"the reading of joint {joint} jumped by {np.rad2deg(step_rad):+.2f} deg{counts} {where}: "
+            f"the reading of joint {joint} jumped by {TARGET(step_rad).with_unit}{counts} {where}: "
             "its node restarted or its sensor came off",
             f"home joint {joint} and take all poses again",
         )
     return Words(
         f"STEP_JOINT_{joint}",
-        f"the reading of joint {joint} shifted by {np.rad2deg(step_rad):+.4f} deg{counts} {where}",
+        f"the reading of joint {joint} shifted by {STEP(step_rad).with_unit}{counts} {where}",
         f"check the coupling and cable of joint {joint}'s sensor (lost counts, a slipped coupling), "
         "home the joint and take all poses again",
     )
@@ -222,10 +243,10 @@ def _reading(joint: int, found: Evidence, arm: ArmModel) -> Words:
     sensor = arm.joints[joint - 1].sensor
     spec = ""
     if isinstance(sensor, Encoder | Rvdt):
-        spec = f", {sd / sensor.sigma_rad:.0f} times its specification"
+        spec = f", {MANY_TIMES(sd / sensor.sigma_rad).shown} times its specification"
     return Words(
         _sensor_code(joint, arm),
-        f"the reading of joint {joint} scatters by {np.rad2deg(sd):.3f} deg{spec}",
+        f"the reading of joint {joint} scatters by {SCATTER(sd).with_unit}{spec}",
         f"check the sensor and cable of joint {joint}, or calibrate with --unsensed {joint}",
     )
 
@@ -237,8 +258,8 @@ def _entry(candidate: Candidate, found: Evidence, scene: Scene) -> Words:
     angle = candidate.cause is Cause.TWIST
     # Fitted columns act against the parameter: w + A dx is what is left.
     off = -float(found.b[0])
-    size = f"{np.rad2deg(off):+.2f} deg" if angle else f"{1e3 * off:+.1f} mm"
-    tolerance = f"{np.rad2deg(stated):.2g} deg" if angle else f"{1e3 * stated:.2g} mm"
+    size = (TARGET if angle else OFF_LENGTH)(off).with_unit
+    tolerance = (ANGLE_TOLERANCE if angle else LENGTH_TOLERANCE)(stated).with_unit
     return Words(
         f"TWIST_{name}" if angle else f"LENGTH_{name}",
         f"{name} is off the arm file by about {size}, where its tolerance is {tolerance}",
@@ -247,36 +268,36 @@ def _entry(candidate: Candidate, found: Evidence, scene: Scene) -> Words:
 
 
 def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> Words:
-    size = np.rad2deg(_rms_along(joint, candidate, found, scene))
+    size = SCATTER(_rms_along(joint, candidate, found, scene)).with_unit
     match candidate.cause:
         case Cause.CURVE:
             sensor = scene.arm.joints[joint - 1].sensor
             share = ""
             peak, sd, from_line = candidate.stray(found.b, found.covariance)
             if isinstance(sensor, Rvdt):
-                peak_share, sd_share = (100.0 * x / sensor.full_scale_rad for x in (peak, sd))
+                of_scale = [OF_FULL_SCALE(x / sensor.full_scale_rad).with_unit for x in (peak, sd)]
                 share = (
-                    f" ({peak_share:.1f} % of full scale, sigma {sd_share:.1f} %, where "
-                    f"{100.0 * sensor.linearity:.2g} % at most is stated)"
+                    f" ({of_scale[0]} of full scale, sigma {of_scale[1]}, where "
+                    f"{LINEARITY(sensor.linearity).with_unit} at most is stated)"
                 )
             return Words(
                 f"RVDT_{joint}",
                 f"the RVDT of joint {joint} strays from its {'best line' if from_line else 'true angle'} "
-                f"by up to {np.rad2deg(peak):.2f} deg{share}",
+                f"by up to {STRAY(peak).with_unit}{share}",
                 f"have the RVDT of joint {joint} replaced or linearised, or calibrate with "
                 f"--unsensed {joint}",
             )
         case Cause.TURN_ERROR:
             return Words(
                 f"ENCODER_{joint}",
-                f"the encoder of joint {joint} errs by {size:.3f} deg rms once or twice a turn, more "
+                f"the encoder of joint {joint} errs by {size} rms once or twice a turn, more "
                 "than its file states",
                 f"check the centring of joint {joint}'s encoder, or state its accuracy_deg",
             )
         case _:
             return Words(
                 f"SAG_JOINT_{joint}",
-                f"joint {joint} twists by {size:.3f} deg rms with the pose, more than its file states",
+                f"joint {joint} twists by {size} rms with the pose, more than its file states",
                 f"look for play or a weak link at joint {joint}, or state its sag_deg",
             )
 
@@ -302,9 +323,9 @@ def _rms_displacement(candidate: Candidate, found: Evidence, scene: Scene) -> tu
 
 def _displacement(size: tuple[float, float]) -> str:
     turn, shift = size
-    words = [f"{1e3 * shift:.1f} mm"]
+    words = [SHIFTED(shift).with_unit]
     if turn > 0.0:
-        words.append(f"{np.rad2deg(turn):.2f} deg")
+        words.append(TURNED(turn).with_unit)
     return " and ".join(words)
 
 

@@ -8,12 +8,18 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
 from fixtures.base import SetupCheck, Severity
 from operator_app.calibration.causes import NamedCause, poses_named
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.units.figure import ANGLE_TOLERANCE
+from operator_app.units.figure import (
+    ANGLE_TOLERANCE,
+    CHI2,
+    CONDITION,
+    ORI_LIMIT,
+    POS_LIMIT,
+    READING,
+    SPAN,
+)
 from solver.chain.arm_model import ArmModel
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
@@ -52,10 +58,9 @@ def range_notices(
 
 def range_text(found: RangeFinding, labels: tuple[str, ...]) -> tuple[str, str]:
     """Say of one joint what its readings have wrong, and what to do."""
-    lower, upper = np.rad2deg((found.lower_rad, found.upper_rad))
     where = poses_named(found.poses, labels)
-    reading = f"joint {found.joint} reads {np.rad2deg(found.reading_rad):.2f} deg in {where}"
-    span = f"{lower:g} to {upper:g} deg"
+    reading = f"joint {found.joint} reads {READING(found.reading_rad).with_unit} in {where}"
+    span = f"{SPAN(found.lower_rad).shown} to {SPAN(found.upper_rad).with_unit}"
     if found.fault is Fault.SATURATED:
         return (
             f"{reading}, the end of its sensor's full scale ({span}): beyond it every angle reads so",
@@ -81,7 +86,7 @@ def noise_notices(chi2: float, dof: int) -> tuple[Notice, ...]:
     return (
         Notice(
             code="CHI2",
-            text=f"chi2/dof at stated noise is {chi2 / dof:.3g} where 1 is the most that is expected: "
+            text=f"chi2/dof at stated noise is {CHI2(chi2 / dof).shown} where 1 is the most that is expected: "
             "something is worse than its file states; the sigmas count in what was found of it, the "
             "causes and the sources of error say what it may be",
         ),
@@ -201,8 +206,8 @@ def condition_notices(seen: Identifiability, limits: AcceptanceLimits) -> tuple[
     return (
         Notice(
             code="CONDITION",
-            text=f"scaled condition number {seen.scaled_condition_number:.0f} is above "
-            f"{limits.scaled_condition_number:.0f} (the weakest direction is "
+            text=f"scaled condition number {CONDITION(seen.scaled_condition_number).shown} is above "
+            f"{CONDITION(limits.scaled_condition_number).shown} (the weakest direction is "
             f"{', '.join(seen.weakest.parameters[:4])}): poses that differ more would give smaller "
             "sigmas",
         ),
@@ -212,21 +217,17 @@ def condition_notices(seen: Identifiability, limits: AcceptanceLimits) -> tuple[
 def reasons_against(estimate: Estimate, limits: AcceptanceLimits) -> tuple[str, ...]:
     """Say which of the procedure's own limits a calibration exceeds; empty when none."""
     reasons = []
-    for symbol, found, limit, unit in (
-        ("sigma_pos", estimate.sigmas.position_m.rms, limits.sigma_pos_m, "mm"),
-        (
-            "sigma_ori",
-            estimate.sigmas.orientation_rad.rms,
-            limits.sigma_ori_rad,
-            "mrad",
-        ),
+    after = estimate.sigmas
+    for symbol, found, limit, kind in (
+        ("sigma_pos", after.position_m.rms, limits.sigma_pos_m, POS_LIMIT),
+        ("sigma_ori", after.orientation_rad.rms, limits.sigma_ori_rad, ORI_LIMIT),
     ):
         if limit is not None and found > limit:
-            reasons.append(f"{symbol} {1e3 * found:.2f} {unit} is above {1e3 * limit:.2f} {unit}")
+            reasons.append(f"{symbol} {kind(found).with_unit} is above {kind(limit).with_unit}")
     ratio, most = estimate.chi2_per_dof, limits.chi2_per_dof
     if ratio is not None and most is not None and ratio > most:
         reasons.append(
-            f"chi2/dof {ratio:.2f} is above {most:.2f}: these readings do not fit the sensors' "
+            f"chi2/dof {CHI2(ratio).shown} is above {CHI2(most).shown}: these readings do not fit the sensors' "
             "and the fixture's specifications; take more poses, look for a pose that was "
             "disturbed, or leave out the joint that the warnings name"
         )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from operator_app.calibration.causes import NamedCause
+from operator_app.units.figure import FAR_ANGLE, FAR_LENGTH, MANY_TIMES
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter, nominal_vector, wrap_angle
 from solver.estimators.estimate import Estimate
@@ -73,14 +74,14 @@ def other_basin(
     own = solve_damped(problem, here, max_iterations=ITERATIONS).cost
     best = _best(hard, problem).cost
     p, change = max(far, key=lambda item: abs(item[1]) / (FAR_RAD if item[0].is_angle else FAR_M))
-    size = f"{np.rad2deg(change):+.0f} deg" if p.is_angle else f"{1e3 * change:+.0f} mm"
+    size = (FAR_ANGLE if p.is_angle else FAR_LENGTH)(change).with_unit
     if best < BETTER * own:
         return (
             NamedCause(
                 code="OTHER_SOLUTION",
                 probability=1.0,
                 text=f"this is a local optimum ({p.name} {size} from nominal): another solution "
-                f"leaves {np.sqrt(own / max(best, 1e-300)):.0f} times less closure error",
+                f"leaves {MANY_TIMES(float(np.sqrt(own / max(best, 1e-300)))).shown} times less closure error",
                 remedy="calibrate with --global-start",
                 refuses=True,
             ),

@@ -19,10 +19,12 @@ from solver.chain.pose_order import back_to_caller
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Rvdt
 from solver.closing import left_null_space
+from solver.estimators.component_report import Component, interval
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import Near
-from solver.estimators.variance_components import Calibrated, VarianceComponents
+from solver.estimators.variance_components import Calibrated
 from solver.judging.identifiability import Identifiability, judge_jacobian
+from solver.judging.quiet_noise import noise_beside_quiet
 from solver.judging.rvdt import RvdtVerdict, rvdt_verdicts, undecided
 from solver.judging.rvdt_noise import SingleNoise, single_noise
 from solver.loops.closure import ClosureModel
@@ -49,7 +51,7 @@ def judge_rvdts(
     }
     if not sensors:
         return ()
-    noise = _noise_of_rvdts(sensors, poses, kept, whole.components)
+    noise = _noise_of_rvdts(sensors, poses, kept, whole)
 
     def none_decided(reason: str) -> tuple[RvdtVerdict, ...]:
         return tuple(undecided(j, s, reason, noise.get(j)) for j, s in sensors.items())
@@ -123,24 +125,36 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
 
 
 def _noise_of_rvdts(
-    sensors: Mapping[int, Rvdt],
-    poses: PoseSet,
-    kept: BoolArray,
-    components: VarianceComponents,
+    sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, whole: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, where anything tells of it."""
-    by_name = {c.name: c for c in components.components}
+    """Noise of single readings, by joint, where anything tells of it: their spread, or else the loops."""
     samples = samples_of(poses)[kept]
+    spread = None if poses.sd_rad is None else poses.sd_rad[kept]
+    untold = [j for j in sensors if spread is None or not spread[samples > 1, j - 1].any()]
+    by_name = _beside_quiet(whole) if untold else {}
     found = {
         j: single_noise(
             sensor,
             by_name.get(f"rvdt_{j}"),
-            None if poses.sd_rad is None else poses.sd_rad[kept, j - 1],
+            None if spread is None else spread[:, j - 1],
             samples,
         )
         for j, sensor in sensors.items()
     }
     return {j: noise for j, noise in found.items() if noise is not None}
+
+
+def _beside_quiet(whole: Calibrated) -> dict[str, Component]:
+    """Components of a fit with fixture and joints as quiet as they were found, by name; of noise only."""
+    v, error = noise_beside_quiet(whole.linear)
+    names = [c.name for c in whole.linear.design.components]
+    found = {}
+    for c in whole.components.components:
+        k = names.index(c.name)
+        sizes = (float(v[k]), *interval(float(v[k]), float(error[k])))
+        sd, low, high = np.sqrt(sizes).tolist()
+        found[c.name] = replace(c, sd=sd, low=low, high=high)
+    return found
 
 
 def _joints_named(joints: tuple[int, ...]) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.noise import noise_model
+from operator_app.units.figure import WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
@@ -34,7 +35,7 @@ def explained(
             return UnidentifiableError(
                 error.directions,
                 code=f"FROZEN_JOINT_{joint}",
-                note=f"yet the loop says that joint {joint} turned through {np.rad2deg(moved):.0f} deg: "
+                note=f"yet the loop says that joint {joint} turned through {WHOLE_DEGREES(moved).with_unit}: "
                 f"its sensor is stuck; check it, or calibrate with --unsensed {joint}",
             )
     return error

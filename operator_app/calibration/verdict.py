@@ -14,6 +14,16 @@ import numpy as np
 
 from operator_app.calibration.causes import NamedCause, in_words
 from operator_app.calibration.repeats import Repeat, Reread
+from operator_app.units.figure import (
+    ANGLE_TOLERANCE,
+    LENGTH_TOLERANCE,
+    MANY_TIMES,
+    POSITION,
+    SHIFTED,
+    SLIP_SIGMA,
+    TIMES,
+    TURNED,
+)
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter
 from solver.estimators.estimate import Estimate
@@ -166,7 +176,7 @@ def _unnamed(trial: Trial) -> Iterable[NamedCause]:
     yield NamedCause(
         code="UNNAMED",
         probability=max(0.0, probability),
-        text=f"the readings scatter {np.sqrt(ratio):.1f} times as much as the files state and no "
+        text=f"the readings scatter {TIMES(float(np.sqrt(ratio))).shown} times as much as the files state and no "
         "single fault explains it",
         remedy="check that arm file, fixture file and poses belong together, and what was done "
         "between the poses; try --global-start",
@@ -265,7 +275,7 @@ def little_motion(
 def _with_unit(value: float, *, angle: bool) -> str:
     if not np.isfinite(value):
         return "unknown"
-    return f"{np.rad2deg(value):.2g} deg" if angle else f"{1e3 * value:.2g} mm"
+    return (ANGLE_TOLERANCE if angle else LENGTH_TOLERANCE)(value).with_unit
 
 
 def paper_test(paper: Estimate, implicit: Estimate) -> tuple[Test, tuple[NamedCause, ...]]:
@@ -288,7 +298,7 @@ def paper_test(paper: Estimate, implicit: Estimate) -> tuple[Test, tuple[NamedCa
             code="PAPER_OFF",
             probability=1.0,
             text=f"{p.name} by the paper's estimator is {_with_unit(apart, angle=p.is_angle)} "
-            f"({z[worst]:.0f} sigmas) from what weighing every reading by its noise gives",
+            f"({MANY_TIMES(float(z[worst])).shown} sigmas) from what weighing every reading by its noise gives",
             remedy="use --estimator implicit",
             refuses=True,
         ),
@@ -335,11 +345,11 @@ def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> NamedCaus
     odds = found.joint_odds * of_joint / (PRIORS[Cause.SLIPPED] + PRIORS[Cause.GIVES])
     share = odds / (1.0 + odds)
     if share < 0.5:
-        turn = f" and {np.rad2deg(found.turned_rad):.2f} deg" if found.turned_rad else ""
+        turn = f" and {TURNED(found.turned_rad).with_unit}" if found.turned_rad else ""
         return NamedCause(
             code="RETURN_FIXTURE",
             probability=1.0 - share,
-            text=f"the fixture moved by about {1e3 * found.shifted_m:.1f} mm{turn} {where}, more than "
+            text=f"the fixture moved by about {SHIFTED(found.shifted_m).with_unit}{turn} {where}, more than "
             "its file states that it gives",
             remedy="tighten its bolts and look for play, then take all poses again; else state its "
             "give in the fixture file",
@@ -351,8 +361,8 @@ def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> NamedCaus
     return NamedCause(
         code=f"RETURN_JOINT_{found.joint}",
         probability=share,
-        text=f"the reading of joint {found.joint} shifted by {np.rad2deg(found.size_rad):+.3f} deg "
-        f"(sigma {np.rad2deg(found.sigma_rad):.3f} deg) {where}",
+        text=f"the reading of joint {found.joint} shifted by {POSITION(found.size_rad).with_unit} "
+        f"(sigma {SLIP_SIGMA(found.sigma_rad).with_unit}) {where}",
         remedy=f"check the coupling and cable of joint {found.joint}'s sensor (lost counts, a slipped "
         "coupling), home the joint and take all poses again",
         refuses=abs(found.size_rad) > IMPACT * sd,

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.units.figure import ANGLE, LENGTH, Figure
 from operator_app.words_out import say
 
 LARGEST = 16 * 1024 * 1024
@@ -63,13 +64,12 @@ def execute(args: argparse.Namespace) -> int:
         (chain.T_flange_tip, f"frame {len(chain.joints)} to the link at the end"),
     ):
         if not np.allclose(T, np.eye(4), atol=1e-9):
-            x, y, z = (1e3 * T[:3, 3]).tolist()
-            turn = float(
-                np.rad2deg(np.arccos(np.clip(0.5 * (np.trace(T[:3, :3]) - 1.0), -1.0, 1.0)))
-            )
+            step = ", ".join(Figure(x, LENGTH, places=3).shown for x in T[:3, 3].tolist())
+            cosine = np.clip(0.5 * (np.trace(T[:3, :3]) - 1.0), -1.0, 1.0)
+            turn = Figure(float(np.arccos(cosine)), ANGLE, places=3).with_unit
             say(
                 f"! From {where} there is a fixed step that D-H rows do not hold: "
-                f"({x:.3f}, {y:.3f}, {z:.3f}) mm and a turn of {turn:.3f} deg."
+                f"({step}) {LENGTH.unit} and a turn of {turn}."
             )
     say("! Sensors, free entries and home pose are assumed: see the top of the file.")
     return ExitCode.ACCEPTED

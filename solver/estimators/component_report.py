@@ -70,11 +70,7 @@ MOST_CERTAIN = 1e6
 
 
 def components(found: MixedFit, design: Design) -> tuple[Component, ...]:
-    """Report noise and curve of every analogue sensor and the fixture's noise.
-
-    The interval is Satterthwaite's: a variance estimate with standard error s is distributed as
-    chi2 with 2 v^2 / s^2 degrees of freedom, exactly so when it stands alone.
-    """
+    """Report noise and curve of every analogue sensor and the fixture's noise."""
     v, out = found.fit.v, []
     stated = design.stated_variances()
     error = standard_errors(
@@ -85,7 +81,7 @@ def components(found: MixedFit, design: Design) -> tuple[Component, ...]:
         if kind not in ("rvdt", "curve", "fixture"):
             continue
         to_sd = rms_per_amplitude() if kind == "curve" else 1.0
-        low, high = _interval(float(v[k]), float(error[k]))
+        low, high = interval(float(v[k]), float(error[k]))
         sizes = np.sqrt([v[k], low, high]) * to_sd
         out.append(
             Component(
@@ -133,7 +129,11 @@ def _errors(information: FloatArray, use: IntArray) -> FloatArray:
     return np.where(own > 0.0, np.sqrt(np.maximum(own, 0.0)), np.inf) / size
 
 
-def _interval(variance: float, error: float) -> tuple[float, float]:
+def interval(variance: float, error: float) -> tuple[float, float]:
+    """95 % interval of a variance with standard error `error`, Satterthwaite's.
+
+    It is distributed as chi2 with 2 v^2 / s^2 degrees of freedom, exactly so when it stands alone.
+    """
     from scipy.special import chdtri
 
     degrees = 2.0 * min(variance / max(error, 1e-300), MOST_CERTAIN) ** 2

@@ -8,11 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver.arrays import FloatArray
+from solver.estimators.component_report import standard_errors
 from solver.estimators.linear_fit import LinearFit
 
 LEAST = 0.2
 """Share of its statement (standard deviation) below which no fixture and no joint is believed to be quiet:
 poses tell no better, and what repeats so well is hardly stated to give five times as much."""
+
+ROUNDS = 6
+"""Scoring steps after which variances of noise have settled to a few per cent of themselves."""
 
 
 def as_quiet_as_found(fit: LinearFit) -> LinearFit:
@@ -35,3 +40,26 @@ def as_quiet_as_found(fit: LinearFit) -> LinearFit:
     for components, share in zip(moving, np.clip(found, LEAST**2, 1.0), strict=True):
         v[components] = np.minimum(v[components], share * stated[components])
     return LinearFit(design, fit.system, v)
+
+
+def noise_beside_quiet(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
+    """Variances (K,) of `fit` and their standard errors, those of noise where nothing is held at its statement.
+
+    Floors keep sigmas honest and take from a sensor's noise what they give to fixture and joints.
+    """
+    design, v = fit.design, fit.v.copy()
+    noise = design.noise_components
+    least = np.array([c.floor for c in design.components])
+    moving = [*design.fixture_components.values()]
+    moving += [] if design.play_component is None else [design.play_component]
+    least[moving] = LEAST**2 * design.stated_variances()[moving]
+    for _ in range(ROUNDS):
+        slope = LinearFit(design, fit.system, v).derivatives
+        information = slope.information[np.ix_(noise, noise)]
+        size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
+        step = np.linalg.lstsq(
+            information / np.outer(size, size), slope.score[noise] / size, rcond=1e-9
+        )[0]
+        v[noise] = np.maximum(v[noise] + step / size, least[noise])
+    information = LinearFit(design, fit.system, v).derivatives.information
+    return v, standard_errors(information, v, least)

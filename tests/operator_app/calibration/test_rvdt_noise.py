@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fixtures.ball import Ball
 from fixtures.measured import Measured
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
@@ -15,8 +16,10 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
 from solver.chain.poses import PoseSet
 from solver.judging.rvdt import Soundness
-from tests.oracles.shop_floor import Session, Sizes, session
+from tests.oracles.shop_floor import Session, Sizes, Specimen, session
+from tests.oracles.shop_floor import taken as taken_at
 from tests.oracles.shop_floor_chain import fixed_part, frames, rotation_about_z
+from tests.oracles.shop_floor_faults import ball_for_hinge
 
 
 def poses_of(taken: Session) -> PoseSet:
@@ -92,3 +95,46 @@ def test_several_placements_tell_the_noise() -> None:
         assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
         assert "solve one placement alone" in verdict.text
     assert len(found) == 2
+
+
+def on_a_ball(seed: int, *, lsb: float, samples: int) -> tuple[Session, Ball]:
+    """Poses of a hand that turns on a ball, and the ball where it is."""
+    angles = ball_for_hinge(seed).taken.angles
+    specimen = Specimen.drawn(seed, Sizes(noise_lsb=lsb))
+    nothing = np.zeros((len(angles), 6))
+    taken = taken_at(specimen, angles, nothing, nothing, samples=samples)
+    chain = specimen.chain
+    tip = np.array([chain.a[7], 0.0, chain.s[7]])
+    T = frames(chain, angles)
+    hand = np.linalg.inv(T[:, 1]) @ T[:, 7] @ rotation_about_z(angles[:, 7])
+    ground = (hand @ np.append(tip, 1.0))[:, :3]
+    assert np.ptp(ground, axis=0).max() < 1e-9
+    give = load_fixture("hinge").fixture.give
+    return taken, Ball(tip_m=tuple(tip), ground_m=tuple(ground[0]), give=give)
+
+
+@pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (2.0, 8), (8.0, 32), (2.0, 1), (8.0, 1)])
+def test_poses_on_a_ball_tell_the_noise(lsb: float, samples: int) -> None:
+    taken, ball = on_a_ball(7003, lsb=lsb, samples=samples)
+    found = calibrate(load_arm("sarcos_dextrous"), ball, poses_of(taken), drop=True).rvdt
+    assert [v.joint for v in found] == [6, 7]
+    for verdict in found:
+        noise = verdict.noise
+        assert noise is not None
+        assert noise.from_spread == (samples > 1)
+        if samples > 1:
+            assert noise.lsb == pytest.approx(lsb, rel=0.1)
+        else:
+            assert noise.low <= lsb <= noise.high
+
+
+def test_one_reading_of_one_lsb_is_found_though_floors_take_part_of_it() -> None:
+    """Fixture and joints are quieter than stated: what their floors claim is the sensor's."""
+    found = [
+        verdict.noise
+        for seed in range(7010, 7016)
+        for verdict in solved(poses_of(session(seed, Sizes(noise_lsb=1.0), samples=1))).rvdt
+    ]
+    assert all(noise is not None and not noise.from_spread for noise in found)
+    lsb = [noise.lsb for noise in found if noise is not None]
+    assert np.sqrt(np.mean(np.square(lsb))) == pytest.approx(1.0, abs=0.15)

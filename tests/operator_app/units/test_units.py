@@ -13,22 +13,24 @@ import operator_app
 from operator_app.units import figure
 from operator_app.units.figure import DATA_AGE, POSITION, READING_SD, SIGMA_ORI, SIGMA_POS, Kind
 
-ROOMS = ("tui", "headless", "commands", "report", "session")
+ROOMS = ("calibration", "tui", "headless", "commands", "report", "session")
 ROOT = Path(operator_app.__file__).parent
 KEYED = {
     ROOT / "session" / "export.py",
     ROOT / "report" / "calibration_data.py",
     ROOT / "report" / "plan_json.py",
+    ROOT / "report" / "exports.py",
+    ROOT / "session" / "importing.py",
 }
 """Documents and JSON: their keys say their units, and are a contract."""
-CONVERSIONS = {"degrees", "rad2deg"}
+CONVERSIONS = {"math.degrees", "np.degrees", "np.rad2deg"}
 
 
 def shows_itself(tree: ast.AST) -> Iterator[str]:
     """Places that turn SI into what people read: a call of degrees, a factor of a thousand."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and node.attr in CONVERSIONS:
-            yield f"line {node.lineno}: {node.attr}"
+        if isinstance(node, ast.Attribute) and ast.unparse(node) in CONVERSIONS:
+            yield f"line {node.lineno}: {ast.unparse(node)}"
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
             sides = [s.value for s in (node.left, node.right) if isinstance(s, ast.Constant)]
             if any(value in (1e3, 1e6) for value in sides):

@@ -17,12 +17,13 @@ import numpy as np
 
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace, Timing
+from hardware.timing import Pace, Timing
 from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.scenarios import scenario
 from operator_app.composition import describe, run_controller
 from operator_app.config.procedure_file import load_procedure
+from operator_app.session.journal import Clock, utc_now
 from operator_app.session.listener import Listener
 from operator_app.session.opening import Choices
 from operator_app.session.state import CapturedPose
@@ -65,10 +66,12 @@ def loop_error(q_rad: np.ndarray) -> float:
     return float(np.abs(hinge @ arm - np.eye(4)).max())
 
 
-def session_with(kind: str, folder: Path, *, joint: int, at_sync: int, poses: int = 6) -> Outcome:
+def session_with(
+    kind: str, folder: Path, *, joint: int, at_sync: int, poses: int = 6, clock: Clock = utc_now
+) -> Outcome:
     """Take poses while `kind` happens to `joint` at a SYNC (0: before anybody connects).
 
-    An empty kind is nothing.
+    An empty kind is nothing; `clock` is the operator's wall clock.
     """
     script: Sequence[ScriptedFault] = ()
     begun_s: list[float] = []
@@ -107,7 +110,7 @@ def session_with(kind: str, folder: Path, *, joint: int, at_sync: int, poses: in
         if kind and not at_sync:
             begin()
             FAULT_KINDS[kind](controller.faults, joint)
-        session = opened(folder, arm, procedure)
+        session = opened(folder, arm, procedure, clock=clock)
         try:
             connect(session, Listener())
             session.require_fixture()

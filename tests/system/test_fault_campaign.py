@@ -7,9 +7,11 @@ with kills: python -m tests.benchmarks.campaign
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +19,17 @@ import pytest
 
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace, Timing
 from hardware.errors import HardwareError
+from hardware.timing import Pace, Timing
 from hardware.virtual.fault_kinds import FAULT_KINDS
 from hardware.virtual.fault_words import FAULTS
 from hardware.virtual.scenarios import scenario
 from operator_app.composition import describe, run_controller
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.procedure_file import load_procedure
+from operator_app.session.journal import read_journal
 from operator_app.session.opening import Choices
+from operator_app.session.state import replay
 from oracles.fault_session import CLOSES, PATIENCE_S, Outcome, loop_error, session_with
 from oracles.parameter_documents import VALUES, make_document
 from oracles.profiles import sarcos
@@ -81,6 +85,24 @@ def test_every_fault_has_its_row() -> None:
 def test_without_a_fault_every_pose_is_right(tmp_path: Path) -> None:
     found = session_with("", tmp_path / "s", joint=4, at_sync=0)
     assert (found.said, len(found.poses), found.wrong) == ("", 6, ())
+
+
+def test_a_wall_clock_that_is_set_back_and_forth_costs_no_pose(tmp_path: Path) -> None:
+    """Poses count in the order in which they were taken; nothing is measured by the wall clock."""
+    told = itertools.cycle([timedelta(0), timedelta(hours=-1), timedelta(days=400), timedelta(0)])
+
+    def clock() -> datetime:
+        return datetime(2026, 3, 29, 2, 30, tzinfo=UTC) + next(told)
+
+    found = session_with("", tmp_path / "s", joint=4, at_sync=0, clock=clock)
+    assert (found.said, found.wrong) == ("", ())
+    assert [pose.number for pose in found.poses] == [1, 2, 3, 4, 5, 6]
+    stamps = [pose.utc for pose in found.poses]
+    assert stamps != sorted(stamps)
+    events = read_journal(tmp_path / "s").events
+    kept = replay((e.name, e.data, e.utc) for e in events).used_poses
+    assert [pose.number for pose in kept] == [1, 2, 3, 4, 5, 6]
+    assert np.array_equal([p.mean_rad for p in kept], [p.mean_rad for p in found.poses])
 
 
 def test_the_oracle_sees_what_a_slip_of_half_a_degree_does(tmp_path: Path) -> None:

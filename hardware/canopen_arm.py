@@ -23,7 +23,6 @@ from hardware.arm import (
 from hardware.buses import BusSettings
 from hardware.cia402 import Wish
 from hardware.connection import BusOpeners, Connection
-from hardware.control_loop import Pace, Timing
 from hardware.description import ArmDescription
 from hardware.drive_facts import DriveFacts, read_drive_facts
 from hardware.errors import (
@@ -42,6 +41,7 @@ from hardware.errors import (
 from hardware.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
 from hardware.profile import BusProfile
 from hardware.stop_line import StopLatch
+from hardware.timing import Pace, Timing
 from hardware.trajectory import ACCELERATION_RAD_PER_S2
 
 MODE_SYNCS: Final = 5

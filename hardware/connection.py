@@ -20,7 +20,7 @@ from hardware.admission import admit
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode
 from hardware.buses import BusSettings, open_bus, open_sender
 from hardware.continuity import ENCODER_COUNTS, RVDT_COUNTS
-from hardware.control_loop import ControlLoop, Pace, Timing
+from hardware.control_loop import ControlLoop
 from hardware.cyclic import Sample, Setpoints, frames_of
 from hardware.description import ArmDescription, EncoderDescription
 from hardware.errors import (
@@ -48,6 +48,7 @@ from hardware.sdo import ObjectAccess
 from hardware.snapshots import build_snapshot
 from hardware.stop_line import StopLine
 from hardware.supervision import check_watch, following_windows_counts, patience_s
+from hardware.timing import Pace, Timing
 from hardware.wire import Wire
 
 LISTEN_S: Final = 0.35

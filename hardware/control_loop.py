@@ -4,9 +4,7 @@ It also receives every frame, so that nothing hops between threads: SDO answers 
 callers that wait for them. What the arm is to do comes as steps (`hardware.tasks.Steps`), one at a
 time.
 
-Two paces. `REAL_TIME`: a SYNC every control period, always. `FAST_FORWARD`: SYNCs only while steps
-are being run, each as soon as all joints have answered the one before; the number of SYNCs then
-depends on nothing but the samples, so a run on a seeded virtual arm is the same every time.
+How fast it goes, and how long anybody is waited for, is `hardware.timing`'s affair.
 
 The next SYNC does not overtake a late answer: a sample is closed when all joints have answered, or
 when their time is up and nothing more has come.
@@ -20,9 +18,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from hardware.alarms import Seen, find_alarm
@@ -36,8 +32,6 @@ from hardware.objects import (
     COB_HEARTBEAT,
     COB_SDO_FROM_SERVER,
     COB_SYNC,
-    CONTROL_PERIOD_S,
-    HEARTBEAT_PERIOD_S,
     OPERATOR_NODE,
     NmtState,
 )
@@ -45,6 +39,7 @@ from hardware.profile import BusProfile
 from hardware.sampling import Sampler, View
 from hardware.stop_line import StopLatch
 from hardware.tasks import Steps, Task, TaskQueue
+from hardware.timing import Pace, Timing
 
 SWITCH_INTERVAL_S = 0.0005
 """Python's default of 5 ms would let a busy thread of this process delay a SYNC by as much."""
@@ -58,13 +53,6 @@ SYNCS_AFTER_STOP = 20
 """In fast forward, so that the drives come to rest and say that they have stopped."""
 
 
-class Pace(Enum):
-    """When the next SYNC goes out."""
-
-    REAL_TIME = "real time"
-    FAST_FORWARD = "fast forward"
-
-
 class Link(Protocol):
     """What the loop needs of a `hardware.wire.Wire`."""
 
@@ -75,42 +63,6 @@ class Link(Protocol):
     def receive(self, timeout_s: float) -> Any:
         """Next frame or None."""
         ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Timing:
-    """Periods and patience of the loop: seconds, `patience` in SYNCs.
-
-    A joint has `answer_timeouts_s` for its answer; in real time the others' next SYNC waits no longer than
-    that for one that does not answer. Simulated time does not pass meanwhile, so that in
-    fast forward a slow machine may take longer. A joint is lost when it missed `patience` SYNCs in
-    a row and has been silent for `lost_after_s`; until then a move waits where it is.
-
-    A node has `sdo_timeout_s` for every answer to an object access.
-
-    `speed` is how many times faster than its own clock a simulated arm runs; a real one knows only 1.
-    """
-
-    period_s: float = CONTROL_PERIOD_S
-    heartbeat_period_s: float = HEARTBEAT_PERIOD_S
-    heartbeat_timeout_s: float = 1.0
-    sdo_timeout_s: float = 1.0
-    answer_timeouts_s: Mapping[Pace, float] = field(
-        default_factory=lambda: {Pace.REAL_TIME: 0.03, Pace.FAST_FORWARD: 0.5}
-    )
-    patience: int = 3
-    lost_after_s: float = 1.0
-    idle_poll_s: float = 0.002
-    speed: float = 1.0
-
-    @property
-    def tick_s(self) -> float:
-        """Wall-clock time between SYNCs."""
-        return self.period_s / self.speed
-
-    def misses(self, pace: Pace) -> int:
-        """SYNCs in a row that a joint may miss before it is lost."""
-        return max(self.patience, round(self.lost_after_s / self.answer_timeouts_s[pace]))
 
 
 def _moves_on(before: Setpoint | None, command: Setpoint) -> bool:
@@ -131,7 +83,7 @@ class ControlLoop:
     profile
         Its nodes and their frames.
     pace
-        See the module.
+        See `hardware.timing`.
     on_sdo
         Called in the loop's thread with identifier and data of every SDO answer; must not wait.
     allow

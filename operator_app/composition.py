@@ -18,7 +18,6 @@ from pathlib import Path
 
 from hardware.buses import BusSettings, bus_settings, open_bus
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace, Timing
 from hardware.description import (
     ArmDescription,
     EncoderDescription,
@@ -27,6 +26,7 @@ from hardware.description import (
 )
 from hardware.objects import HEARTBEAT_TIMEOUT_S
 from hardware.priority import first_in_line
+from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.drawn import Stated

@@ -64,7 +64,7 @@ def execute(args: argparse.Namespace) -> int:
     made: list[Sessions] = []
 
     def make_source() -> Sessions:
-        from hardware.control_loop import Pace
+        from hardware.timing import Pace
         from operator_app.composition import open_arm
         from operator_app.session.sessions import Sessions
 

@@ -23,8 +23,8 @@ import numpy as np
 from hardware.arm import ArmSnapshot
 from hardware.buses import BusSettings, open_bus
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace
 from hardware.errors import Stopped
+from hardware.timing import Pace
 from oracles.profiles import sarcos
 from tests.contracts.test_arm_contract import MODEL, TWO_DRIVEN, controller_on, describe
 

@@ -18,7 +18,6 @@ import pytest
 from hardware.arm import ArmSnapshot, DriveState, JointMode
 from hardware.buses import BusSettings, open_bus
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace
 from hardware.description import (
     ArmDescription,
     EncoderDescription,
@@ -35,6 +34,7 @@ from hardware.errors import (
     TwoDevices,
     UploadRefused,
 )
+from hardware.timing import Pace
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameters import ValidatedParameters

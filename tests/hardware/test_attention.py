@@ -9,9 +9,10 @@ import can
 import pytest
 
 from hardware.attention import LONGEST_LOOK_S, Attention
-from hardware.control_loop import ControlLoop, Pace, Timing
+from hardware.control_loop import ControlLoop
 from hardware.errors import BusError
 from hardware.objects import COB_HEARTBEAT, NmtState
+from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 
 JOINTS = 2

@@ -15,13 +15,13 @@ from hardware.arm import DriveState
 from hardware.bench_check import Finding, Stage, check
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace, Timing
 from hardware.description import (
     ArmDescription,
     EncoderDescription,
     JointDescription,
     RvdtDescription,
 )
+from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from oracles.foreign_arm import Axis, foreign_arm
 from oracles.profiles import sarcos

@@ -21,7 +21,6 @@ from hardware.arm import Arm, ArmSnapshot, DriveState, JointMode
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
 from hardware.connection import BusOpeners
-from hardware.control_loop import Pace, Timing
 from hardware.description import (
     ArmDescription,
     EncoderDescription,
@@ -40,6 +39,7 @@ from hardware.errors import (
     WrongArm,
 )
 from hardware.tasks import Steps, Task
+from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus
 

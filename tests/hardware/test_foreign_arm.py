@@ -14,12 +14,12 @@ import pytest
 from hardware.arm import DriveState, JointMode
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace, Timing
 from hardware.description import ArmDescription, EncoderDescription, JointDescription
 from hardware.drafting import NoDraft, draft
 from hardware.errors import MappingDiffers, UploadRefused, WrongArm
 from hardware.probing import probe
 from hardware.profile import BusProfile
+from hardware.timing import Pace, Timing
 from operator_app.config.profile_file import format_profile, parse_profile
 from oracles.foreign_arm import Axis, ForeignArm, foreign_arm
 from oracles.profiles import sarcos

@@ -13,7 +13,6 @@ import pytest
 from hardware.buses import BusSettings, bus_settings, open_bus
 from hardware.canopen_arm import CanopenArm
 from hardware.connection import BusOpeners
-from hardware.control_loop import Pace, Timing
 from hardware.errors import (
     BusError,
     ControlDenied,
@@ -25,6 +24,7 @@ from hardware.errors import (
     TwoDevices,
 )
 from hardware.node_watch import NodeWatch
+from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.test_canopen_arm import TWO_DRIVEN, capture_for_ever, describe, make

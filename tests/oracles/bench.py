@@ -16,7 +16,7 @@ import numpy as np
 
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace, Timing
+from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.truth import BallTruth
 from operator_app.calibration.solution import Solution

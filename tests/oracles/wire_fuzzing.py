@@ -24,8 +24,8 @@ from hardware.arm import JointMode
 from hardware.buses import BusSettings, open_bus
 from hardware.canopen_arm import CanopenArm
 from hardware.connection import BusOpeners
-from hardware.control_loop import Pace, Timing
 from hardware.errors import HardwareError
+from hardware.timing import Pace, Timing
 from hardware.virtual.scenarios import scenario
 from operator_app.composition import describe, run_controller
 from operator_app.config.procedure_file import load_procedure

@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 
 from textual.pilot import Pilot
 
-from hardware.control_loop import Pace
+from hardware.timing import Pace
 from operator_app.composition import open_arm
 from operator_app.session.opening import Choices
 from operator_app.session.sessions import Sessions

@@ -12,7 +12,7 @@ import pytest
 from hardware.arm import JointMode
 from hardware.buses import BusSettings, open_bus
 from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace, Timing
+from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import scenario

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.control_loop import Pace
+from hardware.timing import Pace
 from operator_app.cli import main
 from operator_app.composition import open_arm, unattended
 from operator_app.session.folder import read_session

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
 
 import numpy as np
 
@@ -91,10 +93,26 @@ def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], 
     There are three times as many as poses wanted, so that unreachable ones can be passed over. The
     result depends on the arguments only: a resumed session finds the same plan.
     """
-    unit = _additive_recurrence(3 * poses, len(box.joints), seed)
-    points = box.lower_rad + unit * (box.upper_rad - box.lower_rad)
+    corners = (box.lower_rad, box.upper_rad, box.centre_rad)
+    lower, upper, centre = (tuple(map(float, found)) for found in corners)
+    return _waypoints(box.joints, lower, upper, centre, poses, seed)
+
+
+@lru_cache(maxsize=4)
+def _waypoints(
+    joints: tuple[int, ...],
+    lower_rad: tuple[float, ...],
+    upper_rad: tuple[float, ...],
+    centre_rad: tuple[float, ...],
+    poses: int,
+    seed: int,
+) -> tuple[Mapping[int, float], ...]:
+    """Make them once: every visit asks for all of them, and there may be thousands."""
+    unit = _additive_recurrence(3 * poses, len(joints), seed)
+    low = np.array(lower_rad)
+    points = low + unit * (np.array(upper_rad) - low)
     order: list[int] = []
-    here = box.centre_rad
+    here = np.array(centre_rad)
     for first in range(0, len(points), BATCH):
         left = list(range(first, min(first + BATCH, len(points))))
         while left:
@@ -103,7 +121,9 @@ def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], 
             order.append(nearest)
             here = points[nearest]
     return tuple(
-        {joint: float(value) for joint, value in zip(box.joints, points[k], strict=True)}
+        MappingProxyType(
+            {joint: float(value) for joint, value in zip(joints, points[k], strict=True)}
+        )
         for k in order
     )
 

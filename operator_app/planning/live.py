@@ -17,6 +17,11 @@ from solver.estimators.paper import estimate_paper
 from solver.judging.identifiability import identifiability
 from solver.loops.closure import ClosureModel, poses_needed
 
+EACH_UP_TO = 100
+"""Poses up to which every one is followed by an estimate."""
+GROWTH = 1.02
+"""From there on one follows when there are so many times more: what it costs grows with their number."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveQuality:
@@ -33,7 +38,7 @@ class LiveQuality:
     scaled_condition_number, weakest
         Of the poses taken; inf and () before there are enough.
     history
-        (poses, scaled condition number) after each pose, oldest first.
+        (poses, scaled condition number) after each estimate, oldest first.
     coverage
         Per joint: lowest and highest captured angle, rad; empty without poses.
     predicted_m
@@ -72,7 +77,11 @@ def live_quality(
         if earlier is not None:
             quality = replace(quality, predicted_m=dict(earlier.predicted_m))
     for count in range(shared + 1, len(numbers) + 1):
-        quality = _with_one_more(arm, model, q_rad[:count], numbers[:count], quality)
+        # Of many at once, as after a resume, the last is what somebody looks at.
+        last_of_many = count == len(numbers) > shared + 1
+        quality = _with_one_more(
+            arm, model, q_rad[:count], numbers[:count], quality, at_once=last_of_many
+        )
     return quality
 
 
@@ -97,6 +106,8 @@ def _with_one_more(
     q: FloatArray,
     numbers: tuple[int, ...],
     before: LiveQuality,
+    *,
+    at_once: bool,
 ) -> LiveQuality:
     number, predicted = numbers[-1], dict(before.predicted_m)
     if before.estimated and number not in predicted:
@@ -108,7 +119,9 @@ def _with_one_more(
         coverage=tuple(zip(q.min(axis=0).tolist(), q.max(axis=0).tolist(), strict=True)),
         predicted_m=predicted,
     )
-    if len(q) < before.needed:
+    estimated = before.history[-1][0] if before.history else 0
+    due = len(q) <= EACH_UP_TO or len(q) >= GROWTH * estimated
+    if len(q) < before.needed or not (due or at_once):
         return quality
     # From the nominal values, not from the last estimate: an early one may be far off.
     estimate = estimate_paper(model, q)

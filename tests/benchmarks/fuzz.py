@@ -1,10 +1,11 @@
-"""Inputs nobody would write through every parser of files: counts, the slowest, the memory; a table.
+"""Inputs nobody would write through every parser and over the wire: counts, the slowest, the memory; a table.
 
     python -m tests.benchmarks.fuzz [--inputs 50000] [--processes 2] [--first 0]
 
 Bars: an answer or an error that `sarcal` says in words, five seconds of the processor and 500 MB at most
 for each. An input that breaks one is named by parser and seed, and is made again by
-``oracles.fuzzing.outcome(parser, seed, folder)``.
+``oracles.fuzzing.outcome(parser, seed, folder)``; one of the wire by all seeds of its batch up to it, for an
+operator that is connected has a past. Ctrl-C prints the table so far.
 """
 
 # ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
@@ -31,12 +32,14 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from oracles.fuzzing import PARSERS, outcome
+from oracles.fuzzing import PARSERS, outcome, over
 
 LIMIT_S = 5.0
 """Of the processor: the machine may be busy with other things."""
 LIMIT_MB = 500.0
-BATCH = 250
+STUCK_S = 300.0
+"""By the clock: who waits for ever uses no processor."""
+BATCH = 100
 
 
 class TooLongError(Exception):
@@ -70,10 +73,13 @@ def batch(kind: str, seeds: range) -> Found:
     warnings.simplefilter("error")
     found = Found(kind)
     signal.signal(signal.SIGPROF, too_long)
+    signal.signal(signal.SIGALRM, too_long)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     with tempfile.TemporaryDirectory() as folder:
         for seed in seeds:
             begun = time.process_time()
             signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
+            signal.setitimer(signal.ITIMER_REAL, STUCK_S)
             try:
                 came = outcome(kind, seed, Path(folder))
             except TooLongError:
@@ -84,12 +90,19 @@ def batch(kind: str, seeds: range) -> Found:
                 found.faults.append(f"{kind}, seed {seed}:\n{traceback.format_exc(limit=-3)}")
             finally:
                 signal.setitimer(signal.ITIMER_PROF, 0.0)
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
             found.counts[came] += 1
             found.slowest_s = max(found.slowest_s, time.process_time() - begun)
+        over()
     found.peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     if found.peak_mb > LIMIT_MB:
         found.faults.append(f"{kind}, seeds {seeds}: {found.peak_mb:.0f} MB")
     return found
+
+
+def one_batch(job: tuple[str, range]) -> Found:
+    """Try a batch."""
+    return batch(*job)
 
 
 def main() -> int:
@@ -109,9 +122,14 @@ def main() -> int:
     totals = {kind: Found(kind) for kind in PARSERS}
     begun = time.monotonic()
     # Other processes now and then, so that what one input takes is not held against the next.
+    # The slow ones first: nobody waits for a last batch of theirs.
+    jobs.sort(key=lambda job: (job[1].start, job[0] != "the wire"))
     with get_context("spawn").Pool(chosen.processes, maxtasksperchild=10) as pool:
-        for found in pool.starmap(batch, jobs, chunksize=1):
-            totals[found.kind].add(found)
+        try:
+            for found in pool.imap_unordered(one_batch, jobs):
+                totals[found.kind].add(found)
+        except KeyboardInterrupt:
+            print("ended before its time:")
     print(
         f"{'parser':26}{'inputs':>8}{'accepted':>10}{'refused':>9}{'faults':>8}{'slowest s':>11}{'MB':>6}"
     )

@@ -230,6 +230,11 @@ def _wire(rng: Random, _: Path) -> None:
     _target.meddle(rng)
 
 
+def over() -> None:
+    """Let go of the operator that is still connected, if one is."""
+    _target.close()
+
+
 def _arguments(rng: Random, folder: Path) -> None:
     """Words that are nearly a command, to the one door that commands have."""
     command = rng.choice((*ENDING, *ENDLESS))
@@ -272,7 +277,7 @@ PARSERS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
     "poses": (3, _poses),
     "parameters": (3, _parameters),
     "arguments": (2, _arguments),
-    "the wire": (12, _wire),
+    "the wire": (10, _wire),
 }
 """What is fuzzed, in these shares."""
 
@@ -287,4 +292,4 @@ def outcome(kind: str, seed: int, folder: Path) -> str:
     return "accepted"
 
 
-__all__ = ["ODD", "PARSERS", "outcome"]
+__all__ = ["ODD", "PARSERS", "outcome", "over"]

@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -70,21 +71,22 @@ def session_under_load(
         try:
             if controller.stderr is None or channel not in controller.stderr.readline():
                 raise RuntimeError("the controller did not begin")
-            with busy_bus(channel, rate=rate, busy=busy) as watched:
+            with (
+                busy_bus(channel, rate=rate, busy=busy) as watched,
+                (folder / "said.txt").open("wb") as output,
+            ):
                 begun, foreign = time.monotonic(), watched.sent
                 operator = subprocess.Popen(
                     [*SARCAL, "run", str(folder / "load.yaml"), *bus],
-                    cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                    text=True,
+                    cwd=folder, env=environment, stdout=output, stderr=subprocess.STDOUT,
                 )  # fmt: skip
                 backlog = 0
                 while operator.poll() is None:
                     backlog = max(backlog, backlog_bytes(channel))
-                    try:
-                        said, _ = operator.communicate(timeout=0.1)
-                    except subprocess.TimeoutExpired:
-                        if time.monotonic() - begun > patience_s:
-                            operator.kill()
+                    with suppress(subprocess.TimeoutExpired):
+                        operator.wait(0.1)
+                    if time.monotonic() - begun > patience_s:
+                        operator.kill()
                 took_s, foreign = time.monotonic() - begun, watched.sent - foreign
         finally:
             controller.kill()
@@ -98,7 +100,7 @@ def session_under_load(
     found = [event.data for event in events if event.name == "pose"]
     return Came(
         code=operator.returncode,
-        said=said,
+        said=(folder / "said.txt").read_text("utf-8", "replace"),
         poses=len(found),
         wrong=tuple(p["number"] for p in found if loop_error(np.array(p["mean_rad"])) > CLOSES),
         backlog_bytes=backlog,

@@ -1,0 +1,64 @@
+"""What a session asks for after each pose does not cost more with every pose there is."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from operator_app.planning.exploration import Box, waypoints
+from operator_app.planning.live import live_quality
+from solver.estimators.paper import estimate_paper
+
+MANY = 150
+
+
+def box() -> Box:
+    return Box(
+        joints=(1, 5),
+        centre_rad=np.array([0.1, -0.4]),
+        lower_rad=np.array([-0.5, -1.2]),
+        upper_rad=np.array([0.8, 0.0]),
+    )
+
+
+def test_the_waypoints_of_a_session_are_made_once() -> None:
+    once = waypoints(box(), poses=1000, seed=3)
+    assert waypoints(box(), poses=1000, seed=3) is once
+    assert waypoints(box(), poses=1000, seed=4) != once
+    assert len(once) == 3000
+    with pytest.raises(TypeError):
+        once[0][1] = 9.0  # type: ignore[index]
+
+
+def test_many_poses_are_estimated_now_and_then_and_the_last_always(reference_data: Path) -> None:
+    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
+    model = fixture.model(arm)
+    few = poses.q_rad
+    q = np.tile(few, (MANY // len(few) + 1, 1))[:MANY]
+    numbers = tuple(range(1, MANY + 1))
+
+    resumed = live_quality(arm, model, q[:125], numbers[:125])
+    assert resumed.history[-1][0] == 125
+    np.testing.assert_array_equal(resumed.x, estimate_paper(model, q[:125]).x)
+    counts = [count for count, _ in resumed.history]
+    # Each of the first hundred, then about every fiftieth part.
+    assert counts[: 101 - resumed.needed] == list(range(resumed.needed, 101))
+    assert all(b <= 1.02 * a + 1.0 for a, b in pairwise(counts))
+    assert len(counts) < 115
+
+    live = resumed
+    for count in range(126, MANY + 1):
+        live = live_quality(arm, model, q[:count], numbers[:count], earlier=live)
+        assert live.numbers == numbers[:count]
+        assert live.history[-1][0] >= count / 1.02 - 1.0
+    assert len(live.history) - len(resumed.history) < 10
+    # A fold of what was seen is of all of them, and every pose was predicted before it counted.
+    np.testing.assert_allclose([low for low, _ in live.coverage], q.min(axis=0))
+    assert set(live.predicted_m) >= set(range(102, MANY + 1))

@@ -28,6 +28,8 @@ for _library in ("can", "canopen"):
     logging.getLogger(_library).addHandler(logging.NullHandler())
 
 DEFAULT_INTERFACE = "virtual"
+_SERIAL = frozenset({"slcan", "serial", "robotell", "seeedstudio"})
+"""Adapters on a serial line: to open one anew, or to close a second handle, closes it for the first as well."""
 _OWN_CHANNEL = frozenset({"virtual", "loopback"})
 _NO_CAN_IN_KERNEL = frozenset({errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT})
 _NOT_ALLOWED = frozenset({errno.EPERM, errno.EACCES})
@@ -141,6 +143,8 @@ def open_sender(settings: BusSettings) -> can.BusABC:
             return _VirtualSender(settings.channel)
         case "loopback":
             return _open(settings, {"send_only": True})
+        case serial if serial in _SERIAL:
+            raise BusError(f"An adapter on a serial line opens once: {settings}.")
         case _:
             # A filter that matches nothing: standard identifiers end at 7FFh.
             nothing = [{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": False}]

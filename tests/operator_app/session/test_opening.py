@@ -13,8 +13,10 @@ import pytest
 from hardware.timing import Pace
 from operator_app.cli import main
 from operator_app.composition import open_arm, unattended
+from operator_app.config.resources import resolve
+from operator_app.errors import SessionError
 from operator_app.session.folder import read_session
-from operator_app.session.opening import Choices, begin
+from operator_app.session.opening import Choices, begin, open_session, resume
 from operator_app.session.sessions import Sessions
 
 CHANNEL = f"test-opening-{os.getpid()}"
@@ -83,3 +85,22 @@ def test_the_patience_for_an_object_is_the_procedures(tmp_path: Path) -> None:
     slow = replace(opening.procedure, bus=replace(opening.procedure.bus, sdo_timeout_s=7.5))
     with open_arm(opening) as usual, open_arm(replace(opening, procedure=slow)) as patient:
         assert (usual.arm._timing.sdo_timeout_s, patient.arm._timing.sdo_timeout_s) == (1.0, 7.5)
+
+
+def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(
+    tmp_path: Path,
+) -> None:
+    own, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
+    packaged = resolve("profile", "sarcos").data.decode()
+    own.write_text(packaged.replace("name: sarcos", "name: own"))
+    other.write_text(packaged.replace("180h + node", "380h + node"))
+    opening = begin("hinge", Choices(profile=str(own)), root=tmp_path)
+    with open_arm(opening) as rig:
+        session = open_session(rig)
+        session.close("done")
+    own.unlink()  # the journal has it
+    again = resume(str(opening.folder), Choices(), root=tmp_path)
+    assert again.procedure.profile == opening.procedure.profile
+    assert again.procedure.profile.name == "own"
+    with pytest.raises(SessionError, match=r"other\.yaml is not that; leave --profile out"):
+        resume(str(opening.folder), Choices(profile=str(other)), root=tmp_path)

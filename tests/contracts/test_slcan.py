@@ -1,0 +1,63 @@
+"""The arm through an adapter on a serial line: connects, moves, stops, and is left as it should be."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from hardware.arm import DriveState
+from hardware.buses import BusSettings, open_bus
+from hardware.canopen_arm import CanopenArm
+from hardware.control_loop import Pace, Timing
+from oracles.profiles import sarcos
+from oracles.slcan_adapter import SlcanAdapter
+from tests.contracts.test_arm_contract import MODEL, TWO_DRIVEN, controller_on, describe
+
+pytest.importorskip("serial", reason="pyserial, which python-can's slcan needs, is not installed")
+
+
+@pytest.fixture(autouse=True)
+def a_shorter_listen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.15)
+
+
+def test_the_arm_is_driven_and_stopped_over_a_serial_line() -> None:
+    inside = BusSettings(channel=f"slcan-{os.getpid()}")
+    bus = open_bus(inside)
+    with controller_on(inside), SlcanAdapter(bus) as adapter:
+        arm = CanopenArm(
+            describe(MODEL),
+            BusSettings(
+                interface="slcan",
+                channel=adapter.port,
+                bitrate=1_000_000,
+                options={"sleep_after_open": 0.0},
+            ),
+            sarcos(),
+            pace=Pace.FAST_FORWARD,
+            timing=Timing(
+                answer_timeouts_s=dict.fromkeys(Pace, 2.0),
+                heartbeat_timeout_s=10.0,
+                lost_after_s=10.0,
+            ),
+        )
+        arm.connect()
+        try:
+            arm.take_control()
+            arm.set_modes(TWO_DRIVEN)
+            start = arm.snapshot().positions_rad
+            assert arm.move({2: start[1] + 0.05}, speed_rad_per_s=0.5).reached
+            assert arm.capture(10).mean_rad[1] == pytest.approx(start[1] + 0.05, abs=5e-3)
+            arm.stop()
+            while arm.snapshot().joints[1].drive is not DriveState.QUICK_STOP_ACTIVE:
+                pass
+            arm.reset_stop()
+            arm.take_control()
+            # Nobody closed the line in between: STOP went by the one handle there is.
+            assert adapter.commands.count("O") <= 2
+            assert adapter.commands[-1] == "O"
+        finally:
+            arm.close()
+        assert "S8" in adapter.commands
+    bus.shutdown()

@@ -102,5 +102,5 @@ def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(
     again = resume(str(opening.folder), Choices(), root=tmp_path)
     assert again.procedure.profile == opening.procedure.profile
     assert again.procedure.profile.name == "own"
-    with pytest.raises(SessionError, match=r"other\.yaml is not that; leave --profile out"):
+    with pytest.raises(SessionError, match=r"other\.yaml is not that\. leave --profile out"):
         resume(str(opening.folder), Choices(profile=str(other)), root=tmp_path)

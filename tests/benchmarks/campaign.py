@@ -36,6 +36,14 @@ KILLS_A_CHAIN = 12
 EMBEDDED_SHARE = 0.2
 
 
+def killed_chain(folder: str, seed: int, kills: int, embedded: bool) -> Deaths:
+    """Run a chain here; what breaks the judge itself is a fault as well."""
+    try:
+        return chain(folder, seed, kills, embedded=embedded)
+    except Exception:  # noqa: BLE001 - what is looked for
+        return Deaths(faults=[f"{folder}:\n{traceback.format_exc(limit=-3)}"])
+
+
 def kills(count: int, processes: int, seed: int) -> list[str]:
     """Run chains until so many kills are done; print what came of them, return the faults."""
     chains = max(1, round(count / KILLS_A_CHAIN))
@@ -47,11 +55,11 @@ def kills(count: int, processes: int, seed: int) -> list[str]:
     ):
         jobs = [
             pool.submit(
-                chain,
+                killed_chain,
                 f"{root}/chain-{seed + k}",
                 seed + k,
                 count * (k + 1) // chains - count * k // chains,
-                embedded=k < embedded,
+                k < embedded,
             )
             for k in range(chains)
         ]

@@ -206,7 +206,7 @@ def busy_bus(channel: str, *, rate: float, busy: int = 0, seed: int = 0) -> Iter
     for process in (watcher, *others):
         process.start()
     try:
-        if not ready.wait(60):
+        if not ready.wait(300):
             raise TimeoutError("the watcher of the bus did not begin")
         yield watched
     finally:

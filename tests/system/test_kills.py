@@ -21,9 +21,8 @@ def test_an_operator_killed_with_its_arm_loses_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("seed", [201, 202])
-def test_operators_and_controllers_killed_on_a_bus_lose_nothing(tmp_path: Path, seed: int) -> None:
-    found = chain(str(tmp_path / "day"), seed, 8, embedded=False)
+def test_operators_and_controllers_killed_on_a_bus_lose_nothing(tmp_path: Path) -> None:
+    found = chain(str(tmp_path / "day"), 201, 8, embedded=False)
     assert found.faults == []
     assert (found.total, found.poses) == (8, found.sessions * 6)
     assert found.sessions

@@ -173,11 +173,15 @@ def _unnamed(trial: Trial) -> Iterable[NamedCause]:
     else:
         ratio = trial.stated_chi2_per_dof
         probability = 1.0 if last is None else last.probability
+    fired = ", ".join(test.code for test in trial.tests if test.fires)
     yield NamedCause(
         code="UNNAMED",
         probability=max(0.0, probability),
-        text=f"the readings scatter {TIMES(float(np.sqrt(ratio))).shown} times as much as the files state and no "
-        "single fault explains it",
+        text=f"the readings scatter {TIMES(float(np.sqrt(ratio))).shown} times as much as the files "
+        "state and no single fault explains it"
+        if ratio > 1.0
+        else f"the readings scatter no more than the files state, but not as they would by chance ({fired}), "
+        "and no single fault explains it",
         remedy="check that arm file, fixture file and poses belong together, and what was done "
         "between the poses; try --global-start",
         refuses=ratio > MOST_BELIEVED,

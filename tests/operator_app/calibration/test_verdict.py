@@ -10,15 +10,20 @@ import numpy as np
 import pytest
 
 from fixtures.base import Tolerance
+from operator_app.calibration.loop import loop_of_poses
+from operator_app.calibration.noise import error_model, soften
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
-from operator_app.calibration.verdict import Verdict
+from operator_app.calibration.verdict import Verdict, causes_of
 from operator_app.calibration.verify import fixed_by, judge_poses
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
 from solver.errors import UnidentifiableError
+from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.ranges import ReadingsOutOfRangeError
+from solver.judging.trial import Test as Trying
+from solver.judging.trial import judge
 from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
 from tests.oracles.shop_floor_faults import CASES, Case
 
@@ -200,3 +205,19 @@ def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_
     assert judgement.stated_chi2_per_dof > 20.0
     assert judgement.causes[0].code == "OUTLIERS"
     assert judgement.verdict is Verdict.NOT_ACCEPTED
+
+
+def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not() -> None:
+    arm, hinge = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    poses = parse_poses(session(SEED).csv().encode(), "poses.csv").poses
+    model, tolerance = soften(loop_of_poses(arm, hinge, poses), arm)
+    errors = error_model(arm, hinge, poses, np.arange(len(poses)), tolerance=tolerance)
+    found = estimate_with_errors(model, poses.q_rad, errors)
+    trial = judge(found.linear, arm, taken=found.order)
+    by_chance = replace(trial, tests=(Trying(code="STEP", statistic=9.0, threshold=8.0),))
+    (cause,) = causes_of(by_chance, found.estimate, ("theta_off_2",), poses.label)
+    assert cause.code == "UNNAMED"
+    assert not cause.refuses
+    assert "no more than the files state" in cause.text
+    assert "(STEP)" in cause.text
+    assert causes_of(trial, found.estimate, ("theta_off_2",), poses.label) == ()

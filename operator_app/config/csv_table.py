@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from operator_app.config.errors import ConfigError, Problem
@@ -29,46 +29,45 @@ class BadCell(Exception):
         super().__init__(text)
 
 
-def read_records(text: str, file: str, *, example: str) -> list[Record]:
-    """Split a file into records, the header first; blank lines are left out.
+def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
+    """Split a file into records, the header first, one by one; blank lines are left out.
 
     Raises
     ------
     ConfigError
         It is empty (`example` says what belongs there), or no CSV with commas.
     """
-    if not text.strip():
+    first = next((line for line in io.StringIO(text, newline=None) if line.strip()), None)
+    if first is None:
         raise only(file, None, None, "is empty", example)
-    first = next(line for line in text.splitlines() if line.strip())
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in first and "," not in first:
             remedy = "save the file with commas between columns and points as decimal marks"
             raise only(file, 1, None, f"the columns are separated by {name}", remedy)
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    records: list[Record] = []
-    start = 1
+    start, empty = 1, True
     try:
         for cells in reader:
             if any(cell.strip() for cell in cells) or len(cells) > 1:
-                records.append((start, cells))
+                empty = False
+                yield start, cells
             start = reader.line_num + 1
     except csv.Error as error:
         remedy = "check the quotes in this line"
         raise only(file, start, None, f"is not CSV: {error}", remedy) from error
-    if not records:
+    if empty:
         raise only(file, None, None, "is empty", example)
-    return records
 
 
-def read_rows(
+def read_columns(
     records: Iterable[Record],
     columns: Mapping[str, Callable[[str], Any]],
     file: str,
     *,
     unique: tuple[str, ...],
     unique_remedy: str,
-) -> list[dict[str, Any]]:
-    """Read every record below the header into a row: values by column name.
+) -> dict[str, list[Any]]:
+    """Read every record below the header: values of each column, by name, in the order of the rows.
 
     Parameters
     ----------
@@ -84,7 +83,7 @@ def read_rows(
         mistake, not a thousand.
     """
     problems: list[Problem] = []
-    rows: list[dict[str, Any]] = []
+    found: dict[str, list[Any]] = {name: [] for name in columns}
     first_line: dict[tuple[Any, ...], int] = {}
     for line, cells in records:
         row = _read_row(line, cells, columns, file, problems)
@@ -95,7 +94,8 @@ def read_rows(
                 text = f"{which} is already in line {first_line[key]}"
                 problems.append(_problem(file, line, columns, unique[-1], text, unique_remedy))
             first_line.setdefault(key, line)
-            rows.append(row)
+            for name, values in found.items():
+                values.append(row[name])
         if len(problems) >= MOST_PROBLEMS:
             text = f"{len(problems)} problems up to here; the rest of the file was not looked at"
             last = len(columns) + 1
@@ -105,7 +105,7 @@ def read_rows(
             )
     if problems:
         raise ConfigError(problems)
-    return rows
+    return found
 
 
 def _read_row(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,8 +21,8 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.csv_table import (
     BadCell,
     number,
+    read_columns,
     read_records,
-    read_rows,
     whole_number,
     write_records,
 )
@@ -84,7 +84,8 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     ConfigError
         With all that is wrong (the first hundred problems of a file that is wrong all over).
     """
-    (line, header), *records = read_records(decode_text(data, file), file, example=EXAMPLE)
+    records = read_records(decode_text(data, file), file, example=EXAMPLE)
+    line, header = next(records)
     names = tuple(cell.strip() for cell in header)
     if not any(map(_known, names)):
         raise only(file, line, None, "this line is no header of a poses file", EXAMPLE)
@@ -94,16 +95,16 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     ]
     if problems:
         raise ConfigError(problems)
-    if not records:
-        raise only(file, None, None, "has a header and no poses", "capture poses first")
-    rows = read_rows(
+    columns = read_columns(
         records,
         {name: _reader(name) for name in names},
         file,
         unique=KEY,
         unique_remedy="give every pose of a placement its own name",
     )
-    poses = _pose_set(names, rows)
+    if not columns["pose"]:
+        raise only(file, None, None, "has a header and no poses", "capture poses first")
+    poses = _pose_set(columns)
     return LoadedPoses(poses=poses, warnings=_warnings(poses))
 
 
@@ -227,31 +228,31 @@ def _quantity(name: str, cell: str) -> float:
     return value
 
 
-def _pose_set(names: tuple[str, ...], rows: list[dict[str, Any]]) -> PoseSet:
-    count = sum(1 for name in names if THETA.fullmatch(name))
+def _pose_set(columns: Mapping[str, list[Any]]) -> PoseSet:
+    count = sum(1 for name in columns if THETA.fullmatch(name))
 
-    def table(columns: Collection[str]) -> FloatArray:
-        return np.array([[row[name] for name in columns] for row in rows], dtype=np.float64)
+    def table(names: Collection[str]) -> FloatArray:
+        return np.column_stack([np.array(columns[name], dtype=np.float64) for name in names])
 
     def angles(kind: str) -> FloatArray:
         return np.deg2rad(table([f"{kind}{j}_deg" for j in range(1, count + 1)]))
 
-    def column(name: str) -> tuple[Any, ...] | None:
-        return tuple(row[name] for row in rows) if name in names else None
+    def texts(name: str) -> tuple[str, ...] | None:
+        return tuple(columns[name]) if name in columns else None
 
-    endpoint = table(POSITION) if POSITION[0] in names else None
-    if endpoint is not None and ROTATION[0] in names:
+    endpoint = table(POSITION) if POSITION[0] in columns else None
+    if endpoint is not None and ROTATION[0] in columns:
         endpoint = np.concatenate((endpoint, np.deg2rad(table(ROTATION))), axis=1)
-    samples = column("samples")
+    samples = columns.get("samples")
     return PoseSet(
-        placement=np.array([row["placement"] for row in rows], dtype=np.int64),
-        label=tuple(row["pose"] for row in rows),
+        placement=np.array(columns["placement"], dtype=np.int64),
+        label=tuple(columns["pose"]),
         q_rad=angles("theta"),
-        sd_rad=angles("sd") if "sd1_deg" in names else None,
+        sd_rad=angles("sd") if "sd1_deg" in columns else None,
         samples=None if samples is None else np.array(samples, dtype=np.int64),
         endpoint=endpoint,
-        utc=column("utc"),
-        notes=column("note"),
+        utc=texts("utc"),
+        notes=texts("note"),
     )
 
 

@@ -117,8 +117,9 @@ class PoseSet:
         columns = [self.q_rad, self.sd_rad, self.endpoint]
         shape = ",".join("-" if c is None else str(c.shape[1]) for c in columns)
         digest.update(f"{shape};{'-' if self.samples is None else 1}\n".encode())
-        for k in sorted(range(len(self)), key=lambda k: self.keys[k]):
-            placement, label = self.keys[k]
+        keys = self.keys
+        for k in sorted(range(len(self)), key=keys.__getitem__):
+            placement, label = keys[k]
             name = label.encode("utf-8", "surrogatepass")
             digest.update(f"{placement} {len(name)} ".encode() + name + b"\n")
             for column in columns:

@@ -164,7 +164,7 @@ class Design(Layout):
         for rows, stated in self.gives:
             F[:, rows] += (self.give_basis.missed[poses] * self.free_give * stated**2)[:, None]
         if self.loaded is not None:
-            F += self.loaded.missed[poses]
+            F += self.loaded.missed(poses)
         return F
 
     def smooth_give_variance(self, v: FloatArray) -> FloatArray:
@@ -175,7 +175,8 @@ class Design(Layout):
         for (rows, _), g in zip(self.gives, groups, strict=False):
             found[6 - self.rows :][rows] += g.variance(v)
         if self.loaded is not None:
-            found[6 - self.rows :] += (self.loaded.columns**2).sum(-1).mean(0)
+            squares = [(self.loaded.columns(here) ** 2).sum((0, 2)) for here in self.parts()]
+            found[6 - self.rows :] += sum(squares) / len(self.q)
         return found
 
     def noise_factors(self, part: Whitened) -> tuple[FloatArray, IntArray]:
@@ -228,7 +229,7 @@ class Design(Layout):
             np.multiply(Ew[..., rows, None], phi[:, None, None, :], out=columns)
             at = end
         if self.loaded is not None:
-            M[..., at:] = Ew @ self.loaded.columns[poses]
+            M[..., at:] = Ew @ self.loaded.columns(poses)
         w = (L_inverse @ system.w[..., None])[..., 0]
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, Bw=Bw, Ew=Ew, S=S, F=F)
 
@@ -248,5 +249,6 @@ class Design(Layout):
             give[:, rows] = self.give_basis.phi @ b[at : at + 3 * k].reshape(3, k).T
             at += 3 * k
         if self.loaded is not None:
-            give += self.loaded.columns @ b[at:]
+            for here in self.parts():
+                give[here] += self.loaded.columns(here) @ b[at:]
         return shift, give

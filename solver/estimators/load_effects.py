@@ -80,8 +80,11 @@ class LoadBasis:
     sag, sag_missed
         (m, n, c) how its twist may deviate from that, and (m, n) variance that the columns leave out: all
         of it for a joint on which gravity has no lever.
-    give, give_missed
-        (m, k, c) displacement along the closure components in units of the stated give, and (m, k).
+    all_give, rows
+        (M, k, c) displacement along the closure components in units of the stated give, and which of them
+        (m,) are of these poses: by far the largest of all, it is shared by every selection of poses.
+    give_missed
+        (m, k) variance that its columns leave out.
     side
         (m, n): expected side, between -1 and 1, to which gravity takes up the play of every joint.
     """
@@ -89,9 +92,19 @@ class LoadBasis:
     sag_expected: FloatArray
     sag: FloatArray
     sag_missed: FloatArray
-    give: FloatArray
+    all_give: FloatArray
+    rows: IntArray
     give_missed: FloatArray
     side: FloatArray
+
+    @property
+    def give(self) -> FloatArray:
+        """Displacement (m, k, c) of these poses."""
+        return self.give_at(slice(None))
+
+    def give_at(self, poses: slice) -> FloatArray:
+        """Displacement (m, k, c) of some of them in a row."""
+        return np.asarray(self.all_give[self.rows[poses]])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
         """Return the same for a selection of poses."""
@@ -99,7 +112,8 @@ class LoadBasis:
             sag_expected=self.sag_expected[poses],
             sag=self.sag[poses],
             sag_missed=self.sag_missed[poses],
-            give=self.give[poses],
+            all_give=self.all_give,
+            rows=self.rows[poses],
             give_missed=self.give_missed[poses],
             side=self.side[poses],
         )
@@ -128,29 +142,35 @@ def load_basis(
     """
     m, k = len(q), model.components
     parts = model.parts()
-    torque = np.zeros((m, model.joint_count, 0))
+    placements = [
+        (
+            np.arange(m)[of_poses],
+            _Part(model=part, x=x[of_part], q=q[of_poses], u=u[of_poses], masses=masses),
+        )
+        for part, of_part, of_poses in parts
+    ]
+    torque = np.empty((m, model.joint_count, placements[0][1].shapes))
+    for here, one in placements:
+        for cut in _cuts(len(here)):
+            torque[here[cut]] = one.torques(cut)
+    expected, sag, left = _sags(torque, sag_columns)
+    side = np.concatenate([_side(torque[cut]) for cut in _cuts(m)])
+    # Of all these the largest, and nothing of it is asked for any more.
+    del torque
     moved = np.zeros((m, k, give_columns * len(parts)))
     missed = np.zeros((m, k))
-    for number, (part, of_part, of_poses) in enumerate(parts):
-        here = np.arange(m)[of_poses]
-        one = _Part(model=part, x=x[of_part], q=q[here], u=u[here], masses=masses)
-        turns = one.torques()
-        if len(parts) == 1:
-            torque = turns
-        else:
-            torque = torque if torque.size else np.zeros((m, *turns.shape[1:]))
-            torque[here] = turns
+    for number, (here, one) in enumerate(placements):
         if max(give) > 0.0:
             ours = slice(number * give_columns, (number + 1) * give_columns)
             moved[here, :, ours], missed[here] = one.gives(give, give_columns)
-    expected, sag, left = _sags(torque, sag_columns)
     return LoadBasis(
         sag_expected=expected,
         sag=sag,
         sag_missed=left,
-        give=moved,
+        all_give=moved,
+        rows=np.arange(m),
         give_missed=missed,
-        side=_side(torque),
+        side=side,
     )
 
 
@@ -221,11 +241,13 @@ class _Part:
         angle = self.q[poses] + rows[DhKind.THETA_OFF]
         return forward(angle, rows[DhKind.S], rows[DhKind.A], rows[DhKind.ALPHA])
 
-    def torques(self) -> FloatArray:
-        """Gravity's torque (m, n, 1 + 4 n + 2): as stated, by uncertain moments, by a tilted base."""
-        return np.concatenate([self._torques(cut) for cut in _cuts(len(self.q))])
+    @property
+    def shapes(self) -> int:
+        """Number s of shapes of a torque."""
+        return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
-    def _torques(self, poses: slice) -> FloatArray:
+    def torques(self, poses: slice) -> FloatArray:
+        """Gravity's torque (m, n, s): as stated, by uncertain moments, by a tilted base."""
         arm, masses = self.arm(poses), self.masses
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
         stated, *tilts = (rates * masses.moments).sum((-1, -2))

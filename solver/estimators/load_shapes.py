@@ -13,6 +13,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.estimators.error_model import ErrorModel
+from solver.estimators.load_effects import LoadBasis
 from solver.estimators.pose_basis import PoseBasis
 
 FREE = 0.15
@@ -24,10 +25,10 @@ BY_APPROACH = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shapes:
-    """Shapes (m, d, c) along d joints or closure components, and the variance they leave (m, d).
+    """Shapes (m, d, c) along d joints, and the variance they leave (m, d).
 
     `expected` (m, d) is what is known of it beforehand, from which the shapes deviate. In units of what
-    is stated of each joint; of a fixture's give in rad and m.
+    is stated of each joint.
     """
 
     columns: FloatArray
@@ -76,15 +77,33 @@ def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes
     )
 
 
-def loaded_give(errors: ErrorModel, sizes: FloatArray) -> Shapes | None:
-    """Displacement of a fixture of stated give `sizes` (k,), rad and m, but for what is `FREE`.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LoadedGive:
+    """What a fixture of stated give `sizes` (k,), rad and m, yields under load, but for what is `FREE`.
 
-    None where loads are not known, or pull at nothing, or nothing is stated to give.
+    Its shapes are the largest of all and never stand side by side scaled: some poses at a time.
     """
-    if errors.loads is None or not sizes.any() or not errors.loads.give.any():
+
+    loads: LoadBasis
+    sizes: FloatArray
+
+    @property
+    def width(self) -> int:
+        """Number c of shapes."""
+        return int(self.loads.all_give.shape[-1])
+
+    def columns(self, poses: slice) -> FloatArray:
+        """Shapes (m, k, c) along the closure components."""
+        scale = np.sqrt(1.0 - FREE) * self.sizes
+        return np.asarray(scale[:, None] * self.loads.give_at(poses))
+
+    def missed(self, poses: slice) -> FloatArray:
+        """Variance (m, k) that they leave."""
+        return np.asarray((1.0 - FREE) * self.sizes**2 * self.loads.give_missed[poses])
+
+
+def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedGive | None:
+    """None where loads are not known, or pull at nothing, or nothing is stated to give."""
+    if errors.loads is None or not sizes.any() or not errors.loads.all_give.any():
         return None
-    return Shapes(
-        columns=np.sqrt(1.0 - FREE) * sizes[:, None] * errors.loads.give,
-        missed=(1.0 - FREE) * sizes**2 * errors.loads.give_missed,
-        expected=np.zeros_like(errors.loads.give_missed),
-    )
+    return LoadedGive(loads=errors.loads, sizes=sizes)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -99,6 +99,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
         records,
         {name: _reader(name) for name in names},
         file,
+        packed=[name for name in names if name not in (*KEY, *OPTIONAL)],
         unique=KEY,
         unique_remedy="give every pose of a placement its own name",
     )
@@ -228,7 +229,7 @@ def _quantity(name: str, cell: str) -> float:
     return value
 
 
-def _pose_set(columns: Mapping[str, list[Any]]) -> PoseSet:
+def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
     count = sum(1 for name in columns if THETA.fullmatch(name))
 
     def table(names: Collection[str]) -> FloatArray:

@@ -281,7 +281,7 @@ def _solve(
         root = np.sqrt(prior.precision)
         blocks.append((root * (x - prior.mean), np.diag(root)))
     triangle = triangle_of(blocks)
-    step = triangle.step()
+    step, _ = triangle.step()
     left = w + A @ step
     multipliers = (np.swapaxes(whiten, -1, -2) @ left[..., None])[..., 0]
     return step, multipliers, (left * left).sum(-1), triangle

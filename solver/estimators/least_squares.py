@@ -19,6 +19,9 @@ from solver.arrays import FloatArray
 UNSEEN = 1e-12
 """A scaled singular value below this share of the largest belongs to no direction that is seen."""
 
+WELL_SEEN = 1e-6
+"""Where the reciprocal condition of the scaled triangle is above this, all directions are seen."""
+
 LAST_SHARE = 1e-12
 """A step that would lower the cost by less than this share of it is the last. It is taken unseen: of the
 parameters' standard deviations it is a hundred thousandth, and what is left after it a fraction of that."""
@@ -55,15 +58,33 @@ class Triangle:
         """Half the sum of squared residuals."""
         return 0.5 * (float(self.b @ self.b) + self.rest)
 
-    def step(self) -> FloatArray:
-        """The undamped step (P,), none along directions the equations do not see; nan if they are."""
-        if not np.isfinite(self.T).all():
-            return np.full(len(self.b), np.nan)
-        scale, U, s, Vt = self.scaled()
-        seen = s > UNSEEN * s[0]
-        return -(Vt.T @ (np.where(seen, U.T @ self.b, 0.0) / np.where(seen, s, 1.0))) / scale
+    def step(self, damping: float = 0.0) -> tuple[FloatArray, float]:
+        """Step (P,) with so much damping, and by how much it is to lower the cost.
 
-    def scaled(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        None along directions the equations do not see; nan if they are.
+        """
+        if not np.isfinite(self.T).all():
+            return np.full(len(self.b), np.nan), np.nan
+        if damping == 0.0 and (plain := self._well_seen()) is not None:
+            return plain, 0.5 * float(self.b @ self.b)
+        scale, U, s, Vt = self._scaled()
+        seen = s > UNSEEN * s[0]
+        gain = np.where(seen, s / np.where(seen, s**2 + damping, 1.0), 0.0)
+        beta = U.T @ self.b
+        lower = 0.5 * float(((gain * s * (2.0 - gain * s)) * beta**2).sum())
+        return -(Vt.T @ (gain * beta)) / scale, lower
+
+    def _well_seen(self) -> FloatArray | None:
+        """The undamped step straight from the triangle, None where some directions may not be seen."""
+        from scipy.linalg import lapack
+
+        condition, _ = lapack.dtrcon(self.T / column_scale(self.T))
+        if not condition > WELL_SEEN:
+            return None
+        step, _ = lapack.dtrtrs(self.T, self.b)
+        return np.asarray(-step)
+
+    def _scaled(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Column scale of J, and U, s, V' of the triangle with unit columns."""
         scale = column_scale(self.T)
         U, s, Vt = np.linalg.svd(self.T / scale)
@@ -149,16 +170,10 @@ def solve_damped(
         return Fit(x=x, cost=here.cost, iterations=iteration, converged=converged, triangle=here)
 
     while iteration < max_iterations:
-        scale, U, s, Vt = here.scaled()
-        # Directions the equations do not see get no step at all, rather than a huge one.
-        seen = s > UNSEEN * s[0]
-        beta = U.T @ here.b
         while True:
-            gain = np.where(seen, s / np.where(seen, s**2 + damping, 1.0), 0.0)
-            step = -(Vt.T @ (gain * beta)) / scale
+            step, predicted = here.step(damping)
             largest = float(np.max(np.abs(step), initial=0.0))
             # At the floor of rounding no step can be seen to descend any more; that is the minimum.
-            predicted = 0.5 * float(((gain * s * (2.0 - gain * s)) * beta**2).sum())
             if predicted <= LAST_SHARE * here.cost + 1e-300:
                 if damping == 0.0:
                     x, iteration = x + step, iteration + 1

@@ -6,6 +6,7 @@ For whoever has a log and no poses file. Numbers stand between commas or white s
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -156,7 +157,7 @@ def _angles(body: list[_Row], where: tuple[int, ...], file: str, *, radians: boo
         for j, column in enumerate(where):
             try:
                 value = found[k, j] = number(row.cells[column])
-                if doubt := angle_doubt(float(np.rad2deg(value)) if radians else value):
+                if doubt := angle_doubt(math.degrees(value) if radians else value):
                     raise BadCell(
                         doubt, "degrees where --rad says radians?" if radians else "degrees"
                     )

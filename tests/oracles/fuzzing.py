@@ -24,11 +24,13 @@ from operator_app.calibration.solve import calibrate
 from operator_app.cli import COMMANDS, main
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.fixture_file import load_fixture, parse_fixture
+from operator_app.config.joint_log import load_joint_log
 from operator_app.config.parameters_file import format_parameters, parse_parameters
 from operator_app.config.poses_file import load_poses, parse_poses
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Resource, resolve
+from operator_app.config.urdf import format_urdf, parse_urdf
 from operator_app.exit_codes import EXPECTED_ERRORS
 from operator_app.session.folder import read_session
 from operator_app.session.journal import JOURNAL_NAME
@@ -61,10 +63,10 @@ ODD_WORDS = (
     "~nosuchuser/x", "/dev/null", "/dev/full", "/proc/self/mem", ".", "..", "/", "\udcff", "x\x00y", "6,7",
     "1,,2", "latest", "hinge", "sarcos_dextrous", "no.csv", "--json", "-c", "{}", "%s", "virtual", "vcan0",
 )  # fmt: skip
-ENDING = ("solve", "verify", "export", "report", "compare", "session", "reset")
+ENDING = ("solve", "verify", "export", "report", "compare", "session", "reset", "import", "new")
 """Commands that end by themselves whatever they are given; `ENDLESS` ones are given one word too many."""
 ENDLESS = ("run", "plan", "controller", "monitor", "probe")
-TAKES_SESSIONS = ("export", "report", "compare", "run", "session")
+TAKES_SESSIONS = ("export", "report", "compare", "run", "session", "import")
 ARGUMENTS: Mapping[str, tuple[str, ...]] = {
     "solve": (str(DATA), "--arm", "--fixture", "--estimator", "paper", "--unsensed", "--global-start",
               "--length-tolerance", "--json"),
@@ -73,6 +75,8 @@ ARGUMENTS: Mapping[str, tuple[str, ...]] = {
     "report": ("--output", "--json", "-o"),
     "compare": ("--json", "--remounted"),
     "session": ("list", "show", "repair", "--json"),
+    "import": (str(DATA), "--rad", "--deg", "--columns", "1-7", "--arm", "--fixture", "--serial", "--json"),
+    "new": ("arm", "--urdf", "--tip", "--name", str(DATA)),
     "reset": ("--json", "-i", "-b", "--scenario"),
     "run": ("--poses", "--resume", "--force", "--plan", "--estimator", "--unsensed", "-i", "-b", "--seed"),
     "plan": ("--poses", "--fixture", "--arm", "--seed", "--joints", "--json"),
@@ -196,6 +200,31 @@ def _poses(rng: Random, _: Path) -> None:
     parse_poses(bytes_changed(sound, rng), "poses.csv", joint_count=rng.choice((7, None)))
 
 
+LOGS = (
+    b"0.1,0.2,0.3\n" * 6,
+    b"# t\nt q1 q2 q3\n1 2 3 4\n",
+    b"theta1_deg,theta2_deg,theta3_deg,placement,pose\n1,2,3,1,1\n",
+)
+COLUMNS = ("", "", "1-3", "2-4", "q1,q2,q3", "x", ",", "1-9999", "0", "3,2,1")
+
+
+def _joint_log(rng: Random, folder: Path) -> None:
+    file = folder / "log.csv"
+    file.write_bytes(bytes_changed(rng.choice(LOGS), rng))
+    unit = rng.choice(("rad", "deg", None))
+    load_joint_log(file, joint_count=3, unit=unit, columns=rng.choice(COLUMNS))  # type: ignore[arg-type]
+
+
+@cache
+def _urdf_file() -> bytes:
+    arm = load_arm("franka_panda")
+    return format_urdf(arm, arm.table)
+
+
+def _urdf(rng: Random, _: Path) -> None:
+    parse_urdf(bytes_changed(_urdf_file(), rng), "arm.urdf", tip=rng.choice(("", "", "link_3")))
+
+
 @cache
 def _parameters_file() -> bytes:
     return format_parameters(make_document())
@@ -276,6 +305,8 @@ PARSERS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
     "procedure with a plan": (3, _procedure_of("hinge_planned")),
     "poses": (3, _poses),
     "parameters": (3, _parameters),
+    "joint log": (3, _joint_log),
+    "urdf": (3, _urdf),
     "arguments": (2, _arguments),
     "the wire": (10, _wire),
 }

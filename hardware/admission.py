@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from hardware.arm import DriveState, JointMode
-from hardware.cia402 import CONTROLWORD_ENABLE_OPERATION
+from hardware.cia402 import Command, command_of
 from hardware.cyclic import Sample, Setpoint, Setpoints
 from hardware.errors import CommandRefused, Stopped
 from hardware.limits import (
@@ -50,7 +50,7 @@ def admit(
         last = None if before is None else before[joint]
         if command.mode != CYCLIC_POSITION or command == last:
             continue
-        if command.controlword != CONTROLWORD_ENABLE_OPERATION:
+        if command_of(command.controlword) is not Command.ENABLE_OPERATION:
             continue  # no drive moves by any other
         refusal = _refusal(
             limit,

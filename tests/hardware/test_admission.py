@@ -6,11 +6,12 @@ from typing import Any
 
 import pytest
 
-from hardware.admission import admit, admit_modes
+from hardware.admission import admit, admit_modes, admit_move
 from hardware.arm import JointMode
 from hardware.cyclic import Sample, Setpoint
 from hardware.errors import CommandRefused, Stopped
 from hardware.limits import JointLimits
+from hardware.scale import JointScale
 
 LIMITS = (
     JointLimits(
@@ -106,3 +107,122 @@ def test_modes_need_every_drive_enabled() -> None:
     )
     with pytest.raises(CommandRefused, match=r"joint 2: the drive is in fault"):
         admit_modes(sample)
+
+
+def test_whatever_enables_a_drive_is_looked_at() -> None:
+    for word in (0x001F, 0x010F, 0x800F):
+        with pytest.raises(CommandRefused, match="step"):
+            try_to_send(Setpoint(GO, 100, CSP), Setpoint(word, 9999, CSP))
+
+
+def test_a_target_given_before_may_be_given_again_wherever_it_is() -> None:
+    try_to_send(Setpoint(0x07, 600, CSP), Setpoint(GO, int("600"), CSP), measured=600)
+
+
+def test_a_drive_that_has_not_switched_yet_may_be_given_what_is_near_it() -> None:
+    try_to_send(Setpoint(GO, 0, CSP), Setpoint(GO, 129, CSP), measured=127, mode=JointMode.FREE)
+    try_to_send(Setpoint(GO, 0, CST), Setpoint(GO, 610, CSP), measured=600, mode=JointMode.FREE)
+
+
+def test_a_target_of_another_mode_is_no_excuse() -> None:
+    with pytest.raises(CommandRefused, match="step"):
+        try_to_send(Setpoint(GO, 300, 1), Setpoint(GO, 300, CSP), measured=100)
+
+
+TWO = (
+    *LIMITS,
+    JointLimits(
+        joint=2, lower_counts=-50, upper_counts=50, max_speed_rad_per_s=2.0, max_step_counts=10
+    ),
+)
+SCALES = (JointScale(counts_per_rad=100.0), JointScale(counts_per_rad=1000.0))
+BOTH = (JointMode.POSITION, JointMode.POSITION)
+
+
+def sample_of(*statuses: int) -> Sample:
+    zeros = (0,) * len(statuses)
+    return Sample(sync_count=1, statuswords=statuses, counts=zeros, torques_per_mille=zeros)
+
+
+@pytest.mark.parametrize("harmless", [Setpoint(OFF, 0, CSP), Setpoint(GO, 0, CST)])
+def test_every_joint_is_looked_at(harmless: Setpoint) -> None:
+    with pytest.raises(CommandRefused, match="joint 2"):
+        admit(
+            TWO,
+            BOTH,
+            in_control=True,
+            stopped=False,
+            sample=sample_of(ENABLED, ENABLED),
+            before=(Setpoint(GO, 0, CSP), Setpoint(GO, 0, CSP)),
+            commands=(harmless, Setpoint(GO, 40, CSP)),
+        )
+    with pytest.raises(ValueError, match="argument"):
+        admit(
+            TWO,
+            BOTH,
+            in_control=True,
+            stopped=False,
+            sample=sample_of(ENABLED, ENABLED),
+            before=None,
+            commands=(harmless,),
+        )
+
+
+def try_to_move(
+    targets_rad: dict[int, float],
+    *,
+    speed: float = 1.0,
+    statuses: tuple[int, int] = (ENABLED, ENABLED),
+    modes: tuple[JointMode | None, JointMode | None] = BOTH,
+    in_control: bool = True,
+) -> None:
+    admit_move(
+        TWO,
+        SCALES,
+        modes,
+        targets_rad,
+        speed_rad_per_s=speed,
+        in_control=in_control,
+        sample=sample_of(*statuses),
+    )
+
+
+def test_a_move_inside_all_limits_begins() -> None:
+    try_to_move({})
+    try_to_move({1: 5.0})
+    try_to_move({2: -0.05})
+    try_to_move({1: -5.0, 2: 0.05})
+    try_to_move({1: 1.0}, statuses=(ENABLED, 0x0218), modes=(JointMode.POSITION, None))
+    try_to_move({2: 0.01}, speed=2.0, statuses=(0x0218, ENABLED), modes=(None, JointMode.POSITION))
+
+
+@pytest.mark.parametrize(
+    ("targets_rad", "situation", "words"),
+    [
+        ({1: 5.02}, {}, "joint 1: .*outside"),
+        ({1: 0.0, 2: 0.052}, {}, "joint 2: .*outside"),
+        ({1: 0.0, 2: 0.0}, {"speed": 1.1}, "joint 1: .*rad/s"),
+        ({2: 0.0}, {"in_control": False}, "in control"),
+        ({1: 0.0}, {"statuses": (0x0218, ENABLED)}, "joint 1: the drive is in fault"),
+        ({1: 0.0, 2: 0.0}, {"statuses": (ENABLED, 0x0218)}, "joint 2: the drive is in fault"),
+        ({2: 0.0}, {"modes": (JointMode.POSITION, JointMode.FREE)}, "joint 2: .*free mode"),
+    ],
+)
+def test_a_move_that_may_not_begin(
+    targets_rad: dict[int, float], situation: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(CommandRefused, match=words):
+        try_to_move(targets_rad, **situation)
+
+
+@pytest.mark.parametrize("joint", [-1, 0, 3])
+def test_a_move_of_a_joint_that_is_not_there(joint: int) -> None:
+    with pytest.raises(ValueError, match=f"no joint {joint}"):
+        try_to_move({joint: 0.0})
+
+
+def test_what_decides_is_named() -> None:
+    with pytest.raises(TypeError, match="positional"):
+        admit(TWO, BOTH, True, False, sample_of(ENABLED, ENABLED), None, ())  # type: ignore[misc]
+    with pytest.raises(TypeError, match="positional"):
+        admit_move(TWO, SCALES, BOTH, {}, 1.0, True, sample_of(ENABLED, ENABLED))  # type: ignore[misc]

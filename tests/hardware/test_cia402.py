@@ -15,6 +15,8 @@ from hardware.cia402 import (
     CONTROLWORD_QUICK_STOP,
     CONTROLWORD_SHUTDOWN,
     CONTROLWORD_SWITCH_ON,
+    POWERED,
+    ControlBit,
     Event,
     StatusBit,
     Wish,
@@ -64,6 +66,63 @@ TABLE = {
     S.FAULT_REACTION_ACTIVE: {},
     S.FAULT: {RESET: S.SWITCH_ON_DISABLED},
 }
+
+
+def test_bits_and_commands_are_where_the_standard_has_them() -> None:
+    assert {bit.name: int(bit) for bit in ControlBit} == {
+        "SWITCH_ON": 0x0001,
+        "ENABLE_VOLTAGE": 0x0002,
+        "NO_QUICK_STOP": 0x0004,
+        "ENABLE_OPERATION": 0x0008,
+        "FAULT_RESET": 0x0080,
+    }
+    assert {bit.name: int(bit) for bit in StatusBit} == {
+        "VOLTAGE_ENABLED": 0x0010,
+        "WARNING": 0x0080,
+        "REMOTE": 0x0200,
+        "INTERNAL_LIMIT": 0x0800,
+        "FOLLOWS_COMMAND": 0x1000,
+        "FOLLOWING_ERROR": 0x2000,
+    }
+    assert (DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET) == (0x00, 0x02, 0x06, 0x07, 0x0F, 0x80)
+    assert frozenset({S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE}) == POWERED
+
+
+@pytest.mark.parametrize("state", S)
+def test_where_each_wish_is_reached(state: DriveState) -> None:
+    assert [wish for wish in Wish if reached(state, wish)] == {
+        S.NOT_READY_TO_SWITCH_ON: [Wish.STOPPED],
+        S.SWITCH_ON_DISABLED: [Wish.DISABLED, Wish.STOPPED, Wish.FAULT_CLEARED],
+        S.READY_TO_SWITCH_ON: [Wish.STOPPED],
+        S.SWITCHED_ON: [Wish.STOPPED],
+        S.OPERATION_ENABLED: [Wish.ENABLED],
+        S.QUICK_STOP_ACTIVE: [Wish.STOPPED],
+        S.FAULT_REACTION_ACTIVE: [],
+        S.FAULT: [Wish.STOPPED],
+    }[state]
+
+
+@pytest.mark.parametrize("previous", [0x0001, 0x000F, 0x007F, 0xFF7F])
+def test_the_other_bits_sent_before_do_not_hinder_a_reset(previous: int) -> None:
+    assert after_controlword(S.FAULT, RESET, previous) is S.SWITCH_ON_DISABLED
+    assert next_controlword(statusword(S.FAULT), Wish.FAULT_CLEARED, previous=previous) == RESET
+    again = previous | RESET
+    assert after_controlword(S.FAULT, RESET, again) is S.FAULT
+    assert next_controlword(statusword(S.FAULT), Wish.FAULT_CLEARED, previous=again) == DISABLE
+
+
+@pytest.mark.parametrize("word", [0x0017, 0x0107, 0xFF07])
+def test_only_bit_3_enables_operation(word: int) -> None:
+    assert after_controlword(S.READY_TO_SWITCH_ON, word, 0) is S.SWITCHED_ON
+
+
+def test_a_flag_that_the_state_shows_already_changes_nothing() -> None:
+    assert statusword(S.OPERATION_ENABLED, 0x27) == 0x27
+
+
+def test_the_word_sent_before_is_named() -> None:
+    with pytest.raises(TypeError, match="positional"):
+        next_controlword(0x40, Wish.ENABLED, 0)  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("word", [DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET], ids=hex)

@@ -34,6 +34,7 @@ from operator_app.session.state import SessionState
 from operator_app.session.workflow import connect, take_poses
 
 BLOCK = 100
+SLOWER, KILOBYTES_A_POSE = 1.2, 20.0
 
 
 def memory_mb() -> float:
@@ -121,8 +122,10 @@ def main() -> int:
         print(f"{b.last:8}{b.cpu_ms:15.1f}{b.journal_bytes:22.0f}{b.memory_mb:11.1f}")
     first, last = blocks[0], blocks[-1]
     slower = last.cpu_ms / first.cpu_ms
-    print(f"last over first: {slower:.2f} in time, {last.memory_mb - first.memory_mb:+.1f} MB")
-    return 0
+    grown_mb = last.memory_mb - first.memory_mb
+    print(f"last over first: {slower:.2f} in time, {grown_mb:+.1f} MB")
+    flat = slower < SLOWER and grown_mb < (last.last - first.last) * KILOBYTES_A_POSE / 1e3
+    return 0 if flat else 1
 
 
 if __name__ == "__main__":

@@ -22,6 +22,8 @@ import argparse
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -59,7 +61,7 @@ class Watching(Listener):
     def __init__(self, journal: Path, every: int) -> None:
         self.journal, self.every = journal, every
         self.blocks: list[Block] = []
-        self._cpu_s, self._size = time.process_time(), 0
+        self._cpu_s, self._size = time.process_time(), journal.stat().st_size
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
         """Close a block, where one is full."""
@@ -74,29 +76,33 @@ class Watching(Listener):
                 memory_mb=memory_mb(),
             )
         )
-        self.again()
+        self._cpu_s, self._size = cpu_s, size
 
-    def again(self) -> None:
-        """Begin to count here."""
-        self._cpu_s, self._size = time.process_time(), self.journal.stat().st_size
+    @contextmanager
+    def not_counting(self) -> Iterator[None]:
+        """Leave out what is done here: it is no pose's."""
+        cpu_s, size = time.process_time(), self.journal.stat().st_size
+        yield
+        self._cpu_s += time.process_time() - cpu_s
+        self._size += self.journal.stat().st_size - size
 
 
-def session_of(poses: int, folder: Path, *, solve_every: int, block: int = BLOCK) -> list[Block]:
+def session_of(poses: int, folder: Path, *, solve_every: int, block: int) -> list[Block]:
     """Take so many poses in one session, solving now and then; what each block of them cost."""
     opening = begin("hinge", Choices(poses=poses, seed=0), root=folder)
     with unattended(opening) as session:
         watching = Watching(session.journal.path, block)
-        connect(session, watching)
-        session.require_fixture()
-        drives = drives_of(session, watching)
-        watching.again()
+        with watching.not_counting():
+            connect(session, watching)
+            session.require_fixture()
+            drives = drives_of(session, watching)
         whole = session.procedure
         for wanted in range(solve_every, poses + 1, solve_every):
             session.procedure = replace(whole, capture=replace(whole.capture, poses=wanted))
             take_poses(session, watching, drives)
             drives = None
-            print(f"{wanted} poses, solved in {solved(session):.1f} s of CPU", flush=True)
-            watching.again()
+            with watching.not_counting():
+                print(f"{wanted} poses, solved in {solved(session):.1f} s of CPU", flush=True)
     return watching.blocks
 
 
@@ -116,7 +122,8 @@ def main() -> int:
     parser.add_argument("--solve-every", type=int, default=250)
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        blocks = session_of(chosen.poses, Path(folder), solve_every=chosen.solve_every)
+        block = min(BLOCK, chosen.poses // 4)
+        blocks = session_of(chosen.poses, Path(folder), solve_every=chosen.solve_every, block=block)
     print(f"{'to pose':>8}{'CPU ms a pose':>15}{'journal bytes a pose':>22}{'memory MB':>11}")
     for b in blocks:
         print(f"{b.last:8}{b.cpu_ms:15.1f}{b.journal_bytes:22.0f}{b.memory_mb:11.1f}")

@@ -27,7 +27,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from operator_app.calibration.solve import calibrate
 from operator_app.composition import unattended
+from operator_app.config.poses_file import load_poses
 from operator_app.session.drives import drives_of
 from operator_app.session.listener import Listener
 from operator_app.session.opening import Choices, begin
@@ -36,6 +38,7 @@ from operator_app.session.state import SessionState
 from operator_app.session.workflow import connect, take_poses
 
 BLOCK = 100
+DATA = Path(__file__).parents[1] / "data" / "hinge" / "hinge_quantised.csv"
 SLOWER, KILOBYTES_A_POSE = 1.2, 20.0
 
 
@@ -93,6 +96,9 @@ def session_of(poses: int, folder: Path, *, solve_every: int, block: int) -> lis
     with unattended(opening) as session:
         watching = Watching(session.journal.path, block)
         with watching.not_counting():
+            # What is loaded for the first solution is no pose's memory.
+            sound = load_poses(DATA, joint_count=session.model.joint_count).poses
+            calibrate(session.model, session.fixture, sound)
             connect(session, watching)
             session.require_fixture()
             drives = drives_of(session, watching)

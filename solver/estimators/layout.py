@@ -6,7 +6,9 @@ a closure model's parameters and how smooth a fixture's give is; no derivative, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +17,7 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_shapes import FREE, loaded_give, shapes_of_sag, sides_of_play
-from solver.estimators.pose_basis import PoseBasis, pose_basis
+from solver.estimators.pose_basis import PoseBasis, PoseProcess, pose_process
 from solver.loops.closure import ClosureModel
 
 FLOOR = 1e-3
@@ -145,6 +147,10 @@ class Layout:
 
     def _lay_out(self, names: list[str], group: IntArray | None) -> None:
         errors = self.errors
+
+        # What is smooth over all poses alike: made once, if at all, and not kept.
+        process = cache(partial(pose_process, self.q))
+
         for a in errors.analogue:
             self._component(
                 Component(
@@ -211,7 +217,7 @@ class Layout:
                     Group(source=f"rvdt_curve_{a.joint}", width=width, fixed=0.0,
                           component=c, scale=1.0, names=names_)
                 )  # fmt: skip
-        self._lay_out_joints()
+        self._lay_out_joints(process)
         # What gives: rows of the closure components, and the stated size along them.
         self.gives: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
@@ -226,7 +232,7 @@ class Layout:
         ] * 3
         self.loaded = loaded_give(errors, np.array(along))
         if self.gives:
-            self._smooth_give(group)
+            self._smooth_give(group, process)
         if self.loaded is not None:
             self.groups.append(
                 Group(source="fixture_give", width=self.loaded.width, fixed=1.0,
@@ -234,7 +240,7 @@ class Layout:
                       names=tuple(f"load{i}" for i in range(self.loaded.width)))
             )  # fmt: skip
 
-    def _lay_out_joints(self) -> None:
+    def _lay_out_joints(self, process: Callable[[], PoseProcess]) -> None:
         """Play and sag of every joint; `expected` (m, n), rad, is what is known of them beforehand."""
         self.expected = np.zeros_like(self.q)
         self.play_joints = np.flatnonzero(self.backlash)
@@ -251,7 +257,7 @@ class Layout:
         self.sag_joints = np.flatnonzero(self.sag)
         self.sag_basis = _NOTHING
         if len(self.sag_joints):
-            self.sag_basis = pose_basis(self.q, columns=SAG_COLUMNS)
+            self.sag_basis = process().leading(SAG_COLUMNS)
             self.sags = shapes_of_sag(self.q, self.errors, self.sag_basis)
             self.expected += self.sag * self.sags.expected
             k = self.sags.width
@@ -259,9 +265,10 @@ class Layout:
                 "sag", tuple(f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(k))
             )
 
-    def _smooth_give(self, group: IntArray | None) -> None:
+    def _smooth_give(self, group: IntArray | None, alike: Callable[[], PoseProcess]) -> None:
         groups = 1 if group is None else len(np.unique(group))
-        self.give_basis = pose_basis(self.q, columns=GIVE_COLUMNS * groups, group=group)
+        process = alike() if groups == 1 else pose_process(self.q, group=group)
+        self.give_basis = process.leading(GIVE_COLUMNS * groups)
         c = None
         if self.errors.discrepancy:
             c = self._component(

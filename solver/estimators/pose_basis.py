@@ -43,8 +43,31 @@ class PoseBasis:
     missed: FloatArray
 
 
-def pose_basis(q: FloatArray, *, columns: int, group: IntArray | None = None) -> PoseBasis:
-    """Return smooth columns over joint angles `q` (m, n), rad; apart in each `group` (m,) of poses."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoseProcess:
+    """The process in low rank, before the few columns are chosen.
+
+    Attributes
+    ----------
+    values
+        (m, c), one column for each centre.
+    variance
+        (m,), of the process itself.
+    """
+
+    values: FloatArray
+    variance: FloatArray
+
+    def leading(self, columns: int) -> PoseBasis:
+        """Return the columns along which most poses differ."""
+        phi = self.values
+        if phi.shape[1] > columns:
+            phi = phi @ np.linalg.eigh(phi.T @ phi)[1][:, ::-1][:, :columns]
+        return PoseBasis(phi=phi, missed=np.maximum(self.variance - (phi**2).sum(-1), 0.0))
+
+
+def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess:
+    """Return the process over joint angles `q` (m, n), rad; apart in each `group` (m,) of poses."""
     spread = np.maximum(q.std(axis=0), 1e-9)
     moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
     angle = q[:, moving]
@@ -66,10 +89,7 @@ def pose_basis(q: FloatArray, *, columns: int, group: IntArray | None = None) ->
     parts = np.array_split(np.arange(len(q)), max(1, -(-len(q) // CHUNK)))
     whole = np.concatenate([kernel(part, far) @ root for part in parts])
     diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
-    if whole.shape[1] > columns:
-        # Of these the directions along which most poses differ.
-        whole = whole @ np.linalg.eigh(whole.T @ whole)[1][:, ::-1][:, :columns]
-    return PoseBasis(phi=whole, missed=np.maximum(diagonal - (whole**2).sum(-1), 0.0))
+    return PoseProcess(values=whole, variance=diagonal)
 
 
 def farthest(points: FloatArray, count: int) -> IntArray:

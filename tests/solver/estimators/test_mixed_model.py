@@ -11,7 +11,7 @@ from solver.chain.parameters import nominal_vector
 from solver.estimators.effects import Design, System
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.pose_basis import pose_basis
+from solver.estimators.pose_basis import pose_process
 from tests.oracles.loop_oracle import Truth, paper_truth
 from tests.oracles.simulated_loops import LENGTHS, Simulation
 from tests.solver.conftest import NAMES, loop_of, paper_arm
@@ -233,14 +233,14 @@ def test_information_of_effects_and_across(design: Design, system: System) -> No
 
 def test_smooth_columns_span_the_process_they_stand_for() -> None:
     q = Simulation(poses=40).readings(0)
-    few, many = pose_basis(q, columns=10), pose_basis(q, columns=100)
+    few, many = (pose_process(q).leading(columns) for columns in (10, 100))
     assert few.phi.shape == (40, 10)
     assert np.all(few.missed >= 0.0)
     assert np.allclose(many.missed, 0.0, atol=1e-6)
     assert few.missed.mean() < 0.25 * (many.phi**2).sum(-1).mean()
     # Poses of another placement say nothing of this one.
     group = np.repeat([1, 2], 20)
-    apart = pose_basis(q, columns=100, group=group)
+    apart = pose_process(q, group=group).leading(100)
     assert np.allclose(apart.phi[:20] @ apart.phi[20:].T, 0.0, atol=1e-9)
 
 

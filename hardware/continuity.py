@@ -68,6 +68,10 @@ class Continuity:
         self._taking_up = TAKING_UP_SYNCS
         self._suspect = None
 
+    def interrupt(self) -> None:
+        """Hear that the last sample may hold older answers than it seems: no step is measured from it."""
+        self._recent.clear()
+
     def see(self, sample: Sample) -> Jump | None:
         """Take in a sample; the jump that is certain by now, if there is one."""
         recent = self._recent

@@ -301,6 +301,8 @@ class ControlLoop:
             self._beat()
         self._sampler.close()
         if self.jump is None and self._watched:
+            if self._sampler.answered_late:
+                self._continuity.interrupt()
             self.jump = self._continuity.see(self.sample)
         if self.astray is None and not self.stop_latched:
             self.astray = self.following.see(self.sample, self.commands)

@@ -42,6 +42,9 @@ class Sampler:
         The latest sample, to be read from any thread.
     waiting
         Joints whose answer to the present SYNC is still expected.
+    answered_late
+        A joint had answered after the sample before was closed: what was taken for its answer there
+        may have been one to an earlier SYNC.
     """
 
     def __init__(self, frames: Sequence[JointFrames], *, patience: int, now_s: float) -> None:
@@ -54,6 +57,7 @@ class Sampler:
         }
         self._blank = [(0,) * len(joint.answers) for joint in frames]
         self._came = [list(none) for none in self._blank]
+        self._closed = [list(none) for none in self._blank]
         # Statusword, counts, torque.
         self._states = [[0, 0, 0] for _ in frames]
         self._answered_at_s = [now_s] * joints
@@ -70,9 +74,13 @@ class Sampler:
         self._history: deque[Sample] = deque(maxlen=SPEED_SYNCS)
         self.view = View(blank, blank, tuple(self._answered_at_s), tuple(self._late_at_s))
         self.waiting = 0
+        self.answered_late = False
 
     def open(self) -> None:
         """Begin a sample: a SYNC is about to go out."""
+        self.answered_late = any(
+            came != closed for came, closed in zip(self._came, self._closed, strict=True)
+        )
         # A second answer may have come after the sample was closed: it is looked at only now. It may
         # also come after the next SYNC, and be counted there: what is too many in one sample is kept,
         # and a sample with one answer takes only one of it away.
@@ -113,6 +121,7 @@ class Sampler:
 
     def close(self) -> None:
         """End the sample and publish it."""
+        self._closed = [list(came) for came in self._came]
         for at, came in enumerate(self._came):
             self._missed[at] = 0 if min(came) else self._missed[at] + 1
         sample = Sample(

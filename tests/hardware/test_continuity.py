@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from hardware.continuity import QUIET_SYNCS, SPAN, TAKING_UP_SYNCS, Continuity, Jump
-from hardware.cyclic import Sample
+from hardware.cyclic import Sample, frames_of
+from hardware.sampling import Sampler
+from oracles.profiles import sarcos
 
 SYNCS = 200
 AT = 100
@@ -115,3 +118,41 @@ def test_a_drive_that_takes_its_joint_up_may_jerk_it() -> None:
 def test_it_says_so_within_a_tenth_of_a_second() -> None:
     positions = [(0.0, 500.0 * (k >= AT)) for k in range(1, AT + QUIET_SYNCS + 1)]
     assert len(watch(positions)) == 1
+
+
+def seen_through_a_sampler(
+    answers: Callable[[int], tuple[tuple[int, ...], tuple[int, ...]]],
+) -> bool:
+    """Whether joint 1 of two is seen to jump; `answers` are its counts before and after a sample closes."""
+    sampler, watcher = Sampler(frames_of(sarcos(2)), patience=9, now_s=0.0), Continuity([4.0, 4.0])
+    jumped = False
+    for sync in range(1, SYNCS + 1):
+        sampler.open()
+        in_time, late = answers(sync)
+        sampler.note(0x182, struct.pack("<Hih", 0x1237, 9, 0), 0.0)
+        for counts in in_time:
+            sampler.note(0x181, struct.pack("<Hih", 0x1237, counts, 0), 0.0)
+        sampler.close()
+        for counts in late:
+            sampler.note(0x181, struct.pack("<Hih", 0x1237, counts, 0), 0.0)
+        if sampler.answered_late:
+            watcher.interrupt()
+        jumped |= watcher.see(sampler.view.sample) is not None
+    return jumped
+
+
+def test_a_joint_that_catches_up_with_its_answers_has_not_jumped() -> None:
+    """It missed a SYNC, each answer then stood for the next, and one day two came: all samples look whole."""
+
+    def answers(sync: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        if sync == AT - 20:
+            return (), ()
+        if AT - 20 < sync < AT:
+            return (300 * (sync - 1),), ()
+        return ((300 * (sync - 1),), (300 * sync,)) if sync == AT else ((300 * sync,), ())
+
+    assert not seen_through_a_sampler(answers)
+
+
+def test_counts_lost_between_answers_in_time_are_a_jump() -> None:
+    assert seen_through_a_sampler(lambda sync: ((300 * sync + 300 * (sync >= AT),), ()))

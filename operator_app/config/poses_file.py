@@ -34,8 +34,8 @@ from operator_app.config.text import decode_text, only
 from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 
-LIMIT_BYTES = 16 * 1024 * 1024
-"""Some 100,000 poses of seven joints."""
+LIMIT_BYTES = 32 * 1024 * 1024
+"""100,000 poses of seven joints with their standard deviations are some 20 MB."""
 
 FEW = 5
 """Fewer poses than this are too few to suspect their unit."""

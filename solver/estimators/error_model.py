@@ -76,6 +76,8 @@ class ErrorModel:
         What gravity bends, where masses are stated; else sag and give are any smooth function.
     approach
         (m, n): from which side every joint came, 1 or -1, 0 where that is not known.
+    signed
+        Whether joints are expected to sag to where gravity takes them, and not to either side alike.
     """
 
     joint_variance: FloatArray
@@ -90,6 +92,7 @@ class ErrorModel:
     discrepancy: bool = False
     loads: LoadBasis | None = None
     approach: FloatArray | None = None
+    signed: bool = True
 
     def at_poses(self, poses: IntArray) -> ErrorModel:
         """Return the error model of a selection of poses."""

@@ -49,11 +49,12 @@ def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
     from that. If the approach, nobody knows whether link or drive leads: to either side alike.
     """
     by_load = np.ones_like(q) if errors.loads is None else errors.loads.side
-    expected = (0.0 if errors.loads is None else 1.0 - BY_APPROACH) * by_load
+    signed = errors.signed and errors.loads is not None
+    expected = (1.0 - BY_APPROACH if signed else 0.0) * by_load
     shares, sides = [1.0], [by_load]
     if errors.approach is not None:
         shares, sides = [1.0 - BY_APPROACH, BY_APPROACH], [by_load, errors.approach]
-    if errors.loads is not None:
+    if signed:
         shares[0] -= (1.0 - BY_APPROACH) ** 2
     columns = np.sqrt(shares) * np.stack(sides, axis=-1)
     return Shapes(
@@ -70,10 +71,15 @@ def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes
             missed=np.broadcast_to(basis.missed[:, None], (m, n)),
             expected=np.zeros((m, n)),
         )
+    columns, expected = loads.sag, loads.sag_expected
+    if not errors.signed:
+        # The same second moments about zero.
+        columns = np.concatenate((columns, expected[..., None]), axis=-1)
+        expected = np.zeros_like(expected)
     return Shapes(
-        columns=np.sqrt(1.0 - FREE) * loads.sag,
+        columns=np.sqrt(1.0 - FREE) * columns,
         missed=(1.0 - FREE) * loads.sag_missed + FREE,
-        expected=np.sqrt(1.0 - FREE) * loads.sag_expected,
+        expected=np.sqrt(1.0 - FREE) * expected,
     )
 
 

@@ -195,6 +195,6 @@ def test_readings_outside_the_ranges_are_named_with_joint_pose_and_unit(
     assert (
         f"pose {poses.label[worst]}" in notice.text or f"poses {poses.label[worst]}" in notice.text
     )
-    assert "-35 to 85 deg" in notice.text
+    assert "-35.0 to 85.0 deg" in notice.text
     with pytest.raises(ReadingsOutOfRangeError, match="taken as radians"):
         calibrate(arm, hinge, replace(poses, q_rad=np.deg2rad(poses.q_rad)), search=True)

@@ -13,6 +13,7 @@ from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.linearisation import Linearisation, State
 from solver.estimators.load_effects import load_basis
+from solver.estimators.variance_components import settle
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import Simulation
@@ -126,3 +127,24 @@ def test_exact_masses_pull_at_nothing_and_leave_the_free_function(model, q, erro
     assert design.loaded is None
     stated = [g.fixed for g in design.groups if g.source == "fixture_give"]
     assert sorted(stated) == pytest.approx([GIVE[1] ** 2, GIVE[0] ** 2])
+
+
+def test_without_a_sign_the_second_moments_are_the_same(model, q, errors):
+    signed, free = (Design(model, q, replace(errors, signed=s)) for s in (True, False))
+    assert signed.expected.any()
+    assert not free.expected.any()
+    for one, other in ((signed.sags, free.sags), (signed.play, free.play)):
+        for j in range(7):
+            both = [s.columns[:, j] @ s.columns[:, j].T for s in (one, other)]
+            both[0] = both[0] + np.outer(one.expected[:, j], one.expected[:, j])
+            np.testing.assert_allclose(both[0], both[1], atol=1e-12)
+        np.testing.assert_allclose(one.missed, other.missed, atol=1e-12)
+
+
+@pytest.mark.parametrize(("share", "signed"), [(1.0, True), (0.0, False), (-1.0, False)])
+def test_the_readings_say_whether_gravity_shows(model, errors, share, signed):
+    """Readings with so much of the sag and play that is expected; those of an exact arm have none of it."""
+    q = Simulation(poses=POSES, wrist_sd=1e-7, encoder_sd=1e-7).readings(0)
+    expected = Design(model, q, errors).expected
+    found = settle(model, q - share * expected, errors)
+    assert found.fit.fit.design.errors.signed is signed

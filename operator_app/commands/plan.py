@@ -68,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Plan and report on stdout."""
+    from operator_app.planning.held import held_checks
     from operator_app.planning.preview import preview
     from operator_app.report.plan_json import advice_json, plan_json
     from operator_app.report.plan_text import advice_text, plan_text
@@ -89,6 +90,7 @@ def execute(args: argparse.Namespace) -> int:
         seed=capture.seed,
         known=known,
     )
+    shown = replace(shown, checks=(*held_checks(procedure), *shown.checks))
     advice = _advice(args, procedure, shown, poses) if args.advise else None
     parameters = {p.name: p for p in shown.parameters}
     if args.json:

@@ -9,6 +9,7 @@ from fixtures.advice import PlacementReport, RankedPlacement
 from fixtures.base import Severity
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.planning.drives import names
+from operator_app.planning.held import HELD
 from operator_app.planning.preview import Preview
 from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plan_picture import coverage_lines, region_lines
@@ -54,11 +55,16 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
 
 
 def _checks(shown: Preview) -> list[str]:
-    """Give the block of what is wrong with the fixture; none when nothing is."""
+    """Give the block of what is held by policy and what is wrong with the fixture; none when nothing is."""
     lines = [
-        paragraph(f"! {c.severity.value}: {c.text}: {c.remedy}", indent=2)
+        paragraph(
+            f"! {c.severity.value}: {c.text}: {c.remedy}"
+            if c.severity is not Severity.OK
+            else f"  {c.text}",
+            indent=2,
+        )
         for c in shown.checks
-        if c.severity is not Severity.OK
+        if c.severity is not Severity.OK or c.code.startswith(HELD)
     ]
     return ["\n".join(lines)] if lines else []
 

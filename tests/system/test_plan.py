@@ -227,8 +227,23 @@ def test_joints_that_are_not_used_drop_out_of_the_plan(capsys: pytest.CaptureFix
     assert set(json.loads(out)["sigma"]).isdisjoint({"theta_off_6", "theta_off_7"})
 
 
-def test_rigid_is_planned_but_refused_with_its_reason(capsys: pytest.CaptureFixture[str]) -> None:
+def test_rigid_is_planned_with_its_elbow_held_and_says_why(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     code, out, _ = said(capsys, "plan", "rigid", "--poses", "4")
+    assert code == 0
+    assert "theta_off_4 is held at" in " ".join(out.split())
+    assert "1 mm of length would pass for an offset" in " ".join(out.split())
+
+
+def test_rigid_with_its_elbow_free_is_planned_but_refused_with_its_reason(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    procedure = yaml.safe_load(resolve("procedure", "rigid").data)
+    del procedure["held"]
+    mine = tmp_path / "free.yaml"
+    mine.write_text(yaml.safe_dump(procedure, sort_keys=False))
+    code, out, _ = said(capsys, "plan", str(mine), "--poses", "4")
     assert code == 5
     assert "refused: joint 4 does not move" in out
 

@@ -27,6 +27,7 @@ from operator_app.calibration.judgement import (
     noise_notices,
     outlier_notices,
     range_notices,
+    range_text,
     reasons_against,
     rival_notices,
     rvdt_notices,
@@ -66,7 +67,7 @@ from solver.estimators.variance_components import (
 )
 from solver.judging.dropping import drop_unidentifiable
 from solver.judging.identifiability import Identifiability
-from solver.judging.ranges import range_findings
+from solver.judging.ranges import Fault, RangeFinding, range_findings
 from solver.loops.closure import ClosureModel
 from solver.search.global_start import global_start
 
@@ -160,7 +161,9 @@ def calibrate(
             return require_identifiable(hard, x, q, sigma)
         except UnidentifiableError as error:
             used = pick(poses, np.flatnonzero(kept))
-            raise _why_blind(error, arm, fixture, used, unsensed_joints, paper) from error
+            raise _why_blind(
+                error, arm, fixture, used, unsensed_joints, paper, _saturated(out_of_range, poses)
+            ) from error
 
     if paper is not None:
         # Before anything is weighted: an estimate along a blind direction is worth nothing.
@@ -309,14 +312,30 @@ def _why_blind(
     used: PoseSet,
     unsensed: tuple[int, ...],
     paper: Estimate | None,
+    saturated: PosesDoNotFitError | None,
 ) -> SolverError:
     """Return the error with a stuck sensor named, or what else would make nothing close."""
     stuck = explained(error, arm, fixture, used)
-    if stuck is not error or paper is None or _closes(paper):
+    if stuck is not error:
         return stuck
+    if saturated is not None:
+        return saturated
+    if paper is None or _closes(paper):
+        return error
     # Where nothing closes the solution is nowhere, and what it cannot see there says nothing.
     rivals = named_rivals(arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof)
     return _do_not_fit(rivals) if rivals else error
+
+
+def _saturated(found: tuple[RangeFinding, ...], poses: PoseSet) -> PosesDoNotFitError | None:
+    """Readings at the end of full scale, as the reason why poses do not fit; None if there are none."""
+    known = [(f.joint, range_text(f, poses.label)) for f in found if f.fault is Fault.SATURATED]
+    if not known:
+        return None
+    return PosesDoNotFitError(
+        tuple(f"{text}: {remedy}" for _, (text, remedy) in known),
+        codes=tuple(f"SATURATED_{joint}" for joint, _ in known),
+    )
 
 
 def _closes(estimate: Estimate) -> bool:

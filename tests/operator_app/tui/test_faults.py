@@ -72,18 +72,20 @@ async def test_an_arm_that_is_gone_can_be_connected_again(drive, source):
         await d.until(lambda: "Connect again" in d.text("#footer"), "offered")
         source.arm.connect_error = NodeMissing((3,))
         await d.press("enter")
+        await d.until(
+            lambda: any("no answer from node 3" in m.text.lower() for m in d.s.messages), "refused"
+        )
         await d.idle()
         assert d.s.data is DataState.LOST
-        assert any("no answer from node 3" in m.text.lower() for m in d.s.messages)
         source.arm.reset_stop()
         source.arm.speak_again()
         source.arm.age_by(1.2)
         await d.press("enter")
         source.arm.speak_again()
+        await d.until(lambda: source.arm.closed == 1 and source.arm.connected, "connected again")
         await d.idle()
         await d.until(lambda: d.s.data is DataState.FRESH, "fresh")
-        assert source.arm.closed == 1
-        assert source.arm.connected
+        assert (source.arm.closed, source.arm.connected) == (1, True)
         assert not d.s.drives_ready
 
 

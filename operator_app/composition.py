@@ -18,6 +18,7 @@ from pathlib import Path
 
 from hardware.buses import BusSettings, bus_settings, open_bus
 from hardware.canopen_arm import CanopenArm
+from hardware.connection import BusOpeners
 from hardware.description import (
     ArmDescription,
     EncoderDescription,
@@ -27,6 +28,7 @@ from hardware.description import (
 from hardware.objects import HEARTBEAT_TIMEOUT_S
 from hardware.priority import first_in_line
 from hardware.timing import Pace, Timing
+from hardware.virtual.attending import attending
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.drawn import Stated
@@ -114,16 +116,19 @@ def open_arm(
         if embedded:
             channel = f"sarcal-{os.getpid()}-{next(_channels)}"
             settings = BusSettings(interface="virtual", channel=channel)
-            stack.enter_context(
+            controller = stack.enter_context(
                 run_controller(
                     opening.procedure.arm,
                     opening.choices,
                     settings,
                     fixture=opening.procedure.fixture,
                     heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
+                    attended=True,
                 )
             )
+            openers = attending(controller)
         else:
+            openers = BusOpeners()
             stack.enter_context(first_in_line())
         arm = CanopenArm(
             describe(procedure.arm),
@@ -132,6 +137,7 @@ def open_arm(
             pace=pace or (Pace.FAST_FORWARD if embedded else Pace.REAL_TIME),
             record_to=record_to,
             timing=_timing(procedure, speed=speed, embedded=embedded),
+            openers=openers,
         )
         stack.callback(arm.close)
         choices = _completed(opening.choices, bus, embedded=embedded)
@@ -254,11 +260,12 @@ def run_controller(
     slots: Path | None = None,
     heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
     script: Sequence[ScriptedFault] = (),
+    attended: bool = False,
 ) -> Iterator[VirtualController]:
     """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory.
 
     The plant is of this arm in this `fixture` (default: the packaged hinge). `script` are faults that
-    happen at given SYNCs.
+    happen at given SYNCs. An `attended` controller is waited for by `VirtualController.attend`.
     """
     chosen = virtual_arm(arm, load_fixture("hinge") if fixture is None else fixture, choices)
     carried = chosen.arm(arm)
@@ -279,6 +286,7 @@ def run_controller(
         store=ParameterStore(MemoryDisk() if slots is None else FolderDisk(slots)),
         heartbeat_timeout_s=heartbeat_timeout_s,
         script=script,
+        attended=attended,
     )
     controller.start()
     try:

@@ -4,6 +4,10 @@ One thread does everything that has a time to it: it receives, steps the plant, 
 operator's heartbeat and sends its own. If it hangs, the heartbeats stop, as they should. A second
 thread checks parameter documents and writes them to disk, and does nothing else.
 
+Where operator and arm are one process, the operator's thread takes in the frames itself whenever it waits
+for an answer (`VirtualController.attend`): two threads that hand one interpreter to and fro with every
+frame take twice as long. What has a time to it is seen to by the first thread all the same.
+
 The operator's heartbeat is watched while the operator holds the control token. When it is lost, all
 drives hold and raise 8130h, and the token lapses.
 """
@@ -69,6 +73,8 @@ class VirtualController:
         Monotonic time, s.
     script
         Faults that happen at given SYNCs.
+    attended
+        The operator is in this process and calls `attend` while it waits for frames.
 
     Attributes
     ----------
@@ -93,8 +99,10 @@ class VirtualController:
         heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
         clock: Callable[[], float] = time.monotonic,
         script: Sequence[ScriptedFault] = (),
+        attended: bool = False,
     ) -> None:
         self._bus, self._clock = bus, clock
+        self._attended = attended
         self._timeout_s = heartbeat_timeout_s
         self._script = sorted(script, key=lambda fault: fault.at_sync, reverse=True)
         self.disturbances = Disturbances()
@@ -105,6 +113,8 @@ class VirtualController:
         self._posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._closing = False
+        self._turns = threading.Lock()
+        self._in_turn: int | None = None
         self._running = threading.Event()
         self._running.set()
         self._next_beat_s = 0.0
@@ -147,6 +157,9 @@ class VirtualController:
     def start(self) -> None:
         """Step the plant once for a first reading, boot all nodes, begin to listen."""
         self._group.step()
+        for node in self._nodes:
+            node.boot()
+        self._next_beat_s = self._clock() + HEARTBEAT_PERIOD_S
         self._worker.start()
         self._loop.start()
 
@@ -172,7 +185,7 @@ class VirtualController:
 
     def post(self, action: Callable[[], None]) -> None:
         """Run something in the control loop; at once if this is it."""
-        if threading.current_thread() is self._loop:
+        if threading.get_ident() == self._in_turn:
             action()
         else:
             self._posted.put(action)
@@ -199,23 +212,50 @@ class VirtualController:
 
     # ---- control loop ----------------------------------------------------------------------------------
 
+    def attend(self) -> None:
+        """Take in all that has come, in the thread of whoever waits for the answers.
+
+        Does nothing while the loop hangs, or when somebody else is at it.
+        """
+        if not self._turns.acquire(blocking=False):
+            return
+        try:
+            for _ in range(_CATCH_UP_FRAMES):
+                if self._closing or not self._running.is_set():
+                    return
+                message = self._bus.recv(0.0)
+                self._turn(message)
+                if message is None:
+                    return
+        except Exception as error:  # noqa: BLE001 - raised again by whoever runs this controller
+            self.failure, self._closing = error, True
+        finally:
+            self._turns.release()
+
     def _run(self) -> None:
         try:
-            for node in self._nodes:
-                node.boot()
-            self._next_beat_s = self._clock() + HEARTBEAT_PERIOD_S
             while not self._closing:
-                message = self._bus.recv(
-                    _POLL_S if self.disturbances.wire is None else _SHORT_POLL_S
-                )
-                self._running.wait()
-                if message is not None:
-                    self._take_in(message)
-                self._see_to_time()
-                while not self._posted.empty():
-                    self._posted.get()()
+                wait_s = _POLL_S if self.disturbances.wire is None else _SHORT_POLL_S
+                if self._attended:
+                    time.sleep(wait_s)
+                    self._running.wait()
+                    self.attend()
+                else:
+                    message = self._bus.recv(wait_s)
+                    self._running.wait()
+                    self._turn(message)
         except Exception as error:  # noqa: BLE001 - raised again by whoever runs this controller
             self.failure = error
+
+    def _turn(self, message: can.Message | None) -> None:
+        """Take in a frame, if there is one, and see to what is due."""
+        self._in_turn = threading.get_ident()
+        if message is not None:
+            self._take_in(message)
+        self._see_to_time()
+        while not self._posted.empty():
+            self._posted.get()()
+        self._in_turn = None
 
     def _take_in(self, message: can.Message) -> None:
         if message.is_extended_id or message.is_remote_frame or message.is_error_frame:

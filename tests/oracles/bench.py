@@ -17,6 +17,7 @@ import numpy as np
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
+from hardware.virtual.attending import attending
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.truth import BallTruth
 from operator_app.calibration.solution import Solution
@@ -61,6 +62,7 @@ class Bench:
             opening.procedure.profile,
             pace=Pace.FAST_FORWARD,
             timing=Timing(heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S),
+            openers=attending(self.controller),
         )
         session = open_session(Rig(arm=arm, opening=opening, simulated=True))
         try:
@@ -112,6 +114,11 @@ def bench(root: Path, **chosen: object) -> Iterator[Bench]:
     choices = _choices(**chosen)
     procedure = begin(str(chosen["procedure"]), choices, root=root).procedure
     with run_controller(
-        procedure.arm, choices, settings, fixture=procedure.fixture, heartbeat_timeout_s=PATIENCE_S
+        procedure.arm,
+        choices,
+        settings,
+        fixture=procedure.fixture,
+        heartbeat_timeout_s=PATIENCE_S,
+        attended=True,
     ) as controller:
         yield Bench(controller, settings, root, **chosen)

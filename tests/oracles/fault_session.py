@@ -18,6 +18,7 @@ import numpy as np
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
+from hardware.virtual.attending import attending
 from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.scenarios import scenario
@@ -93,7 +94,12 @@ def session_with(
     settings = BusSettings(channel=f"campaign-{os.getpid()}-{next(_channels)}")
     said = error = ""
     with run_controller(
-        procedure.arm, chosen, settings, heartbeat_timeout_s=PATIENCE_S, script=script
+        procedure.arm,
+        chosen,
+        settings,
+        heartbeat_timeout_s=PATIENCE_S,
+        script=script,
+        attended=True,
     ) as controller:
         arm = CanopenArm(
             describe(procedure.arm),
@@ -106,6 +112,7 @@ def session_with(
                 answer_timeouts_s=dict.fromkeys(Pace, 0.05),
                 sdo_timeout_s=PATIENCE_S,
             ),
+            openers=attending(controller),
         )
         if kind and not at_sync:
             begin()

@@ -35,6 +35,7 @@ from hardware.objects import (
     OPERATOR_NODE,
     NmtState,
 )
+from hardware.priority import ahead_of_its_program
 from hardware.profile import BusProfile
 from hardware.sampling import Sampler, View
 from hardware.stop_line import StopLatch
@@ -237,6 +238,7 @@ class ControlLoop:
     # ---- the thread ------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        ahead_of_its_program()
         try:
             while not self._closing:
                 task = self._tasks.first

@@ -14,6 +14,9 @@ _LETTERS: Final = {8: "b", 16: "h", 32: "i", 64: "q"}
 _WORDS: Final = (*ANSWERED[:1], CONTROLWORD)
 """Unsigned: bits that mean something each; everything else has a sign."""
 
+LATE_SYNCS: Final = 100
+"""On a busy machine an answer may be to a SYNC so long ago, and nobody is to blame."""
+
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:

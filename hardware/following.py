@@ -7,17 +7,20 @@ commanded, does.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from hardware.arm import DriveState
 from hardware.cia402 import STATE_BITS, StatusBit
-from hardware.cyclic import Sample, Setpoints
+from hardware.cyclic import LATE_SYNCS, Sample, Setpoints
 from hardware.objects import CYCLIC_POSITION
 
 AWAY_SYNCS: Final = 10
 """So many SYNCs in a row: a target that was just sent, or a frame that came late, is no error."""
+
+_NOWHERE: Final = (math.inf, -math.inf)
 
 _STATE: Final = 0x6F
 _FOLLOWS: Final = STATE_BITS[DriveState.OPERATION_ENABLED] | StatusBit.FOLLOWS_COMMAND
@@ -44,20 +47,37 @@ class Following:
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)
         self._away = [0] * len(self._windows)
+        # Lowest and highest target of each joint, in this stretch of SYNCs and in the one before: an answer
+        # that comes late says where the joint was then.
+        self._told = [_NOWHERE] * len(self._windows)
+        self._told_before = list(self._told)
+        self._stretch = 0
 
     def see(self, sample: Sample, commands: Setpoints | None) -> Astray | None:
         """Take in a sample and the commands that were sent before it; the joint that is astray, if one is."""
-        if commands is None or not sample.complete:
+        if commands is None:
             return None
+        self._stretch += 1
+        if self._stretch == LATE_SYNCS:
+            self._stretch = 0
+            self._told_before, self._told = self._told, [_NOWHERE] * len(self._windows)
         for at, window in enumerate(self._windows):
             command, status = commands[at], sample.statuswords[at]
-            follows = (
-                command.mode == CYCLIC_POSITION
-                and status & (_STATE | StatusBit.FOLLOWS_COMMAND) == _FOLLOWS
-            )
-            error = sample.counts[at] - command.target_counts
+            if command.mode != CYCLIC_POSITION:
+                self._told[at] = self._told_before[at] = _NOWHERE
+                self._away[at] = 0
+                continue
+            target, (low, high) = command.target_counts, self._told[at]
+            if not low <= target <= high:
+                low, high = self._told[at] = (min(low, target), max(high, target))
+            if not sample.complete:
+                continue
+            lower, higher = self._told_before[at]
+            counts = sample.counts[at]
+            error = min(counts - min(low, lower), 0) or max(counts - max(high, higher), 0)
+            follows = status & (_STATE | StatusBit.FOLLOWS_COMMAND) == _FOLLOWS
             self._away[at] = self._away[at] + 1 if follows and abs(error) > window else 0
             if self._away[at] >= AWAY_SYNCS:
                 since = sample.sync_count - self._away[at] + 1
-                return Astray(joint=at + 1, counts=error, sync_count=since)
+                return Astray(joint=at + 1, counts=round(error), sync_count=since)
         return None

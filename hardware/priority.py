@@ -9,11 +9,16 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Final
 
 PRIORITY: Final = 1
 """The lowest of the real-time ones: before all ordinary programs, behind whatever else is in real time."""
+
+LOOP_PRIORITY: Final = 2
+"""Of threads with a time to keep, who hardly compute: among equals, each may wait a tenth of a second for
+every other, and planning and printing must not make the loop wait. The rest of its program runs in real time
+too, since whoever holds the interpreter holds up the loop."""
 
 
 @contextmanager
@@ -36,6 +41,13 @@ def first_in_line() -> Iterator[None]:
         yield
     finally:
         os.sched_setscheduler(0, before, with_)
+
+
+def ahead_of_its_program() -> None:
+    """Run this thread before all others of its program, if that is `first_in_line`."""
+    if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_RR:
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
 
 
 def in_turn() -> None:

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hardware.cyclic import JointFrames, Sample
+from hardware.cyclic import LATE_SYNCS, JointFrames, Sample
 
 DOUBLED_SYNCS = 10
 """Frames may come twice now and then; whoever is so many answers ahead of one a SYNC is two."""
@@ -86,9 +86,10 @@ class Sampler:
         # and a sample with one answer takes only one of it away.
         for at, came in enumerate(self._came):
             answers = max(came)
-            # Whoever was held up answers all that he owes at once; who answers one a SYNC owes nothing.
+            # Whoever was held up answers all that he owes at once, or now and then: meanwhile he may have
+            # answered every SYNC once, each time to an earlier one.
             late = min(self._owed[at], max(answers - 1, 0))
-            self._owed[at] += -late if late else 1 if answers == 0 else -min(self._owed[at], 1)
+            self._owed[at] = min(self._owed[at] - late + (answers == 0), LATE_SYNCS)
             surplus = answers - 1 - late if answers - late > 1 else -1
             self._doubled[at] = min(max(self._doubled[at] + surplus, 0), DOUBLED_SYNCS)
             came[:] = self._blank[at]

@@ -26,6 +26,7 @@ import can
 from hardware import objects
 from hardware.acceptance import controller_filters
 from hardware.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
+from hardware.priority import ahead_of_its_program
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.controller_network import ControllerNetwork
 from hardware.virtual.disturbances import Disturbances
@@ -233,6 +234,7 @@ class VirtualController:
             self._turns.release()
 
     def _run(self) -> None:
+        ahead_of_its_program()
         try:
             while not self._closing:
                 wait_s = _POLL_S if self.disturbances.wire is None else _SHORT_POLL_S

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-import threading
+import time
 from pathlib import Path
 
 from hardware.virtual.fault_words import FAULTS
@@ -13,6 +13,8 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
 _HELP = "help"
+_LOOK_S = 0.2
+"""How often it is looked whether the controller still lives."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -83,7 +85,9 @@ def execute(args: argparse.Namespace) -> int:
     with (
         ending_signals_interrupt(),
         first_in_line(),
-        run_controller(arm, choices, settings, fixture=fixture, slots=args.state, script=script),
+        run_controller(
+            arm, choices, settings, fixture=fixture, slots=args.state, script=script
+        ) as controller,
     ):
         chosen = virtual_arm(arm, fixture, choices)
         say(
@@ -99,8 +103,22 @@ def execute(args: argparse.Namespace) -> int:
             + "Ctrl-C ends it.",
             err=True,
         )
-        threading.Event().wait()
-    return ExitCode.ACCEPTED
+        while controller.failure is None:
+            time.sleep(_LOOK_S)
+    raise _out_of_order(controller.failure)
+
+
+def _out_of_order(failure: Exception) -> Exception:
+    """Return what to raise of a controller that ended by itself: its nodes must not fall silent unsaid."""
+    from can import CanError
+
+    from hardware.errors import BusError
+
+    if isinstance(failure, (CanError, OSError)):
+        return BusError(
+            f"The bus cannot be used any more: {failure}. Look at adapter and interface, and start again."
+        )
+    return failure
 
 
 def fault_table() -> str:

@@ -162,8 +162,8 @@ _START = "from operator_app.session.solving import serve; serve()"
 
 def serve() -> None:
     """Solve what comes through the pipe until the other end is gone."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     in_turn()  # whoever keeps the time of an arm may run before others: this is not that one
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     os.nice(NICENESS)
     connection: Connection = Connection(int(sys.argv[1]))
     with contextlib.suppress(EOFError, OSError):

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hardware.cyclic import Sample, Setpoint
+from hardware.cyclic import LATE_SYNCS, Sample, Setpoint
 from hardware.following import AWAY_SYNCS, Astray, Following
 
 FOLLOWS, NO_ANSWER_BIT, STOPPED, FAULT = 0x1627, 0x0627, 0x1607, 0x1608
@@ -66,3 +66,47 @@ def test_nobody_is_astray_before_anything_was_commanded_or_without_windows() -> 
     for _ in range(3 * AWAY_SYNCS):
         assert Following([WINDOW]).see(sample, None) is None
         assert Following().see(sample, (Setpoint(0x0F, 0, CSP),)) is None
+
+
+def moving(lag: int, *, astray: int = 0) -> list[Astray | None]:
+    """What is said of a joint that runs 30 counts a SYNC to and fro, seen `lag` SYNCs late."""
+    following = Following([WINDOW])
+    way = [*range(0, 6000, 30), *range(6000, 0, -30), *[0] * 200]
+    return [
+        following.see(
+            Sample(
+                sync_count=sync,
+                statuswords=(FOLLOWS,),
+                counts=(way[max(sync - lag, 0)] + astray,),
+                torques_per_mille=(0,),
+            ),
+            (Setpoint(0x0F, target, CSP),),
+        )
+        for sync, target in enumerate(way)
+    ]
+
+
+@pytest.mark.parametrize("lag", [0, 1, 23, LATE_SYNCS])
+def test_a_joint_seen_late_on_a_busy_machine_is_not_astray(lag: int) -> None:
+    assert set(moving(lag)) == {None}
+
+
+@pytest.mark.parametrize("lag", [0, 23])
+def test_a_joint_led_astray_while_it_moves_is_found_when_it_rests_at_the_latest(lag: int) -> None:
+    found = next(said for said in moving(lag, astray=-WINDOW - 1) if said is not None)
+    assert found.sync_count <= 400 + 2 * LATE_SYNCS
+
+
+def test_a_joint_that_was_free_meanwhile_has_been_told_nothing() -> None:
+    following = Following([WINDOW])
+
+    def see(sync: int, target: int, mode: int) -> Astray | None:
+        sample = Sample(
+            sync_count=sync, statuswords=(FOLLOWS,), counts=(0,), torques_per_mille=(0,)
+        )
+        return following.see(sample, (Setpoint(0x0F, target, mode),))
+
+    assert see(1, 0, CSP) is None
+    assert see(2, 0, CST) is None
+    said = [see(sync, 5 * WINDOW, CSP) for sync in range(3, 3 + AWAY_SYNCS)]
+    assert said[-1] == Astray(joint=1, counts=-5 * WINDOW, sync_count=3)

@@ -7,12 +7,25 @@ import threading
 
 import pytest
 
-from hardware.priority import first_in_line
+from hardware.priority import LOOP_PRIORITY, PRIORITY, ahead_of_its_program, first_in_line
 
 
 def policy_of_a_thread() -> int:
     found: list[int] = []
     thread = threading.Thread(target=lambda: found.append(os.sched_getscheduler(0)))
+    thread.start()
+    thread.join()
+    return found[0]
+
+
+def priority_of_a_loop() -> int:
+    found: list[int] = []
+
+    def loop() -> None:
+        ahead_of_its_program()
+        found.append(os.sched_getparam(0).sched_priority)
+
+    thread = threading.Thread(target=loop)
     thread.start()
     thread.join()
     return found[0]
@@ -42,3 +55,11 @@ def test_where_it_is_not_allowed_everything_goes_on(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     with first_in_line():
         assert policy_of_a_thread() == os.SCHED_OTHER
+
+
+@pytest.mark.skipif(not allowed(), reason="this user may not ask for real-time priority")
+def test_a_loop_runs_before_the_rest_of_a_program_in_real_time_only() -> None:
+    with first_in_line():
+        assert priority_of_a_loop() == LOOP_PRIORITY > PRIORITY
+        assert os.sched_getparam(0).sched_priority == PRIORITY
+    assert priority_of_a_loop() == 0

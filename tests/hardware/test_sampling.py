@@ -103,3 +103,13 @@ def test_two_that_were_held_up_are_two() -> None:
         answered(sampler, 1, 1.0)
     sampler.open()
     assert sampler.doubled() == (1,)
+
+
+def test_who_lags_behind_for_a_while_before_he_catches_up_is_one_device() -> None:
+    sampler = Sampler(frames_of(sarcos(1)), patience=100, now_s=0.0)
+    for answers in [*[0] * 12, *[1] * 40, 13, *[1] * 5]:
+        sampler.open()
+        for _ in range(answers):
+            answered(sampler, 1, 1.0)
+        sampler.close()
+        assert sampler.doubled() == ()

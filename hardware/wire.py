@@ -6,6 +6,7 @@ import struct
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +152,9 @@ class Wire:
                 self._writer(message)
             except (OSError, ValueError, struct.error) as error:
                 self.recording_failure = str(error)
-                self._writer = None
+                writer, self._writer = self._writer, None
+                with suppress(OSError, ValueError, struct.error):  # said already
+                    writer.stop()
 
 
 def _unused(path: Path) -> Path:

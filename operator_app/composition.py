@@ -46,6 +46,7 @@ from operator_app.errors import SessionError
 from operator_app.session.opening import Choices, Opening, Rig, open_session, remove_if_empty
 from operator_app.session.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
+from operator_app.words_out import say
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
@@ -139,12 +140,22 @@ def open_arm(
             timing=_timing(procedure, speed=speed, embedded=embedded),
             openers=openers,
         )
+        stack.callback(_say_what_is_not_recorded, arm, record_to)
         stack.callback(arm.close)
         choices = _completed(opening.choices, bus, embedded=embedded)
         yield Rig(
             arm=arm,
             opening=replace(opening, procedure=procedure, choices=choices),
             simulated=embedded,
+        )
+
+
+def _say_what_is_not_recorded(arm: CanopenArm, record_to: Path | None) -> None:
+    if arm.recording_failure is not None:
+        say(
+            f"sarcal: the recording of the bus, {record_to}, ends early: {arm.recording_failure}. "
+            "Free some space, or record to another disk.",
+            err=True,
         )
 
 

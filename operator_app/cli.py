@@ -9,37 +9,16 @@ from __future__ import annotations
 import argparse
 import difflib
 import errno
-import importlib
 import os
 import re
 import sys
 from collections.abc import Sequence
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from operator_app.commands.completion import asked, complete
+from operator_app.commands.table import APP, COMMANDS, module
 from operator_app.own_names import ForeignPackageError, require_own_names
 from operator_app.words_out import harmless, say
-
-COMMANDS = {
-    "run": "calibrate an arm from start to finish, without questions",
-    "plan": "choose drive joints and poses before anything moves",
-    "solve": "calibrate from a file of poses, without an arm",
-    "import": "make a session out of poses or a joint log of your own",
-    "verify": "judge new poses by a calibration made before them",
-    "export": "write, show or upload the parameters of a session",
-    "report": "write an HTML report of a session",
-    "compare": "say what drifted between two calibrations",
-    "new": "make an arm file, from a URDF",
-    "session": "list sessions, show one, or repair the journal of one that is damaged",
-    "probe": "say which nodes are on a bus and whether they can be driven; moves nothing",
-    "arm-check": "check an arm on the bench in a safe order; asks before anything moves",
-    "monitor": "watch a bus beside a running session; sends nothing",
-    "reset": "clear tripped drives and a STOP; moves nothing",
-    "eds": "write the EDS files of joint drive and supervisor",
-    "controller": "run the virtual controller as its own process",
-}
-
-APP = "app"
 
 DESCRIPTION = """\
 Calibrate a redundant arm without any external measuring device: the hand is bolted to the table
@@ -93,8 +72,7 @@ def _dispatch(argv: Sequence[str]) -> int:
     words = argv if completing is None else completing
     wanted = next((word for word in words if word in COMMANDS), APP)
     if wanted == APP:
-        # Without a command: the terminal app, whose options belong to `sarcal` itself.
-        _module(APP).add_arguments(parser)
+        module(APP).add_arguments(parser)
     chosen = None
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
     for name, summary in COMMANDS.items():
@@ -102,7 +80,7 @@ def _dispatch(argv: Sequence[str]) -> int:
             name, help=summary, description=summary[0].upper() + summary[1:] + "."
         )
         if name == wanted:
-            _module(name).add_arguments(sub)
+            module(name).add_arguments(sub)
             chosen = sub
     if completing is not None:
         complete(parser, chosen)
@@ -110,7 +88,7 @@ def _dispatch(argv: Sequence[str]) -> int:
 
     from operator_app.exit_codes import EXPECTED_ERRORS, exit_code
 
-    command = _module(args.command or APP)
+    command = module(args.command or APP)
     try:
         code = int(command.execute(args))
     except EXPECTED_ERRORS as error:
@@ -119,12 +97,6 @@ def _dispatch(argv: Sequence[str]) -> int:
     # Here, where a full disk can still be said in words.
     sys.stdout.flush()
     return code
-
-
-def _module(command: str) -> Any:
-    # `import` is a word of Python's.
-    name = "import_poses" if command == "import" else command.replace("-", "_")
-    return importlib.import_module(f"operator_app.commands.{name}")
 
 
 def _in_words(error: Exception) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
+from types import MappingProxyType
 
 from fixtures.errors import FixtureError
 from hardware.errors import HardwareError
@@ -20,6 +22,19 @@ class ExitCode(IntEnum):
     NOT_ACCEPTED = 4
     NOT_IDENTIFIABLE = 5
     INTERRUPTED = 130
+
+
+MEANING: Mapping[ExitCode, str] = MappingProxyType(
+    {
+        ExitCode.ACCEPTED: "done; a calibration: accepted, with or without warnings",
+        ExitCode.BAD_INPUT: "usage or bad input",
+        ExitCode.ARM_FAULT: "bus or arm fault",
+        ExitCode.NOT_ACCEPTED: "solved but not accepted; a verification or comparison: something is off",
+        ExitCode.NOT_IDENTIFIABLE: "not identifiable: the poses cannot tell every parameter",
+        ExitCode.INTERRUPTED: "interrupted; the arm is held, the session is kept",
+    }
+)
+"""In words, for the manual."""
 
 
 class UsageError(Exception):

@@ -92,7 +92,8 @@ def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(tmp_path:
         path.relative_to(source).as_posix()
         for package in PACKAGES
         for path in (source / package).rglob("*")
-        if path.suffix in {".py", ".yaml", ".eds", ".tcss"} or path.name == "py.typed"
+        if path.suffix in {".py", ".yaml", ".eds", ".tcss", ".md", ".svg"}
+        or path.name == "py.typed"
     }
     wanted -= {"operator_app/api/__init__.py"}
     # One name for each module: what is imported as `sarcal` is not there as anything else.

@@ -1,4 +1,4 @@
-"""What a shell may complete: commands, options, packaged names, sessions. Needs the extra ``[completion]``.
+"""What a shell may complete: commands, options, packaged names, sessions, topics. Needs the extra ``[completion]``.
 
 With argcomplete installed, a shell asks once: ``eval "$(register-python-argcomplete sarcal)"``.
 """
@@ -35,9 +35,17 @@ def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser |
     except ImportError:
         return
     for action in () if command is None else command._actions:  # noqa: SLF001 - it has no other list
-        if action.dest in BY_DEST or action.dest in SESSIONS:
+        if action.dest == "topic":
+            action.completer = _topics  # type: ignore[attr-defined]
+        elif action.dest in BY_DEST or action.dest in SESSIONS:
             action.completer = _names(action.dest)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
+
+
+def _topics(**_: object) -> Iterable[str]:
+    from operator_app.manual.pages import SECTIONS
+
+    return [topic for topics in SECTIONS.values() for topic in topics]
 
 
 def _names(dest: str) -> Any:

@@ -76,6 +76,7 @@ def test_a_shell_completes_commands_options_and_names(tmp_path: Path) -> None:
     assert completions("sarcal solve p.csv --arm fr", tmp_path) == ["franka_panda"]
     assert "hinge_planned" in completions("sarcal run h", tmp_path)
     assert "20260101-hinge" in completions("sarcal report 2", tmp_path)
+    assert "arm-file" in completions("sarcal help arm", tmp_path)
 
 
 def test_a_session_is_shown_as_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,94 @@
+"""Which pages there are, in their order, and where each comes from. Shows nothing.
+
+What people wrote is Markdown in `pages`. What the code knows better, every option, key of a file, fault,
+object and exit code, is made from the code when the page is read: there is no second copy to grow old.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from types import MappingProxyType
+
+SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "Reference": {
+            "commands": "every command and option",
+            "exit-codes": "what a command says to the shell",
+            "arm-file": "keys of an arm file",
+            "fixture-file": "keys of a fixture file",
+            "procedure-file": "keys of a procedure file",
+            "profile-file": "keys of a bus profile",
+            "parameters-file": "keys of a parameters file",
+            "keys": "keys of the terminal app",
+            "faults": "what can go wrong, what you see, what to do",
+            "objects": "object dictionary of drive and supervisor",
+        },
+        "Explanation": {
+            "accepted": "what ACCEPTED means, and what it does not",
+        },
+    }
+)
+"""Topics by section, in the order of reading, and what each is in a line."""
+
+FOLDER = files("operator_app") / "manual" / "pages"
+
+
+class NoSuchTopicError(Exception):
+    """There is no page of this name; says which there are, and the nearest."""
+
+    def __init__(self, topic: str, topics: tuple[str, ...]) -> None:
+        near = [name for name in topics if topic and name.startswith(topic)]
+        near = near[:1] or difflib.get_close_matches(topic, topics, n=1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        super().__init__(f"the manual has no topic {topic!r}; {hint}all: {', '.join(topics)}")
+        self.topic, self.topics = topic, topics
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Page:
+    """A page as Markdown; `title` is its first line."""
+
+    topic: str
+    title: str
+    markdown: str
+
+
+class Manual:
+    """All pages; those that code makes are made when they are asked for."""
+
+    def __init__(self, made: Mapping[str, Callable[[], str]]) -> None:
+        self._made = made
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Names of the pages, in the order of reading."""
+        return tuple(topic for topics in SECTIONS.values() for topic in topics)
+
+    def made_by_code(self, topic: str) -> bool:
+        """Whether a page has no file."""
+        return topic in self._made
+
+    def summary(self, topic: str) -> str:
+        """Return what a page is, in a line."""
+        return next(found[topic] for found in SECTIONS.values() if topic in found)
+
+    def page(self, topic: str) -> Page:
+        """Return a page.
+
+        Raises
+        ------
+        NoSuchTopicError
+            There is none of this name.
+        """
+        name = topic.strip().lower().removesuffix(".md")
+        if name not in self.topics:
+            raise NoSuchTopicError(topic, self.topics)
+        text = self._made[name]() if name in self._made else _written(name)
+        return Page(topic=name, title=text.partition("\n")[0].removeprefix("# "), markdown=text)
+
+
+def _written(topic: str) -> str:
+    return (FOLDER / f"{topic}.md").read_text(encoding="utf-8")

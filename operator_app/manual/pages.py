@@ -14,9 +14,23 @@ from types import MappingProxyType
 
 SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
+        "Tutorial": {
+            "tutorial": "your first calibration, on the simulated arm",
+        },
+        "How to": {
+            "own-arm": "describe your own arm, plan, rehearse",
+            "own-hinge": "build and describe your own hinge",
+            "own-poses": "calibrate from readings that you have",
+            "real-can": "go on a real CAN bus, in a safe order",
+            "wrist-repair": "see which offsets moved",
+            "scripting": "use it from a shell or from Python",
+            "recording": "keep the frames of a bus",
+        },
         "Reference": {
             "commands": "every command and option",
             "exit-codes": "what a command says to the shell",
+            "poses-file": "columns of a poses file",
+            "session-folder": "what a session leaves on disk",
             "arm-file": "keys of an arm file",
             "fixture-file": "keys of a fixture file",
             "procedure-file": "keys of a procedure file",
@@ -28,6 +42,10 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         },
         "Explanation": {
             "accepted": "what ACCEPTED means, and what it does not",
+            "sign": "the sign of offsets, and the D-H convention",
+            "mounting": "which offsets outlive a mounting",
+            "error-model": "from the paper to the error model",
+            "paper": "the paper, item by item, with the command that does it",
         },
     }
 )

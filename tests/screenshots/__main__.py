@@ -1,9 +1,9 @@
 # ruff: noqa: T201 - says what it wrote
-"""The README's pictures, from the running app. Run: python -m tests.screenshots
+"""The pictures of README and manual, from the running app. Run: python -m tests.screenshots
 
 The app itself, without a terminal, on the virtual arm over its bus: keys are pressed from Connect to
-Results, and what the screen shows is written as SVG beside this file: Capture in the middle of a
-planned move, and Results.
+Results, and what the screen shows is written as SVG into the manual: every step as it is first seen,
+Capture in the middle of a planned move. Capture and Results are the README's, too, beside this file.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from operator_app.session.steps import Step
 from operator_app.tui.app import SarcalApp
 
 HERE = Path(__file__).parent
+PICTURES = HERE.parents[1] / "operator_app/manual/pages/pictures"
+README = ("capture", "results")
 SIZE = (120, 36)
 SEED = 1
 SPEED = 1.5
@@ -44,6 +46,12 @@ async def main() -> None:
         try:
             async with app.run_test(size=SIZE) as pilot:
                 await until(pilot, lambda: app.picture is not None)
+                await pilot.press("enter")
+                await until(pilot, lambda: connected(app))
+                write(app, "connect")
+                for step in (Step.FIXTURE, Step.MODES):
+                    await walk(app, pilot, step)
+                    write(app, step.title.lower())
                 await walk(app, pilot, Step.CAPTURE)
                 await pilot.press("enter")
                 await until(pilot, lambda: under_way(app))
@@ -89,6 +97,12 @@ def idle(app: SarcalApp) -> bool:
     return app.runner is not None and app.runner.snapshot().task is None
 
 
+def connected(app: SarcalApp) -> bool:
+    """Whether the arm is found, and its joints are on the screen."""
+    s = app.picture
+    return idle(app) and s is not None and s.connected and s.arm is not None
+
+
 def under_way(app: SarcalApp) -> bool:
     """Whether the arm is well on its way to a planned pose, seen beforehand."""
     s = app.picture
@@ -104,9 +118,10 @@ def under_way(app: SarcalApp) -> bool:
 def write(app: SarcalApp, name: str) -> None:
     """Write what the screen shows, without fonts to be fetched from elsewhere."""
     svg = re.sub(r"@font-face\s*{[^}]*}\s*", "", app.export_screenshot(title="sarcal"))
-    path = HERE / f"{name}.svg"
-    path.write_text(svg)
-    print(path.relative_to(HERE.parents[1]))
+    for folder in (PICTURES, *([HERE] if name in README else ())):
+        path = folder / f"{name}.svg"
+        path.write_text(svg)
+        print(path.relative_to(HERE.parents[1]))
 
 
 if __name__ == "__main__":

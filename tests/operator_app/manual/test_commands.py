@@ -1,0 +1,227 @@
+"""Every command of the pages runs, from top to bottom of its page, in a folder that has what the page names.
+
+Here a run is short: ten poses of the exact arm, made once and copied. The campaign types the pages as they
+are. A controller in another process stands at the end of can0.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import pty
+import re
+import select
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.cli import main
+from oracles.manual_pages import NOT_OURS, blocks, written_topics
+from oracles.open_arm import measured_csv
+
+HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
+START = [sys.executable, "-c", "import sys; from operator_app.cli import main; sys.exit(main())"]
+RUN = "sarcal run hinge"
+SHORT = ["run", "hinge", "--scenario", "exact", "--poses", "10"]
+CAN = "-i socketcan -c can0"
+PATIENCE_S = 60.0
+REDIRECTED = re.compile(r" > (\S+)$")
+
+TOPICS = [topic for topic in written_topics() if any(b.commands for b in blocks(topic))]
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a session and with the files that pages call mine."""
+    folder = tmp_path_factory.mktemp("prepared")
+    rows = HINGE.read_text().splitlines()
+    (folder / "my_poses.csv").write_text("\n".join(rows[:25]) + "\n")
+    (folder / "my_other_poses.csv").write_text("\n".join([rows[0], *rows[25:45]]) + "\n")
+    angles = [[float(cell) for cell in row.split(",")[2:9]] for row in rows[1:25]]
+    np.savetxt(folder / "my_log.csv", np.deg2rad(angles), delimiter=",")
+    measured_csv(folder / "open_arm.csv")
+    with contextlib.chdir(folder):
+        assert quietly(SHORT) == 0
+        assert quietly(["export", "latest", "--format", "urdf", "-o", "my_arm.urdf"]) == 0
+    return folder
+
+
+def quietly(words: list[str]) -> int:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        return main(words)
+
+
+@pytest.fixture
+def desk(prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of somebody who reads a page."""
+    for file in prepared.iterdir():
+        if file.is_file():
+            shutil.copy(file, tmp_path)
+    for topic in written_topics():
+        for block in blocks(topic):
+            if block.file:
+                (tmp_path / block.file).write_text(block.text)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@contextlib.contextmanager
+def controller(*options: str) -> Iterator[str]:
+    """A virtual controller in a process of its own; how it is reached, in options."""
+    bus = f"-i loopback -c manual-{os.getpid()}"
+    words = [*START, "controller", *bus.split(), *options]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            assert process.stderr.readline().startswith("Virtual ")
+            yield bus
+        finally:
+            process.kill()
+
+
+def typed(command: str, bus: str) -> int:
+    """Type a line; what it says is kept in a file where the line says so."""
+    redirected = REDIRECTED.search(command)
+    line = command.replace(CAN, bus)
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        code = main(shlex.split(REDIRECTED.sub("", line))[1:])
+    if redirected:
+        Path(redirected[1]).write_text(said.getvalue())
+    return code
+
+
+def shortened(command: str, prepared: Path, made: list[Path]) -> str:
+    """Copy the session that was made once where a run is wanted; return what else is to be typed."""
+    if not command.startswith(RUN):
+        # New poses come from the arm on which the session was made.
+        return command + (" --scenario exact" if "verify latest --poses" in command else "")
+    (session,) = (prepared / "sessions").iterdir()
+    target = Path("sessions") / f"{session.name}-{len(made)}"
+    shutil.copytree(session, target)
+    made.append(target)
+    rest = command.removeprefix(RUN)
+    return f"sarcal report {target}{rest}" if rest else ""
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_every_command_of_a_page_runs(topic: str, prepared: Path, desk: Path) -> None:
+    made: list[Path] = []
+    if topic not in ("tutorial", "wrist-repair", "scripting", "paper"):
+        shutil.copytree(prepared / "sessions", "sessions")
+    with contextlib.ExitStack() as stack:
+        bus = ""
+        for block in blocks(topic):
+            if block.run:
+                continue
+            for command in block.commands:
+                if command.startswith(NOT_OURS) or not command.strip():
+                    continue
+                if CAN in command and not bus:
+                    bus = stack.enter_context(controller())
+                if command == "sarcal":
+                    assert opened_and_left(desk) == 0
+                    continue
+                line = shortened(command, prepared, made)
+                assert not line or typed(line, bus) == 0, command
+
+
+def opened_and_left(folder: Path, *options: str) -> int:
+    """Open the app in a terminal of its own, wait until it shows something, and press q."""
+    here, there = pty.openpty()
+    size = {"COLUMNS": "120", "LINES": "36", "TERM": "xterm-256color"}
+    with subprocess.Popen(
+        [*START, *options],
+        stdin=there,
+        stdout=there,
+        stderr=there,
+        cwd=folder,
+        env=os.environ | size,
+    ) as process:
+        os.close(there)
+        end, seen = time.monotonic() + PATIENCE_S, b""
+        asked = False
+        while process.poll() is None and time.monotonic() < end:
+            if select.select([here], [], [], 0.05)[0]:
+                with contextlib.suppress(OSError):
+                    seen += os.read(here, 65536)
+            if not asked and b"Connect" in seen:
+                os.write(here, b"q")
+                asked = True
+        process.kill()
+        os.close(here)
+        return process.wait()
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("topic", TOPICS)
+def test_every_command_of_a_page_runs_as_it_is_written(
+    topic: str, prepared: Path, desk: Path
+) -> None:
+    if topic not in ("tutorial", "wrist-repair", "scripting", "paper"):
+        shutil.copytree(prepared / "sessions", "sessions")
+    with contextlib.ExitStack() as stack:
+        bus = ""
+        for block in blocks(topic):
+            for command in block.commands:
+                if command.startswith(NOT_OURS) or not command.strip() or block.run == "terminal":
+                    continue
+                if block.run == "background":
+                    options = shlex.split(command)[2:]
+                    bus = stack.enter_context(controller(*options[2:]))
+                    continue
+                if CAN in command and not bus:
+                    bus = stack.enter_context(controller())
+                if command == "sarcal":
+                    assert opened_and_left(desk) == 0
+                    continue
+                assert typed(command.replace("-i loopback", CAN) if bus else command, bus) == 0, (
+                    command
+                )
+
+
+@pytest.mark.parametrize(
+    "topic", [t for t in written_topics() if any(b.language == "python" for b in blocks(t))]
+)
+def test_every_piece_of_python_runs(
+    topic: str, desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for block in blocks(topic):
+        if block.language == "python":
+            exec(compile(block.text, topic, "exec"), {})  # noqa: S102 - the page
+    assert "theta_off_2" in capsys.readouterr().out
+
+
+def test_nothing_is_written_that_no_test_runs() -> None:
+    """Every line of a shell block is a command of ours or one of the system's."""
+    for topic in TOPICS:
+        for block in blocks(topic):
+            assert block.language in ("sh", "yaml", "python", "text"), topic
+            assert block.run in ("", "campaign", "background", "terminal"), topic
+            for command in filter(str.strip, block.commands):
+                assert command.startswith(("sarcal ", *NOT_OURS)) or command == "sarcal", command
+            assert block.language != "yaml" or block.file
+
+
+def test_commands_within_the_text_have_parsers_that_take_them() -> None:
+    """What a sentence or a table quotes as a command is one, with options that it has."""
+    from operator_app.commands.table import APP, COMMANDS, parser_of
+    from operator_app.manual.pages import FOLDER
+
+    for topic in written_topics():
+        prose = re.sub(r"```.*?```", "", (FOLDER / f"{topic}.md").read_text(), flags=re.DOTALL)
+        for quoted in re.findall(r"`sarcal(?: ([^`]*))?`", " ".join(prose.split())):
+            words = shlex.split(quoted)
+            name = words[0] if words and not words[0].startswith("-") else APP
+            assert name in {APP, *COMMANDS}, f"{topic}: {quoted}"
+            known = {o for a in parser_of(name)._actions for o in a.option_strings}
+            unknown = {w for w in words if w.startswith("-")} - known
+            assert not unknown, f"{topic}: {quoted}"

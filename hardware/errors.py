@@ -129,3 +129,7 @@ class CommandRefused(HardwareError):
 
 class UploadRefused(HardwareError):
     """The supervisor refused a parameter document; its previous one stays active."""
+
+
+class InstrumentError(HardwareError):
+    """The instrument that measures the endpoint is silent, gone, or says what cannot be used."""

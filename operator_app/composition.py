@@ -16,6 +16,7 @@ from functools import cache
 from itertools import count
 from pathlib import Path
 
+from fixtures.measured import Measured
 from hardware.buses import BusSettings, bus_settings, open_bus
 from hardware.canopen_arm import CanopenArm
 from hardware.connection import BusOpeners
@@ -25,6 +26,7 @@ from hardware.description import (
     JointDescription,
     RvdtDescription,
 )
+from hardware.line_port import CalledLines
 from hardware.objects import HEARTBEAT_TIMEOUT_S
 from hardware.priority import first_in_line
 from hardware.timing import Pace, Timing
@@ -43,6 +45,7 @@ from operator_app.config.fixture_file import FixtureSpec, load_fixture
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
+from operator_app.session.instrument import Instrument, port_of
 from operator_app.session.opening import Choices, Opening, Rig, open_session, remove_if_empty
 from operator_app.session.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
@@ -113,6 +116,7 @@ def open_arm(
         procedure = replace(procedure, upload=False)
     bus = settings = _bus(opening.choices, procedure)
     embedded = settings.interface == "virtual"
+    controller: VirtualController | None = None
     with ExitStack() as stack:
         if embedded:
             channel = f"sarcal-{os.getpid()}-{next(_channels)}"
@@ -142,11 +146,15 @@ def open_arm(
         )
         stack.callback(_say_what_is_not_recorded, arm, record_to)
         stack.callback(arm.close)
+        instrument = None
+        if not procedure.fixture.fixture.holds_hand:
+            instrument = _instrument(procedure, opening.choices, controller)
         choices = _completed(opening.choices, bus, embedded=embedded)
         yield Rig(
             arm=arm,
             opening=replace(opening, procedure=procedure, choices=choices),
             simulated=embedded,
+            instrument=instrument,
         )
 
 
@@ -261,6 +269,29 @@ def virtual_arm(arm: ArmModel, fixture: FixtureSpec, choices: Choices) -> Scenar
         ) from error
 
 
+def _instrument(
+    procedure: Procedure, choices: Choices, controller: VirtualController | None
+) -> Instrument | None:
+    """Return what sees the hand: as chosen, else the virtual arm's own, else as the procedure says."""
+    fixture = procedure.fixture.fixture
+    if not isinstance(fixture, Measured):
+        return None
+    if choices.tracker is None and controller is not None:
+        return virtual_instrument(controller, fixture)
+    source = choices.tracker or procedure.tracker
+    return None if source is None else Instrument(port_of(source), full_pose=fixture.full_pose)
+
+
+def virtual_instrument(controller: VirtualController, fixture: Measured) -> Instrument:
+    """Return the tracker of a virtual arm of this process, behind the lines any other would send."""
+    if controller.tracker is None:
+        raise SessionError(
+            "no tracker sees the hand of this virtual arm", "take a measured fixture"
+        )
+    port = CalledLines(controller.tracker.answer, "the virtual arm's tracker")
+    return Instrument(port, full_pose=fixture.full_pose)
+
+
 @contextmanager
 def run_controller(
     arm: ArmModel,
@@ -278,7 +309,8 @@ def run_controller(
     The plant is of this arm in this `fixture` (default: the packaged hinge). `script` are faults that
     happen at given SYNCs. An `attended` controller is waited for by `VirtualController.attend`.
     """
-    chosen = virtual_arm(arm, load_fixture("hinge") if fixture is None else fixture, choices)
+    fixture = load_fixture("hinge") if fixture is None else fixture
+    chosen = virtual_arm(arm, fixture, choices)
     carried = chosen.arm(arm)
     try:
         plant, axes = chosen.build(arm), arm_axes(carried)
@@ -299,6 +331,8 @@ def run_controller(
         script=script,
         attended=attended,
     )
+    if isinstance(fixture.fixture, Measured):
+        controller.tracker = chosen.tracker(plant, fixture.fixture)
     controller.start()
     try:
         yield controller

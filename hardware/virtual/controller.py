@@ -38,6 +38,7 @@ from hardware.virtual.parameter_store import ParameterStore
 from hardware.virtual.parameters import Validate, takes_no_documents
 from hardware.virtual.port import PlantPort
 from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode, Surroundings
+from hardware.virtual.tracker import SimulatedTracker
 
 _POLL_S = 0.02
 """Longest wait for a frame: how soon wall-clock duties and `post` are seen to on a quiet bus."""
@@ -83,6 +84,9 @@ class VirtualController:
         The nodes. To be looked at from other threads under their `lock` only.
     sync_count
         SYNCs answered so far.
+    tracker
+        What sees the hand of an open arm, None where a fixture holds it. Its measurements do not go
+        over the bus.
     failure
         What ended the control loop before `close` did, None if nothing. As a context manager the
         controller raises it at the end; who calls `start` and `close` has to look.
@@ -109,6 +113,7 @@ class VirtualController:
         self.disturbances = Disturbances()
         self.faults = FaultInjector(self)
         self.sync_count = 0
+        self.tracker: SimulatedTracker | None = None
         self.failure: Exception | None = None
         self._heard_s: dict[int, float] = {}
         self._posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()

@@ -14,13 +14,15 @@ import numpy as np
 
 from fixtures.base import Fixture
 from fixtures.mobility import mobility
-from hardware.virtual.truth import BallTruth, LoopTruth, Truth
+from hardware.virtual.truth import BallTruth, LoopTruth, OpenTruth, Truth
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
+from solver.chain.rotations import rotation_matrix
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.dh import DhLoop
+from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import PointClosure
 
 OFFSET_RAD = float(np.deg2rad(3.0))
@@ -62,7 +64,7 @@ def drawn_truth(stated: Stated, rng: np.random.Generator, *, maker_errors: bool)
     """
     arm, kind = stated.arm, stated.fixture.kind
     model = stated.fixture.model(arm)
-    if not isinstance(model, DhLoop | PointClosure):
+    if not isinstance(model, DhLoop | PointClosure | MeasuredClosure):
         raise ValueError(f"no virtual arm knows how a {kind} fixture holds its hand")  # noqa: TRY004
     nominal = nominal_vector(model.parameters)
     here = _pose(_truth(model, nominal, model.arm_rows()), arm, arm.home_rad)
@@ -89,7 +91,9 @@ def drawn_truth(stated: Stated, rng: np.random.Generator, *, maker_errors: bool)
 
 def _seen(stated: Stated, model: ArmLoop, x: FloatArray, q: FloatArray) -> FloatArray:
     """Which unknowns (P,) the loop can see, 1 or 0: the others stay as the files have them."""
-    still = {f"theta_off_{j}" for j in mobility(model, x, q).immobile_joints}
+    still: set[str] = set()
+    if stated.fixture.holds_hand:
+        still = {f"theta_off_{j}" for j in mobility(model, x, q).immobile_joints}
     hidden = {
         check.code.removeprefix("HIDDEN_")
         for check in stated.fixture.placement_checks(stated.arm, x)
@@ -101,13 +105,15 @@ def may_be(stated: Stated, truth: LoopTruth, home_rad: FloatArray) -> bool:
     """Whether the files may mean this very arm in this very hinge, which closes at `home_rad` (n,).
 
     What they leave free may be off by its tolerance (offsets by `MISREMEMBERED_RAD`); all else is what
-    the files say, within five of the standard deviations they state.
+    the files say, within five of the standard deviations they state. Of an open arm the hinge, and with
+    it what the mounting decides, does not count.
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
-    if not isinstance(model, DhLoop) or (model.hinge, model.joint_count) != (
-        truth.hinge,
-        truth.joint_count,
-    ):
+    if model.joint_count != truth.joint_count:
+        return False
+    if isinstance(model, MeasuredClosure):
+        return _may_be_arm(stated, truth)
+    if not isinstance(model, DhLoop) or model.hinge != truth.hinge:
         return False
     off = model.table.stacked() - truth.table.stacked()
     angles = [DhKind.THETA_OFF, DhKind.ALPHA]
@@ -121,6 +127,47 @@ def may_be(stated: Stated, truth: LoopTruth, home_rad: FloatArray) -> bool:
         allowed[entry.kind, entry.row] = MISREMEMBERED_RAD if is_offset else angle
     near = np.abs(arm.home_rad - home_rad).max() < 2.0 * NEAR_HOME_RAD
     return bool(near and np.all(np.abs(off) <= allowed + 1e-9))
+
+
+def _may_be_arm(stated: Stated, truth: LoopTruth) -> bool:
+    """Whether the arm's file may mean the arm of this truth, whatever holds or sees its hand."""
+    arm = stated.arm
+    off = arm.table.stacked() - truth.table.stacked()[:, 1:]
+    angles = [DhKind.THETA_OFF, DhKind.ALPHA]
+    off[angles] = np.remainder(off[angles] + np.pi, 2.0 * np.pi) - np.pi
+    allowed = np.zeros(off.shape)
+    allowed[DhKind.THETA_OFF] = MISREMEMBERED_RAD
+    allowed[[DhKind.S, DhKind.A]] = 5.0 * arm.length_tolerance_m
+    allowed[DhKind.ALPHA] = 5.0 * arm.twist_tolerance_rad
+    for name in mounted_entries(arm.joint_count):
+        entry = DhEntry.parse(name)
+        allowed[entry.kind, entry.row - 1] = np.inf
+    return bool(np.all(np.abs(off) <= allowed + 1e-9))
+
+
+def mounted_entries(joints: int) -> tuple[str, ...]:
+    """Entries of the arm that cannot be told from where its base and its hand's side are."""
+    last = (f"theta_off_{joints}", f"s_{joints}", f"a_{joints}", f"alpha_{joints}")
+    return ("theta_off_1", "s_1", *last)
+
+
+def opened(stated: Stated, truth: Truth, rng: np.random.Generator) -> OpenTruth:
+    """The arm of another truth with nothing in its hand but a target; the instrument's place is drawn.
+
+    What cannot be told from where base and target are is as the arm's file has it.
+    """
+    model = stated.fixture.model(stated.arm)
+    if not isinstance(model, MeasuredClosure):
+        raise ValueError(f"a {stated.fixture.kind} holds the hand")  # noqa: TRY004
+    rows, nominal = truth.table.stacked()[:, 1:].copy(), stated.arm.table.stacked()
+    for name in mounted_entries(stated.arm.joint_count):
+        entry = DhEntry.parse(name)
+        rows[entry.kind, entry.row - 1] = nominal[entry.kind, entry.row - 1]
+    here = model.without([entry.name for entry in model.entries])
+    found = _truth(here, nominal_vector(here.parameters) + _spread(here, stated, rng), rows)
+    if not isinstance(found, OpenTruth):
+        raise TypeError("the truth of an open arm is an open one")
+    return found
 
 
 def _spread(model: ArmLoop, stated: Stated, rng: np.random.Generator) -> FloatArray:
@@ -142,19 +189,25 @@ def _spread(model: ArmLoop, stated: Stated, rng: np.random.Generator) -> FloatAr
     return np.array(off)
 
 
-def _truth(model: DhLoop | PointClosure, x: FloatArray, rows: FloatArray) -> Truth:
+def _truth(
+    model: DhLoop | PointClosure | MeasuredClosure, x: FloatArray, rows: FloatArray
+) -> Truth:
     """The truth with these unknowns (P,) and these arm rows (4, n) where nothing is unknown."""
-    stacked = model.arm_rows() if isinstance(model, PointClosure) else model.table.stacked()
+    stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
     here = model.with_table(_table(stacked))
     found = here.tables(x)
     if isinstance(model, DhLoop):
         return LoopTruth(table=_table(found), hinge=model.hinge)
-    tip_ground = model.own_values(x)[0]
-    return BallTruth(
-        table=_table(np.concatenate((np.zeros((4, 1)), found), axis=1)),
-        tip_m=tip_ground[:3],
-        ground_m=tip_ground[3:],
+    table, own = _table(np.concatenate((np.zeros((4, 1)), found), axis=1)), model.own_values(x)[0]
+    if isinstance(model, PointClosure):
+        return BallTruth(table=table, tip_m=own[:3], ground_m=own[3:])
+    return OpenTruth(
+        table=table,
+        base_m=own[:3],
+        base_rotation=rotation_matrix(own[3:6]) @ model.base_rotation,
+        tip_m=own[6:9],
+        tip_rotation=rotation_matrix(own[9:]) @ model.tip_rotation,
     )
 
 

@@ -132,6 +132,17 @@ class BallPoint(ChainPoint):
         self.jacobian[:, 0] = 0.0
 
 
+class OpenPoint(ChainPoint):
+    """A hand that nothing holds: no component of error, and theta_0 turns nothing."""
+
+    def __init__(self, table: DhTable) -> None:
+        super().__init__(table, 0)
+
+    def at(self, theta_rad: FloatArray) -> None:
+        """Place the frames at angles theta_0 (left at zero), theta'_1 .. theta'_n, shape (n + 1,), rad."""
+        self._place(theta_rad)
+
+
 def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:
     """Logarithm of a rotation well below half a turn, rad (a loop that far open has broken)."""
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R

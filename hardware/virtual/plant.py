@@ -34,9 +34,9 @@ LONGEST_NEWTON_STEP_RAD = 0.1
 def fixture_stiffness(*, n_per_m: float, nm_per_rad: float, components: int = 6) -> FloatArray:
     """Stiffness (k, k) of a fixture that is alike in every direction: rotations, then positions.
 
-    Of three `components` all are positions.
+    Of three `components` all are positions; of none nothing is held.
     """
-    return np.diag(([nm_per_rad] * 3 + [n_per_m] * 3)[-components:])
+    return np.diag(([nm_per_rad] * 3 + [n_per_m] * 3)[6 - components :])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

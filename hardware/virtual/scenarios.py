@@ -15,12 +15,15 @@ from enum import IntEnum
 
 import numpy as np
 
-from hardware.virtual.drawn import Stated, drawn_truth, may_be
+from fixtures.measured import Measured
+from hardware.virtual.drawn import Stated, drawn_truth, may_be, opened
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
 from hardware.virtual.scenario_names import SCENARIOS
 from hardware.virtual.sensors import RvdtCurve, SensorBank, joint_sensor
+from hardware.virtual.tracker import SimulatedTracker
 from hardware.virtual.truth import (
     PAPER_HOME_RAD,
+    OpenTruth,
     Truth,
     paper_loop,
     with_length_errors,
@@ -50,6 +53,7 @@ class _Stream(IntEnum):
     NOISE = 2
     WILD = 3
     SPECIMEN = 4
+    TRACKER = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,7 +215,7 @@ class Scenario:
                 fixture=fixture_stiffness(
                     n_per_m=self.loads.fixture_n_per_m,
                     nm_per_rad=self.loads.fixture_nm_per_rad,
-                    components=truth.loop().components,
+                    components=len(truth.point().error),
                 ),
                 payload_kg=self.loads.payload_kg,
                 gravity_m_per_s2=GRAVITY_M_PER_S2 * self.loads.down,
@@ -222,8 +226,24 @@ class Scenario:
             start_hinge_rad=hinge,
         )
 
+    def tracker(self, plant: Plant, instrument: Measured) -> SimulatedTracker | None:
+        """What sees the hand of this plant, as exact as `instrument` is stated; None where a fixture holds it."""
+        truth = plant.truth
+        if not isinstance(truth, OpenTruth):
+            return None
+        exactly = 1.0 if self.noise else 0.0
+        return SimulatedTracker(
+            truth,
+            lambda: plant.true_angles_rad[1:],
+            sigma_m=exactly * instrument.sigma_m,
+            sigma_rad=exactly * instrument.sigma_rad,
+            full_pose=instrument.full_pose,
+            rng=self._rng(_Stream.TRACKER),
+        )
+
     def _rng(self, stream: _Stream) -> np.random.Generator:
-        seed = self.seed if stream is _Stream.NOISE or self.specimen is None else self.specimen
+        measures = stream in (_Stream.NOISE, _Stream.TRACKER)
+        seed = self.seed if measures or self.specimen is None else self.specimen
         return np.random.default_rng([seed, int(stream)])
 
 
@@ -278,11 +298,15 @@ def scenario_of(name: str, seed: int, stated: Stated) -> Scenario:
         There is no such scenario, or no plant can be built of these files; says why.
     """
     of_paper = scenario(name, seed)
+    rng = np.random.default_rng([seed, int(_Stream.SPECIMEN)])
     if may_be(stated, paper_loop(), PAPER_HOME_RAD):
-        return of_paper
+        if stated.fixture.holds_hand:
+            return of_paper
+        # The same arm as in the hinge, taken out of it.
+        return replace(of_paper, truth=opened(stated, of_paper.truth, rng))
     truth = drawn_truth(
         stated,
-        np.random.default_rng([seed, int(_Stream.SPECIMEN)]),
+        rng,
         maker_errors=name != "exact" and of_paper.lengths is None,
     )
     return replace(of_paper, truth=truth, specimen=None, loads=of_paper.loads.of(stated.arm))

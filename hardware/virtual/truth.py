@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hardware.virtual.loop_point import BallPoint, ChainPoint, LoopPoint
+from hardware.virtual.loop_point import BallPoint, ChainPoint, LoopPoint, OpenPoint
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.closing import close_loops
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.dh import DhLoop
+from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import PointClosure
 
 
@@ -37,6 +38,13 @@ class Truth:
     def offsets_rad(self) -> FloatArray:
         """True offsets of joints 1..n, shape (n,)."""
         return self.table.theta_off_rad[1:]
+
+    @property
+    def arm_table(self) -> DhTable:
+        """Rows 1..n: the arm without what holds it."""
+        return DhTable(
+            **{name: getattr(self.table, name)[1:] for name in DhTable.__dataclass_fields__}
+        )
 
     def loop(self) -> ArmLoop:
         """Closure model with nothing unknown; its joint angles are sensor coordinates."""
@@ -102,14 +110,56 @@ class BallTruth(Truth):
 
     def loop(self) -> PointClosure:
         """The distance of ball and socket."""
-        arm = DhTable(
-            **{name: getattr(self.table, name)[1:] for name in DhTable.__dataclass_fields__}
-        )
+        arm = self.arm_table
         return PointClosure(table=arm, entries=(), own=(), tip_m=self.tip_m, ground_m=self.ground_m)
 
     def point(self) -> BallPoint:
         """Three closure components."""
         return BallPoint(self.table, tip_m=self.tip_m, ground_m=self.ground_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenTruth(Truth):
+    """An arm that nothing holds, and a target on its hand that an instrument sees; row 0 is nothing.
+
+    Attributes
+    ----------
+    base_m, base_rotation
+        The arm's base in the instrument's frame, (3,) and (3, 3).
+    tip_m, tip_rotation
+        The target in the last frame, likewise.
+    """
+
+    base_m: FloatArray
+    base_rotation: FloatArray
+    tip_m: FloatArray
+    tip_rotation: FloatArray
+
+    def loop(self) -> MeasuredClosure:
+        """Where the target is seen; bound to no measurement."""
+        return MeasuredClosure(
+            table=self.arm_table,
+            entries=(),
+            base_m=self.base_m,
+            base_rotation=self.base_rotation,
+            tip_m=self.tip_m,
+            tip_rotation=self.tip_rotation,
+            full_pose=True,
+        )
+
+    def point(self) -> OpenPoint:
+        """No closure component at all."""
+        return OpenPoint(self.table)
+
+    def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
+        """True joint angles at a reading (n,): an open arm may stand anywhere."""
+        return np.asarray(reading_rad) + self.offsets_rad, 0.0
+
+    def target(self, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Place (3,) m and orientation (3, 3) of the target at true angles theta' (n,), as seen."""
+        q = (np.asarray(theta_rad) - self.offsets_rad)[None]
+        position, rotation = self.loop().predicted(np.zeros(0), q)
+        return position[0], rotation[0]
 
 
 def paper_loop() -> LoopTruth:

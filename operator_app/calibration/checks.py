@@ -8,6 +8,7 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.noise import error_model, noise_model, soften
+from operator_app.calibration.placed import as_calibrated
 from operator_app.calibration.solution import Solution
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
@@ -47,6 +48,7 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
         return Checks()
     if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
         return Checks()
+    fixture = as_calibrated(fixture, solution.model)
     kept = np.ones(len(poses), dtype=np.bool_)
     kept[list(solution.dropped_flipped)] = False
     q, model, there = poses.q_rad[kept], solution.model, np.flatnonzero(kept)

@@ -7,27 +7,21 @@ their errors have something in common, and the test is on the cautious side. Kno
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fixtures.measured import Measured
-from operator_app.calibration.loop import EndpointMissingError
+from operator_app.calibration.placed import placed_by_poses
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
-from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import forward
-from solver.chain.parameters import DhEntry, wrap_angle
+from solver.chain.parameters import wrap_angle
 from solver.chain.poses import PoseSet
-from solver.chain.rotations import rotation_matrix, rotation_vector
 from solver.judging.statistics import Chi2Test, chi2_test
 
 LEVEL = 0.01
 """How often calibrations of an arm that agree may be said to disagree."""
-ROUNDS = 300
-"""Of placing base and target in turn; each is exact for the other."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +92,8 @@ def check_open_loop(
         for p, v in zip(closed.estimate.parameters, closed.estimate.x, strict=True)
         if p.name not in own
     }
-    placed = placed_by_poses(arm, instrument, poses, values)
+    unknown = replace(instrument, full_pose=True, base_known=False, tip_known=False)
+    placed = placed_by_poses(arm, unknown, poses, values)
     found = calibrate(arm, placed, poses, drop=True)
     estimate = found.estimate
     there = {p.name: k for k, p in enumerate(estimate.parameters)}
@@ -138,65 +133,3 @@ def check_open_loop(
         chi2=chi2_test(float(z @ np.linalg.pinv(scaled) @ z), len(shared)),
         left_out=tuple(name for name in here if name not in shared and name.startswith("theta")),
     )
-
-
-def placed_by_poses(
-    arm: ArmModel, instrument: Measured, poses: PoseSet, values: Mapping[str, float]
-) -> Measured:
-    """Return the instrument with base and target where the measured poses have them.
-
-    For a known target the base is the rotation and shift that carry computed onto measured points
-    (Kabsch 1976); for a known base the target is linear. In turn they go down to the best of both.
-    """
-    if poses.endpoint is None:
-        raise EndpointMissingError("these poses have no endpoint columns x_m,y_m,z_m")
-    full = poses.endpoint.shape[1] == 6
-    measured = poses.endpoint[:, :3]
-    stacked = arm.table.stacked()
-    for name, value in values.items():
-        try:
-            entry = DhEntry.parse(name)
-        except ValueError:
-            continue
-        if 1 <= entry.row <= arm.joint_count:
-            stacked[entry.kind, entry.row - 1] = value
-    frames = forward(poses.q_rad + stacked[0], *stacked[1:])
-    p, R = frames.p_end, frames.R_end
-    tip = np.array(instrument.tip_m)
-    for _ in range(ROUNDS):
-        R_base, base = _carried(p + R @ tip, measured)
-        seen = (measured - base) @ R_base - p
-        tip = np.linalg.lstsq(R.reshape(-1, 3), seen.reshape(-1), rcond=None)[0]
-    R_base, base = _carried(p + R @ tip, measured)
-    turn = np.zeros(3)
-    if full:
-        R_seen = rotation_matrix(poses.endpoint[:, 3:])
-        turn = rotation_vector(_nearest_rotation(np.einsum("mji,kj,mkl->il", R, R_base, R_seen)))
-    return replace(
-        instrument,
-        full_pose=full,
-        base_m=_triple(base),
-        base_turn_rad=_triple(rotation_vector(R_base)),
-        tip_m=_triple(tip),
-        tip_turn_rad=_triple(turn),
-        base_known=False,
-        tip_known=False,
-    )
-
-
-def _carried(points: FloatArray, onto: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and shift (3,) that carry points (m, 3) onto others, in least squares."""
-    a, b = points.mean(axis=0), onto.mean(axis=0)
-    R = _nearest_rotation((onto - b).T @ (points - a))
-    return R, b - R @ a
-
-
-def _nearest_rotation(matrix: FloatArray) -> FloatArray:
-    """Rotation nearest to a matrix (3, 3)."""
-    U, _, Vt = np.linalg.svd(matrix)
-    handed = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    return np.asarray(U @ handed @ Vt)
-
-
-def _triple(v: FloatArray) -> tuple[float, float, float]:
-    return float(v[0]), float(v[1]), float(v[2])

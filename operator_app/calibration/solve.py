@@ -40,6 +40,7 @@ from operator_app.calibration.noise import (
     soften,
 )
 from operator_app.calibration.other_basins import best_about_nominal
+from operator_app.calibration.placed import as_seen
 from operator_app.calibration.refusals import (
     placement_checks,
     refuse_placement,
@@ -122,6 +123,7 @@ def calibrate(
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
     limits = AcceptanceLimits() if limits is None else limits
+    fixture = as_seen(arm, fixture, poses)
     unsensed_joints = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     if estimator == "paper" and unsensed_joints:
         raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")

@@ -18,6 +18,7 @@ from operator_app.commands.options import (
     scenario_options,
     session_record_option,
     sessions_option,
+    tracker_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
@@ -49,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="let the embedded virtual arm run N times faster than real time (default 1)",
     )
+    tracker_option(parser)
     sessions_option(parser)
     session_record_option(parser)
     bus_options(parser)
@@ -57,6 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run until the operator leaves."""
+    if args.tracker == "stdin":
+        raise UsageError(
+            "--tracker stdin: here standard input is the keyboard's; take tcp:HOST:PORT or file:PATH"
+        )
     if not 0.01 <= args.speed <= 50.0:
         raise UsageError("--speed: between 0.01 and 50 times real time")
     if not args.plain and not (sys.stdin.isatty() and sys.stdout.isatty()):

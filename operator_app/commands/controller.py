@@ -5,16 +5,24 @@ from __future__ import annotations
 import argparse
 import textwrap
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hardware.virtual.fault_words import FAULTS
 from operator_app.commands.options import bus_options, choices_from, scenario_options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
+if TYPE_CHECKING:
+    from hardware.virtual.tracker import SimulatedTracker
+
 _HELP = "help"
 _LOOK_S = 0.2
 """How often it is looked whether the controller still lives."""
+_PROCEDURE = {"measured": "open_loop"}
+"""Procedures that are not called as the kind of their fixture."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="folder that keeps uploaded parameters over a restart (default: in memory)",
+    )
+    parser.add_argument(
+        "--tracker-port",
+        type=int,
+        metavar="N",
+        help="where the simulated tracker of an open arm (a fixture of kind measured, such as tracker) "
+        "listens on this machine; default 7327, 0 takes any that is free",
     )
     faults = parser.add_argument_group("faults, to see what an operator sees of them")
     faults.add_argument(
@@ -88,14 +103,15 @@ def execute(args: argparse.Namespace) -> int:
         run_controller(
             arm, choices, settings, fixture=fixture, slots=args.state, script=script
         ) as controller,
+        _tracker(controller.tracker, args.tracker_port) as tracker,
     ):
         chosen = virtual_arm(arm, fixture, choices)
         say(
             f"Virtual {arm.name} in {fixture.name} (scenario {chosen.name}, seed {chosen.seed}) on "
             f"{settings}. "
-            f"In another terminal: sarcal run {fixture.kind} -i {settings.interface} "
-            f"-c {settings.channel}"
-            f"{' --scenario exact' if chosen.name == 'exact' else ''}\n"
+            f"In another terminal: sarcal run {_PROCEDURE.get(fixture.kind, fixture.kind)} "
+            f"-i {settings.interface} -c {settings.channel}"
+            f"{' --scenario exact' if chosen.name == 'exact' else ''}{tracker}\n"
             + "".join(
                 f"At SYNC {args.fault_sync}: {FAULTS[kind].broken} (joint {args.fault_joint}).\n"
                 for kind in args.fault
@@ -119,6 +135,24 @@ def _out_of_order(failure: Exception) -> Exception:
             f"The bus cannot be used any more: {failure}. Look at adapter and interface, and start again."
         )
     return failure
+
+
+@contextmanager
+def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str]:
+    """Let the tracker of an open arm be asked; what to say of it to who runs a procedure."""
+    from hardware.virtual.tracker_port import HOST, PORT, serve_tracker
+
+    if tracker is None:
+        if port is not None:
+            raise UsageError(
+                "--tracker-port: a fixture holds the hand, no tracker sees it; take --fixture tracker"
+            )
+        yield ""
+        return
+    if port is not None and not 0 <= port < 65536:
+        raise UsageError("--tracker-port: ports are 1 to 65535, 0 takes any that is free")
+    with serve_tracker(tracker.answer, PORT if port is None else port) as found:
+        yield f" --tracker tcp:{HOST}:{found}"
 
 
 def fault_table() -> str:

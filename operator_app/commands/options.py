@@ -128,6 +128,17 @@ def scenario_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--seed", type=int, help="of the virtual arm (default 0)")
 
 
+def tracker_option(parser: argparse.ArgumentParser) -> None:
+    """``--tracker``: the port of the instrument that measures endpoints."""
+    parser.add_argument(
+        "--tracker",
+        metavar="PORT",
+        help="where measured endpoints of an open arm come from: tcp:HOST:PORT, file:PATH (CSV that grows) "
+        "or stdin; a JSON object a line, with x_m, y_m, z_m and how the target is turned. Default: what the "
+        "procedure says; an embedded virtual arm has a tracker of its own",
+    )
+
+
 def sessions_option(parser: argparse.ArgumentParser) -> None:
     """``--sessions``: where session folders are kept."""
     parser.add_argument(
@@ -215,6 +226,7 @@ def choices_from(args: argparse.Namespace) -> Choices:
         profile=getattr(args, "profile", None),
         scenario=args.scenario,
         seed=args.seed,
+        tracker=getattr(args, "tracker", None),
     )
 
 

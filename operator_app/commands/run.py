@@ -21,6 +21,7 @@ from operator_app.commands.options import (
     session_record_option,
     sessions_option,
     tolerance_option,
+    tracker_option,
 )
 from operator_app.exit_codes import ExitCode
 from operator_app.words_out import say
@@ -50,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     plan_option(parser)
     estimator_options(parser)
     tolerance_option(parser)
+    tracker_option(parser)
     sessions_option(parser)
     bus_options(parser)
     scenario_options(parser)

@@ -70,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Judge and report."""
+    from operator_app.calibration.placed import as_calibrated
     from operator_app.calibration.verify import fixed_by, judge_poses
     from operator_app.composition import carried_procedure
     from operator_app.config.poses_file import load_poses
@@ -101,7 +102,8 @@ def execute(args: argparse.Namespace) -> int:
             )
         if len(poses.placements) > 1:
             raise UsageError("new poses must be of one placement, the one that was calibrated")
-        verdict = judge_poses(arm, fixture, poses, fixed_by(solution))
+        placed = as_calibrated(fixture, solution.model)
+        verdict = judge_poses(arm, placed, poses, fixed_by(solution))
     else:
         count = NEW_POSES if wanted is None else wanted
         verdict, poses = _on_the_arm(

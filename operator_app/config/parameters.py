@@ -68,6 +68,10 @@ UtcTime = Annotated[
 ]
 
 
+BESIDE_THE_TABLE = {"ball": 6, "measured": 12}
+"""Unknowns that are no entries of the arm's table: a ball's centre and its socket, an instrument and its target."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WhichArm(StrictRecord):
     """Model, e.g. ``sarcos_dextrous``, and serial number of an arm."""
@@ -276,8 +280,7 @@ class ParametersDocument(StrictRecord):
         calibrated, fixture = info.data.get("calibrated"), info.data.get("fixture")
         if calibrated is None:
             return value
-        # A ball's unknowns, its centre and the socket's, are no entries of the arm's table.
-        beside = 6 if fixture is not None and fixture.kind == "ball" else 0
+        beside = 0 if fixture is None else BESIDE_THE_TABLE.get(fixture.kind, 0)
         if value.rank > len(calibrated) + beside:
             text = f"rank {value.rank} for {len(calibrated)} calibrated entries"
             report(info, ("quality", "rank"), text, CHANGED_IN_ONE_PLACE)

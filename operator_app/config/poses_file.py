@@ -1,8 +1,9 @@
 """The poses file (CSV): ``placement,pose,theta1_deg..thetaN_deg`` and optional columns. Knows no arm.
 
 Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
-``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector) may
-follow. Columns may stand in any order: they are found by name.
+``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles
+and others have names of their own, see `orientation`) may follow. Columns may stand in any order: they are
+found by name.
 """
 
 from __future__ import annotations
@@ -28,6 +29,14 @@ from operator_app.config.csv_table import (
 )
 from operator_app.config.degrees import degrees_for_file
 from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.orientation import (
+    QUATERNION,
+    ROLL_PITCH_YAW,
+    ROTATION,
+    group_of,
+    groups_in,
+    rotation_vectors,
+)
 from operator_app.config.quantities import UNIT, angle_doubt, length_doubt
 from operator_app.config.resources import expanded, read_limited
 from operator_app.config.text import decode_text, only
@@ -43,7 +52,6 @@ FEW = 5
 KEY = ("placement", "pose")
 OPTIONAL = ("samples", "utc", "note")
 POSITION = ("x_m", "y_m", "z_m")
-ROTATION = ("rx_deg", "ry_deg", "rz_deg")
 THETA = re.compile(r"theta([1-9][0-9]{0,2})_deg")
 SD = re.compile(r"sd([1-9][0-9]{0,2})_deg")
 EXAMPLE = "the header is placement,pose,theta1_deg,theta2_deg,..."
@@ -105,7 +113,11 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     )
     if not columns["pose"]:
         raise only(file, None, None, "has a header and no poses", "capture poses first")
-    poses = _pose_set(columns)
+    try:
+        poses = _pose_set(columns)
+    except ValueError as error:
+        remedy = "correct qw,qx,qy,qz, or measure that pose again"
+        raise only(file, None, None, str(error), remedy) from error
     return LoadedPoses(poses=poses, warnings=_warnings(poses))
 
 
@@ -150,7 +162,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     theta, sd = ([f"{kind}{j}_deg" for j in range(1, last + 1)] for kind in ("theta", "sd"))
     # Columns that a misspelt one was probably meant to be: not missing as well.
     meant: set[str] = set()
-    every = (*KEY, *theta, *sd, *OPTIONAL, *POSITION, *ROTATION)
+    every = (*KEY, *theta, *sd, *OPTIONAL, *POSITION, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
     for k, name in enumerate(names):
         if name and name in names[:k]:
             first = names.index(name) + 1
@@ -168,12 +180,16 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     have = f"({len(joints)} joint column{'s' if len(joints) != 1 else ''}"
     have += f", the arm has {joint_count} joints)" if joint_count is not None else ")"
     endpoint = "an endpoint is x_m,y_m,z_m, or that and rx_deg,ry_deg,rz_deg"
+    turns = groups_in(sorted(there))
+    for other in turns[1:]:
+        text = f"says how the target is turned, and so does {turns[0][0]}"
+        yield None, other[0], text, "keep one of the two"
     for group, wanted, more, remedy in (
         (KEY, True, "", EXAMPLE),
         (theta, True, f" {have}", ""),
         (sd, bool(there & {*sd}), "", "give one for every joint, or none"),
-        (POSITION, bool(there & {*POSITION, *ROTATION}), "", endpoint),
-        (ROTATION, bool(there & {*ROTATION}), "", endpoint),
+        (POSITION, bool(turns or there & {*POSITION}), "", endpoint),
+        *((turn, True, "", endpoint) for turn in turns),
     ):
         for name in group:
             if wanted and name not in there:
@@ -181,7 +197,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
 
 
 def _known(name: str) -> bool:
-    fixed = name in (*KEY, *OPTIONAL, *POSITION, *ROTATION)
+    fixed = name in (*KEY, *OPTIONAL, *POSITION) or group_of(name) is not None
     return fixed or bool(THETA.fullmatch(name) or SD.fullmatch(name))
 
 
@@ -242,8 +258,9 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
         return tuple(columns[name]) if name in columns else None
 
     endpoint = table(POSITION) if POSITION[0] in columns else None
-    if endpoint is not None and ROTATION[0] in columns:
-        endpoint = np.concatenate((endpoint, np.deg2rad(table(ROTATION))), axis=1)
+    for group in groups_in(columns):
+        if endpoint is not None:
+            endpoint = np.concatenate((endpoint, rotation_vectors(group, table(group))), axis=1)
     samples = columns.get("samples")
     return PoseSet(
         placement=np.array(columns["placement"], dtype=np.int64),
@@ -258,8 +275,26 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
 
 
 def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
+    found = _euler_suspected(poses)
     largest_deg = float(np.max(np.abs(np.rad2deg(poses.q_rad))))
     if len(poses) < FEW or largest_deg >= 2.0 * np.pi:
-        return ()
+        return found
     text = f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: "
-    return (FileWarning(code="RADIANS_SUSPECTED", text=f"{text}radians where degrees belong?"),)
+    return (
+        *found,
+        FileWarning(code="RADIANS_SUSPECTED", text=f"{text}radians where degrees belong?"),
+    )
+
+
+def _euler_suspected(poses: PoseSet) -> tuple[FileWarning, ...]:
+    """Three angles that no rotation vector has: it is the shortest way round."""
+    if poses.endpoint is None or poses.endpoint.shape[1] < 6:
+        return ()
+    longest_deg = float(np.rad2deg(np.linalg.norm(poses.endpoint[:, 3:], axis=1).max()))
+    if longest_deg <= 180.0 + 1e-6:
+        return ()
+    text = (
+        f"rx_deg,ry_deg,rz_deg are a rotation vector, and one of {longest_deg:.0f} deg is longer than half a "
+        "turn: Euler angles have names of their own, such as euler_zyx_1_deg or roll_deg"
+    )
+    return (FileWarning(code="EULER_SUSPECTED", text=text),)

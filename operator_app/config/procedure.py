@@ -200,7 +200,8 @@ class ProcedureFile(StrictRecord):
     """The whole file, without its ``schema`` line; arm and fixture by name or path.
 
     `home_deg` takes the place of the arm's home, which need not be a pose in this fixture. `held` are
-    free entries of the arm that are not identified here, each with the reason why.
+    free entries of the arm that are not identified here, each with the reason why. `tracker` is where an
+    instrument's measurements come from, in the words of ``--tracker``.
     """
 
     name: Name
@@ -215,6 +216,7 @@ class ProcedureFile(StrictRecord):
     estimator: Literal["paper", "implicit"]
     acceptance: AcceptanceLimits
     export: ExportChoice
+    tracker: Text | None = None
 
     @property
     def chosen_modes(self) -> Modes:
@@ -235,6 +237,8 @@ class Procedure:
         it holds.
     held
         Those entries by name, each with the reason why.
+    tracker
+        Where an instrument's measurements come from.
     profile
         How the arm's nodes are set up on the bus.
     sources
@@ -268,3 +272,4 @@ class Procedure:
     length_tolerance_m: float | None = None
     trial: bool = False
     held: Mapping[str, str] = field(default_factory=dict)
+    tracker: str | None = None

@@ -80,6 +80,7 @@ def parse_procedure(
         acceptance=found.acceptance,
         upload=found.export.upload,
         held=found.held,
+        tracker=found.tracker,
     )
 
 

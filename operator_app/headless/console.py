@@ -27,6 +27,7 @@ class ConsoleListener(Listener):
     def __init__(self) -> None:
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)
         self._progress: Progress | None = None
+        self._joints = 0
 
     def say(self, text: str) -> None:
         """Write one line of progress."""
@@ -46,6 +47,7 @@ class ConsoleListener(Listener):
 
     def connected(self, identity: ArmIdentity) -> None:
         """Say which arm answered."""
+        self._joints = sum(node.role.startswith("joint") for node in identity.nodes)
         self.say(
             f"Connected to {identity.model}, serial {identity.serial_number}: "
             f"{len(identity.nodes)} CANopen nodes."
@@ -65,7 +67,8 @@ class ConsoleListener(Listener):
         """Say which joints drive."""
         names = " and ".join(str(j) for j in position_joints)
         joints = "Joint" if len(position_joints) == 1 else "Joints"
-        self.say(f"{joints} {names} in position mode, the others free; read back from the drives.")
+        free = "" if len(position_joints) == self._joints else ", the others free"
+        self.say(f"{joints} {names} in position mode{free}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
         """Advance the bar."""

@@ -22,8 +22,9 @@ def modes_problem(
         return None
     names = ", ".join(str(j) for j in sorted(set(position_joints))) or "none"
     fact = (
-        f"{have} joint{'s' if have != 1 else ''} in position mode ({names}) where the {kind} leaves "
-        f"the arm {mobility} freedom{'s' if mobility != 1 else ''}"
+        f"{have} joint{'s' if have != 1 else ''} in position mode ({names}) where "
+        + ("an open hand leaves" if mobility == joint_count else f"the {kind} leaves")
+        + f" the arm {mobility} freedom{'s' if mobility != 1 else ''}"
     )
     consequence = (
         "nothing would hold the rest, and the arm would sag"

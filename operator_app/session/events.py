@@ -233,6 +233,7 @@ SETTINGS = fields(
     profile_0=nothing_or(text),
     scenario_0=nothing_or(one_of(*SCENARIOS)),
     seed_0=nothing_or(whole(0)),
+    tracker_0=nothing_or(text),
     verifies_0=text,
     drop_unidentifiable_0=nothing_or(yes_or_no),
 )
@@ -275,6 +276,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
         "sd_rad": SPREADS,
         "samples": COUNT,
         "of?": whole(0),
+        "endpoint?": measured,
     },
     "pose_undone": {"number": COUNT},
     "pose_excluded": {"number": COUNT, "text": text},

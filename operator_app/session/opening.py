@@ -20,6 +20,7 @@ from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.errors import SessionError
 from operator_app.planning.task import require_closed_chain
 from operator_app.session.folder import find_session, new_folder
+from operator_app.session.instrument import Instrument
 from operator_app.session.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.session import Session
@@ -43,7 +44,8 @@ class Choices:
     """What the operator chose beside the procedure file; None leaves it as the file says.
 
     `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` name the bus, `profile` how
-    the arm is set up on it; `scenario` and `seed` the virtual arm.
+    the arm is set up on it; `scenario` and `seed` the virtual arm; `tracker` where measured endpoints come
+    from.
     """
 
     poses: int | None = None
@@ -58,6 +60,7 @@ class Choices:
     profile: str | None = None
     scenario: str | None = None
     seed: int | None = None
+    tracker: str | None = None
 
     def over(self, earlier: Choices) -> Choices:
         """Return these choices where they are made, else the earlier ones."""
@@ -96,11 +99,14 @@ class Rig:
         defaults chose: what the journal keeps.
     simulated
         Whether nothing real can move.
+    instrument
+        What sees the hand of an open arm.
     """
 
     arm: Arm
     opening: Opening
     simulated: bool
+    instrument: Instrument | None = None
 
     @property
     def bus(self) -> str:
@@ -117,7 +123,13 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     opening, settings = rig.opening, asdict(rig.opening.choices)
     journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
     try:
-        session = Session(journal=journal, arm=rig.arm, procedure=opening.procedure, clock=clock)
+        session = Session(
+            journal=journal,
+            arm=rig.arm,
+            procedure=opening.procedure,
+            instrument=rig.instrument,
+            clock=clock,
+        )
         if opening.resumed:
             session.record("resumed", {"settings": settings})
         else:

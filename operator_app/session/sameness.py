@@ -12,10 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fixtures.base import Fixture
 from fixtures.errors import FixtureError
+from fixtures.measured import Measured
 from hardware.arm import ArmIdentity, Reading
 from hardware.errors import SensorFault
 from operator_app.calibration.loop import loop_of_poses
+from operator_app.calibration.placed import as_calibrated, as_seen
 from operator_app.calibration.repeats import compare_readings
 from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
@@ -25,6 +28,7 @@ from operator_app.session.state import CheckReading, SessionState, pose_set_of
 from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, SPAN, TURNED, WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 from solver.closing import close_loops
 from solver.design.motion import chain_motion
@@ -118,8 +122,13 @@ def check_counters(arm: ArmModel, counts: Iterable[float]) -> None:
         )
 
 
-def check_standing(state: SessionState, procedure: Procedure, reading: Reading) -> Standing:
-    """Close the loop where the arm stands, by the poses of the journal.
+def check_standing(
+    state: SessionState,
+    procedure: Procedure,
+    reading: Reading,
+    endpoint: FloatArray | None = None,
+) -> Standing:
+    """Close the loop where the arm stands, by the poses of the journal; `endpoint` as measured there.
 
     Raises
     ------
@@ -139,8 +148,9 @@ def check_standing(state: SessionState, procedure: Procedure, reading: Reading) 
         sd_rad=reading.sd_rad,
         samples=reading.samples,
         utc="",
+        endpoint=() if endpoint is None else tuple(endpoint.tolist()),
     )
-    arm, fixture = procedure.arm, procedure.fixture.fixture
+    arm, fixture = procedure.arm, _placed(state, procedure)
     poses = pose_set_of([*state.used_poses, here])
     found = judge_poses(arm, fixture, poses, fixed).verification
     probability = float(found.pose_probability[-1])
@@ -180,6 +190,8 @@ def check_return(state: SessionState, procedure: Procedure) -> str:
     """
     from scipy.special import chdtri
 
+    if not procedure.fixture.fixture.holds_hand:
+        return _check_seen_again(state, procedure)
     last = state.returns[-1]
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
@@ -218,6 +230,62 @@ def check_return(state: SessionState, procedure: Procedure) -> str:
     )
 
 
+def _check_seen_again(state: SessionState, procedure: Procedure) -> str:
+    """Compare where the target is seen with where the joints have it, then and now.
+
+    What the arm's parameters are off by is the same both times.
+    """
+    from scipy.special import chdtri
+
+    last, arm = state.returns[-1], procedure.arm
+    fixture, pair = _placed(state, procedure), pose_set_of([last.first, last.again])
+    if not isinstance(fixture, Measured) or pair.endpoint is None:
+        return ""
+    full = fixture.full_pose
+    model = fixture.model(arm).with_endpoints(
+        pair.endpoint[:, :3], rotation_matrix(pair.endpoint[:, 3:]) if full else None
+    )
+    x: FloatArray = np.array([p.nominal for p in model.parameters])
+    error = model.loop(x, pair.q_rad, np.zeros((2, 0)))
+    change = error.residual[0] - error.residual[1]
+    joints = sum(
+        joint_variance(arm, samples) for samples in (last.first.samples, last.again.samples)
+    )
+    J = error.jac_q[0]
+    covariance = (J * joints) @ J.T + 2.0 * np.diag(fixture.endpoint_variance()[-len(change) :])
+    chi2 = float(change @ np.linalg.solve(covariance, change))
+    if chi2 <= float(chdtri(len(change), IMPROBABLE)):
+        return ""
+    shifted = SHIFTED(float(np.linalg.norm(change[-3:]))).with_unit
+    turned = TURNED(float(np.linalg.norm(change[:-3]))).with_unit if full else ""
+    raise GuardError(
+        f"at pose {last.first.number} the target is not seen where it was: it, or the tracker, has moved by "
+        f"about {' and '.join(filter(None, (shifted, turned)))}",
+        _START_ANEW,
+    )
+
+
+def joint_variance(arm: ArmModel, samples: int) -> FloatArray:
+    """Variance (n,) of the mean of so many readings, play included, rad^2."""
+    return np.array(
+        [
+            0.0
+            if isinstance(joint.sensor, NoSensor)
+            else joint.sensor.variance_of_mean_rad2(samples) + joint.backlash_rad**2
+            for joint in arm.joints
+        ]
+    )
+
+
+def _placed(state: SessionState, procedure: Procedure) -> Fixture:
+    """The fixture from whose nominal places `_fixed` counts."""
+    known = recorded(state)
+    fixture = procedure.fixture.fixture
+    if isinstance(known, Calibrated):
+        return as_calibrated(fixture, known.solution.model)
+    return as_seen(procedure.arm, fixture, state.pose_set())
+
+
 def require_moving(state: SessionState, procedure: Procedure, reading: Reading) -> None:
     """Refuse a reading in which a joint stands still to the count, though the others say that it turned.
 
@@ -225,7 +293,8 @@ def require_moving(state: SessionState, procedure: Procedure, reading: Reading) 
     ------
     SensorFault
     """
-    if not state.used_poses:
+    if not state.used_poses or not procedure.fixture.fixture.holds_hand:
+        # Where every joint is driven, its drive sees that it does not move.
         return
     last, arm = state.used_poses[-1], procedure.arm
     moved = reading.mean_rad - last.mean_rad
@@ -281,7 +350,7 @@ def _fixed(state: SessionState, procedure: Procedure) -> Fixed | None:
     known = recorded(state)
     if isinstance(known, Calibrated):
         return fixed_by(known.solution)
-    arm, fixture = procedure.arm, procedure.fixture.fixture
+    arm, fixture = procedure.arm, _placed(state, procedure)
     poses, unsensed = state.pose_set(), procedure.unsensed_joints
     try:
         model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)

@@ -31,7 +31,7 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
-from operator_app.errors import Cancelled, GuardError, JournalLostError
+from operator_app.errors import Cancelled, GuardError, JournalLostError, SessionError
 from operator_app.planning.exploration import Box, box_of, overload, range_watch, waypoints
 from operator_app.planning.held import held_checks
 from operator_app.planning.mode_rule import modes_problem
@@ -44,6 +44,7 @@ from operator_app.session.export import (
     upload,
 )
 from operator_app.session.going_home import require_in_box
+from operator_app.session.instrument import SOURCES, Instrument
 from operator_app.session.journal import Clock, Journal, utc_now
 from operator_app.session.sameness import (
     check_counters,
@@ -84,9 +85,11 @@ class Session:
         journal: Journal,
         arm: Arm,
         procedure: Procedure,
+        instrument: Instrument | None = None,
         clock: Clock = utc_now,
     ) -> None:
         self.arm = arm
+        self._instrument = instrument
         self.model: ArmModel = procedure.arm
         self.fixture: Fixture = procedure.fixture.fixture
         self.procedure = procedure
@@ -117,7 +120,11 @@ class Session:
     # -- 1 Connect -------------------------------------------------------------------------------
 
     def connect(self) -> ArmIdentity:
-        """Find the arm. A resumed session insists on the arm it was begun with."""
+        """Find the arm. A resumed session insists on the arm it was begun with.
+
+        Before it the instrument, where one sees the hand: without it nothing need be enabled.
+        """
+        self._require_instrument()
         identity = self.arm.connect()
         self._same = False
         try:
@@ -137,6 +144,17 @@ class Session:
             },
         )
         return identity
+
+    def _require_instrument(self) -> None:
+        if self.fixture.holds_hand:
+            return
+        if self._instrument is None:
+            raise SessionError(
+                f"{self.procedure.fixture.name} measures where the hand is, and nobody said where its "
+                "measurements come from",
+                f"name its port: --tracker {SOURCES}; or tracker: in the procedure",
+            )
+        self._instrument.open()
 
     def clear_lost_heartbeat(self) -> tuple[int, ...]:
         """Reset drives that tripped for nothing but the loss of an operator's heartbeat; return them.
@@ -178,7 +196,9 @@ class Session:
 
     @property
     def mobility(self) -> int:
-        """How many joints belong in position mode."""
+        """How many joints belong in position mode: all where nothing holds the hand."""
+        if not self.fixture.holds_hand:
+            return self.model.joint_count
         loop = self.fixture.model(self.model)
         return self.model.joint_count - loop.equations_per_pose
 
@@ -228,7 +248,8 @@ class Session:
         here = self.arm.capture(self.procedure.capture.samples_per_pose)
         check_counters(self.model, here.mean_counts)
         if self.state.used_poses:
-            found = check_standing(self.state, self.procedure, here)
+            endpoint = self._measured({"kind": "standing", "number": self.state.captured}, here)
+            found = check_standing(self.state, self.procedure, here, endpoint)
             self.record("standing", {"told": found.told, "probability": found.probability})
         self._same = True
 
@@ -379,10 +400,12 @@ class Session:
         reading = self.read()
         with self._heeding_sensors():
             require_moving(self.state, self.procedure, reading)
+        endpoint = self._measured(data, reading)
         self.record(
             name,
             {
                 **data,
+                **({} if endpoint is None else {"endpoint": endpoint.tolist()}),
                 # The angles a poses file can hold, so that poses.csv is these very poses.
                 "mean_rad": np.deg2rad(degrees_for_file(reading.mean_rad)).tolist(),
                 "sd_rad": np.deg2rad(degrees_for_file(reading.sd_rad)).tolist(),
@@ -390,6 +413,22 @@ class Session:
                 "first_sync": reading.first_sync,
             },
         )
+
+    def _measured(self, data: Mapping[str, Any], reading: Reading) -> FloatArray | None:
+        """Where the instrument sees the hand, the arm standing as it was read; None without one."""
+        if self.fixture.holds_hand or self._instrument is None:
+            return None
+        what = f"{data.get('kind', '')} {data['number']}".strip()
+        found = self._instrument.measure(what, self.cancelled)
+        if found is None:
+            raise Cancelled
+        moved = np.abs(self.arm.snapshot().positions_rad - reading.mean_rad)
+        if np.any(moved > self.procedure.capture.settle.spread_rad(self.model)):
+            raise GuardError(
+                f"joint {int(np.argmax(moved)) + 1} moved while the tracker measured",
+                "see what moves or pushes the arm, then capture again",
+            )
+        return found
 
     def read(self) -> Reading:
         """Let the arm settle and read a pose, without keeping it."""
@@ -549,6 +588,8 @@ class Session:
         try:
             return self.arm.close()
         finally:
+            if self._instrument is not None:
+                self._instrument.close()
             try:
                 if not self.journal.closed and self.journal.loss is None:
                     # Who closes it looks at the journal's loss, which may come to light here.

@@ -24,7 +24,7 @@ class CapturedPose:
 
     `number` counts captures from 1 and is never used twice; `waypoint` is the index in the plan it
     was taken for, -1 for none; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates. `placement`
-    and `endpoint` (m and rad; empty without an instrument) are of poses that came out of a file.
+    is of poses that came out of a file; `endpoint` what an instrument measured (m and rad; else empty).
     """
 
     number: int
@@ -57,6 +57,7 @@ class CheckReading:
     note: str = ""
     of: int = 0
     after: int = 0
+    endpoint: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,23 +210,21 @@ class SessionState:
     def pose_set(self) -> PoseSet:
         """Return the used poses as the estimators take them."""
         used = self.used_poses
-        measured = {len(p.endpoint) for p in used} in ({3}, {6})
-        return replace(
-            pose_set_of(used),
-            placement=np.array([p.placement for p in used], dtype=np.int64),
-            endpoint=np.array([p.endpoint for p in used]) if measured else None,
-        )
+        placement = np.array([p.placement for p in used], dtype=np.int64)
+        return replace(pose_set_of(used), placement=placement)
 
 
 def pose_set_of(poses: Sequence[CapturedPose | CheckReading]) -> PoseSet:
     """Return poses as the estimators take them."""
     joints = len(poses[0].mean_rad) if poses else 1
+    measured = {len(p.endpoint) for p in poses} in ({3}, {6})
     return PoseSet(
         placement=np.ones(len(poses), dtype=np.int64),
         label=tuple(str(p.number) for p in poses),
         q_rad=np.array([p.mean_rad for p in poses]).reshape(len(poses), joints),
         sd_rad=np.array([p.sd_rad for p in poses]).reshape(len(poses), joints),
         samples=np.array([p.samples for p in poses], dtype=np.int64),
+        endpoint=np.array([p.endpoint for p in poses]) if measured else None,
         utc=tuple(p.utc for p in poses),
         notes=tuple(p.note for p in poses),
     )
@@ -359,6 +358,7 @@ def _apply_results(
                 utc=utc,
                 of=data.get("of", 0),
                 after=state.captured,
+                endpoint=tuple(data.get("endpoint", ())),
             )
             return replace(state, readings=(*state.readings, reading), resumed=False)
         case "repaired" if data["lost"]:

@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hardware.arm import ArmIdentity
+from operator_app.calibration.placed import as_calibrated
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
 from operator_app.errors import GuardError
 from operator_app.session.going_home import away_from_box, go_home, require_in_box
+from operator_app.session.instrument import TargetLostError
 from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, Stop
 from operator_app.session.session import Session
@@ -123,7 +125,12 @@ def _return_to_first(
         listener.told(f"Pose {first.number} could not be read once more: {missed}.")
     else:
         resumed = session.state.resumed
-        session.look_again("return", of=first.number)
+        try:
+            session.look_again("return", of=first.number)
+        except TargetLostError as lost:
+            session.record("return_missed", {"of": first.number, "reason": lost.happened})
+            listener.told(f"Pose {first.number} could not be read once more: {lost.happened}.")
+            return way
         told = session.require_same_return() if resumed else ""
         if told:
             listener.told(told)
@@ -160,7 +167,12 @@ def _explore(session: Session, listener: Listener) -> None:
         listener.going(None)
         if session.visit(waypoint):
             listener.arrived(waypoint)
-            session.capture(waypoint)
+            try:
+                session.capture(waypoint)
+            except TargetLostError as lost:
+                session.record("waypoint_skipped", {"waypoint": waypoint, "reason": lost.happened})
+                listener.told(f"Passed over: {lost.happened}.")
+                continue
             listener.pose_captured(session.state, wanted)
 
 
@@ -177,7 +189,10 @@ def verify(
     for target in session.verification_plan(poses):
         listener.going(None)
         if session.reach(target).reached:
-            session.look_again("verification")
+            try:
+                session.look_again("verification")
+            except TargetLostError as lost:
+                listener.told(f"Passed over: {lost.happened}.")
         if len(session.state.readings) == before + poses:
             break
     else:
@@ -186,7 +201,8 @@ def verify(
             "ask for fewer, or drive another pair of joints",
         )
     taken = pose_set_of(session.state.readings[before:])
-    verdict = judge_poses(session.model, session.fixture, taken, fixed_by(solution))
+    fixture = as_calibrated(session.fixture, solution.model)
+    verdict = judge_poses(session.model, fixture, taken, fixed_by(solution))
     session.record("verified", _summary(verdict, taken))
     return verdict, taken
 

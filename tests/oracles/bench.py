@@ -13,16 +13,24 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from fixtures.measured import Measured
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.attending import attending
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.truth import BallTruth
+from hardware.virtual.truth import BallTruth, OpenTruth
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verify import Prediction
-from operator_app.composition import carried_procedure, describe, run_controller, virtual_arm
+from operator_app.composition import (
+    carried_procedure,
+    describe,
+    run_controller,
+    virtual_arm,
+    virtual_instrument,
+)
 from operator_app.headless.runner import RunResult, run
 from operator_app.session.calibrated import calibrated
 from operator_app.session.drives import drives_of
@@ -31,6 +39,8 @@ from operator_app.session.opening import Choices, Rig, begin, open_session, resu
 from operator_app.session.session import Session
 from operator_app.session.workflow import verify
 from solver.chain.parameters import DhEntry
+from solver.loops.closure import ClosureModel
+from solver.loops.open_arm import MeasuredClosure
 
 PATIENCE_S = 10.0
 _channels = itertools.count()
@@ -64,7 +74,17 @@ class Bench:
             timing=Timing(heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S),
             openers=attending(self.controller),
         )
-        session = open_session(Rig(arm=arm, opening=opening, simulated=True))
+        fixture = opening.procedure.fixture.fixture
+        session = open_session(
+            Rig(
+                arm=arm,
+                opening=opening,
+                simulated=True,
+                instrument=virtual_instrument(self.controller, fixture)
+                if isinstance(fixture, Measured)
+                else None,
+            )
+        )
         try:
             yield session
         finally:
@@ -93,6 +113,8 @@ class Bench:
         if isinstance(truth, BallTruth):
             for name, point in (("tip", truth.tip_m), ("ground", truth.ground_m)):
                 own |= {f"{name}_{axis}": float(v) for axis, v in zip("xyz", point, strict=True)}
+        if isinstance(truth, OpenTruth):
+            own |= _places(truth, solution.model)
         values = []
         for parameter in solution.estimate.parameters:
             if parameter.name in own:
@@ -101,6 +123,20 @@ class Bench:
                 entry = DhEntry.parse(parameter.name)
                 values.append(float(stacked[entry.kind, entry.row]))
         return np.array(values)
+
+
+def _places(truth: OpenTruth, model: ClosureModel) -> dict[str, float]:
+    """True places of base and target, turns as the solution counts them: from its nominal ones."""
+    assert isinstance(model, MeasuredClosure)
+    found: dict[str, float] = {}
+    for name, point, true, nominal in (
+        ("base", truth.base_m, truth.base_rotation, model.base_rotation),
+        ("tip", truth.tip_m, truth.tip_rotation, model.tip_rotation),
+    ):
+        turn = Rotation.from_matrix(true @ nominal.T).as_rotvec()
+        for axis, place, part in zip("xyz", point, turn, strict=True):
+            found |= {f"{name}_{axis}": float(place), f"{name}_r{axis}": float(part)}
+    return found
 
 
 def _choices(procedure: object = None, **chosen: object) -> Choices:

@@ -11,11 +11,11 @@ from oracles.bench import bench
 
 
 @pytest.mark.parametrize("scenario", ["exact", "datasheet"])
-@pytest.mark.parametrize("procedure", ["rigid", "ball"])
+@pytest.mark.parametrize(("procedure", "poses"), [("rigid", 24), ("ball", 24), ("open_loop", 12)])
 def test_twice_on_one_controller_it_is_accepted_and_finds_what_was_planted(
-    tmp_path: Path, procedure: str, scenario: str
+    tmp_path: Path, procedure: str, poses: int, scenario: str
 ) -> None:
-    with bench(tmp_path, procedure=procedure, scenario=scenario, seed=1, poses=24) as made:
+    with bench(tmp_path, procedure=procedure, scenario=scenario, seed=1, poses=poses) as made:
         for _ in range(2):
             result = made.calibrated()
             solution = result.solution

@@ -1,0 +1,297 @@
+"""Lines of text from an instrument: a TCP port, standard input, or a file that grows. Knows no line's meaning.
+
+What an instrument said before it was asked is of another pose, and forgotten. Where there is a way back
+the question goes there as a line of its own; an instrument that takes no questions may ignore it.
+"""
+
+from __future__ import annotations
+
+import queue
+import select
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol, TextIO
+
+from hardware.errors import InstrumentError
+
+CONNECT_S = 3.0
+"""How long a port may take to answer at all."""
+LOOK_S = 0.05
+"""How often a file is looked at."""
+LONGEST = 64 * 1024
+"""Characters of a line; whoever sends more sends no measurements."""
+
+
+class LinePort(Protocol):
+    """Where an instrument's lines come from. Calls come from one thread; `InstrumentError` says what is wrong."""
+
+    @property
+    def name(self) -> str:
+        """What it is, in the words it was asked for."""
+        ...
+
+    def open(self) -> str:
+        """Connect; the first line where that is a heading, else nothing."""
+        ...
+
+    def ask(self, question: str) -> None:
+        """Forget what came until now, and ask."""
+        ...
+
+    def line(self, wait_s: float) -> str | None:
+        """Return the next whole line since `ask`; None when there is none within `wait_s`."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it. Safe to call twice."""
+        ...
+
+
+class CalledLines:
+    """An instrument of this process: a function from question to answer."""
+
+    def __init__(self, answer: Callable[[str], str], name: str) -> None:
+        self._answer, self._name = answer, name
+        self._said: str | None = None
+
+    @property
+    def name(self) -> str:
+        """As given."""
+        return self._name
+
+    def open(self) -> str:
+        """Nothing to do."""
+        return ""
+
+    def ask(self, question: str) -> None:
+        """Ask it."""
+        self._said = self._answer(question)
+
+    def line(self, wait_s: float) -> str | None:
+        """Return its answer, once."""
+        said, self._said = self._said, None
+        return said
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+class TcpLines:
+    """A program that listens at `host`:`port` and sends lines, asked or not."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._at = (host, port)
+        self._socket: socket.socket | None = None
+        self._rest = b""
+
+    @property
+    def name(self) -> str:
+        """``tcp:HOST:PORT``."""
+        return f"tcp:{self._at[0]}:{self._at[1]}"
+
+    def open(self) -> str:
+        """Connect, anew where it was connected."""
+        self.close()
+        try:
+            self._socket = socket.create_connection(self._at, timeout=CONNECT_S)
+        except OSError as error:
+            raise InstrumentError(
+                f"nothing answers at {self.name} ({error.strerror or error}). Start the tracker's program, or "
+                "say where it listens: --tracker tcp:HOST:PORT. A simulated one comes with: sarcal controller "
+                "--fixture tracker -i loopback"
+            ) from error
+        self._socket.setblocking(False)
+        return ""
+
+    def ask(self, question: str) -> None:
+        """Throw away what has come, send the question."""
+        while self._receive(0.0):
+            pass
+        self._rest = b""
+        try:
+            self._connected().sendall(question.encode() + b"\n")
+        except OSError as error:
+            raise self._gone() from error
+
+    def line(self, wait_s: float) -> str | None:
+        """Return the next line."""
+        until_s = time.monotonic() + wait_s
+        while b"\n" not in self._rest:
+            left_s = until_s - time.monotonic()
+            if not self._receive(max(left_s, 0.0)) and left_s <= 0.0:
+                return None
+            _require_short(len(self._rest), self.name)
+        found, _, self._rest = self._rest.partition(b"\n")
+        return found.decode(errors="replace")
+
+    def close(self) -> None:
+        """Hang up."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        self._rest = b""
+
+    def _receive(self, wait_s: float) -> bool:
+        connection = self._connected()
+        try:
+            if not select.select([connection], [], [], wait_s)[0]:
+                return False
+            data = connection.recv(65536)
+        except OSError as error:
+            raise self._gone() from error
+        if not data:
+            raise self._gone()
+        self._rest += data
+        return True
+
+    def _connected(self) -> socket.socket:
+        if self._socket is None:
+            raise self._gone()
+        return self._socket
+
+    def _gone(self) -> InstrumentError:
+        self.close()
+        return InstrumentError(
+            f"the tracker at {self.name} hung up. Start its program again, then go on with this session"
+        )
+
+
+class StdinLines:
+    """Lines that another program writes into this one's standard input."""
+
+    def __init__(self, source: TextIO | None = None) -> None:
+        self._source = source
+        self._came: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._reader: threading.Thread | None = None
+        self._ended = False
+
+    @property
+    def name(self) -> str:
+        """``stdin``."""
+        return "stdin"
+
+    def open(self) -> str:
+        """Begin to read."""
+        if self._reader is None:
+            self._reader = threading.Thread(target=self._read, name="sarcal-stdin", daemon=True)
+            self._reader.start()
+        return ""
+
+    def ask(self, question: str) -> None:
+        """Throw away what has come."""
+        while not self._came.empty():
+            self._ended = self._ended or self._came.get() is None
+
+    def line(self, wait_s: float) -> str | None:
+        """Return the next line."""
+        if not self._ended:
+            try:
+                said = self._came.get(timeout=wait_s)
+            except queue.Empty:
+                return None
+            if said is not None:
+                return said
+        self._ended = True
+        raise InstrumentError(
+            "standard input ended: no tracker writes into it any more. Let its program run as long as the "
+            "session: tracker-program | sarcal run open_loop --tracker stdin"
+        )
+
+    def close(self) -> None:
+        """Nothing to do: the reader ends with the program."""
+
+    def _read(self) -> None:
+        for line in self._source or sys.stdin:
+            self._came.put(line.rstrip("\r\n")[:LONGEST])
+        self._came.put(None)
+
+
+class GrowingFile:
+    """Lines that another program adds to the end of a file, below a heading."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._at = path, 0
+        self._begun_before = False
+
+    @property
+    def name(self) -> str:
+        """``file:PATH``."""
+        return f"file:{self._path}"
+
+    def open(self) -> str:
+        """Return the heading."""
+        try:
+            with self._path.open("rb") as file:
+                heading = file.readline(LONGEST)
+        except OSError as error:
+            raise InstrumentError(
+                f"{self._path} cannot be read ({error.strerror or error}). Let the tracker's program write "
+                "its heading first: x_m,y_m,z_m and how the target is turned"
+            ) from error
+        if not heading.endswith(b"\n"):
+            raise InstrumentError(
+                f"{self._path} has no heading yet. Its first line names the columns: x_m,y_m,z_m and how "
+                "the target is turned"
+            )
+        return heading.decode(errors="replace").strip("\r\n\ufeff")
+
+    def ask(self, question: str) -> None:
+        """Count from where the file ends now; a row that is half written was begun before."""
+        self._at = self._size()
+        self._begun_before = False
+        if self._at:
+            with self._path.open("rb") as file:
+                file.seek(self._at - 1)
+                self._begun_before = file.read(1) != b"\n"
+
+    def line(self, wait_s: float) -> str | None:
+        """Return the next row that is whole."""
+        until_s = time.monotonic() + wait_s
+        while True:
+            found = self._next()
+            if found:
+                return found
+            left_s = until_s - time.monotonic()
+            if left_s <= 0.0:
+                return None
+            time.sleep(min(LOOK_S, left_s))
+
+    def close(self) -> None:
+        """Nothing to do: it is opened for every look."""
+
+    def _next(self) -> str:
+        if self._size() < self._at:
+            raise InstrumentError(
+                f"{self._path} has become shorter: it was written anew. Let the tracker's program add rows "
+                "to it, then go on with this session"
+            )
+        with self._path.open("rb") as file:
+            file.seek(self._at)
+            found = file.readline(LONGEST)
+        if not found.endswith(b"\n"):
+            _require_short(len(found), self.name)
+            return ""
+        self._at += len(found)
+        skipped, self._begun_before = self._begun_before, False
+        return "" if skipped else found.decode(errors="replace").strip("\r\n")
+
+    def _size(self) -> int:
+        try:
+            return self._path.stat().st_size
+        except OSError as error:
+            raise InstrumentError(
+                f"{self._path} is gone ({error.strerror or error}). Let the tracker's program write it again, "
+                "then go on with this session"
+            ) from error
+
+
+def _require_short(length: int, name: str) -> None:
+    if length >= LONGEST:
+        raise InstrumentError(
+            f"{name} sends no lines: {length} characters without an end of line. It must send one JSON "
+            "object a line"
+        )

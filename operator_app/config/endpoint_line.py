@@ -1,0 +1,196 @@
+"""What an instrument says of one pose: a JSON object a line, or a row of CSV below its heading. Knows no port.
+
+``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. The names
+are those of a poses file; how the target is turned is named as in `orientation`. `pose` may be left out: then
+the first measurement after the question counts. An instrument that sees no target at a pose says ``"lost"``
+with the reason. JSON Schema: `endpoint_schema`.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from operator_app.config.csv_table import BadCell, number
+from operator_app.config.orientation import (
+    EXAMPLE,
+    QUATERNION,
+    ROLL_PITCH_YAW,
+    ROTATION,
+    group_of,
+    groups_in,
+    rotation_vectors,
+)
+from operator_app.config.quantities import UNIT, angle_doubt, length_doubt
+from solver.arrays import FloatArray, frozen
+
+POSITION = ("x_m", "y_m", "z_m")
+BESIDE = ("pose", "lost", "utc", "error")
+
+
+class BadLine(ValueError):
+    """A line that is no measurement; what is wrong with it, and what to do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndpointLine:
+    """One measurement.
+
+    Attributes
+    ----------
+    pose
+        What it is of; empty where the instrument does not say.
+    endpoint
+        Position (3,) m, and a rotation vector (rad) behind it where it was measured: (6,); empty when lost.
+    lost
+        Why there is no measurement of this pose; empty when there is.
+    """
+
+    pose: str
+    endpoint: FloatArray
+    lost: str = ""
+
+
+def read_json_line(text: str) -> EndpointLine:
+    """Read a line of JSON; raises BadLine."""
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise BadLine(f"is no JSON ({error}): write one object a line") from error
+    if not isinstance(found, dict):
+        raise BadLine("is no JSON object: write one a line, with x_m, y_m and z_m")
+    return _line_of(found)
+
+
+def read_row(heading: str, text: str) -> EndpointLine:
+    """Read a row of CSV below its heading; raises BadLine."""
+    names, cells = (next(csv.reader([line]), []) for line in (heading, text))
+    if len(names) != len(cells):
+        raise BadLine(f"has {len(cells)} cells below {len(names)} columns")
+    named = {name.strip(): cell.strip() for name, cell in zip(names, cells, strict=True)}
+    return _line_of({name: cell for name, cell in named.items() if cell})
+
+
+def require_heading(heading: str) -> None:
+    """Refuse columns that no row below could be read with; raises BadLine."""
+    names = [name.strip() for name in next(csv.reader([heading]), [])]
+    _require_names(names)
+
+
+def _line_of(found: Mapping[str, Any]) -> EndpointLine:
+    if found.get("error"):
+        raise BadLine(f"says that the instrument failed: {found['error']}")
+    pose, lost = str(found.get("pose", "")), str(found.get("lost", "") or "")
+    if lost:
+        return EndpointLine(pose=pose, endpoint=frozen(np.zeros(0)), lost=lost)
+    _require_names(found)
+    position = np.array([_number(name, found[name]) for name in POSITION])
+    for group in groups_in(found):
+        values = np.array([[_number(name, found[name]) for name in group]])
+        try:
+            turned = rotation_vectors(group, values)[0]
+        except ValueError as error:
+            raise BadLine(str(error)) from error
+        if group == ROTATION and np.linalg.norm(turned) > math.pi * (1.0 + 1e-6):
+            raise BadLine(
+                f"has a rotation vector of {np.degrees(np.linalg.norm(turned)):.0f} deg, and none is longer "
+                "than 180 deg: Euler angles have names of their own, roll_deg,pitch_deg,yaw_deg or "
+                "euler_zyx_1_deg,.."
+            )
+        position = np.concatenate((position, turned))
+    return EndpointLine(pose=pose, endpoint=frozen(position))
+
+
+def _require_names(names: Any) -> None:
+    """Refuse what is unknown, missing, or two ways of writing one turn."""
+    known = (*POSITION, *BESIDE, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
+    for name in names:
+        if name in known or group_of(name) is not None:
+            continue
+        unit = UNIT.fullmatch(name)
+        meant = [k for k in known if unit is not None and k.rpartition("_")[0] == unit[1]]
+        near = difflib.get_close_matches(name, known, n=1, cutoff=0.75)
+        if meant:
+            right = "degrees" if meant[0].endswith("_deg") else "metres"
+            raise BadLine(f"has {name}: give {right} and call it {meant[0]}")
+        raise BadLine(f"has {name}, which is unknown" + (f": {near[0]}?" if near else ""))
+    missing = [name for name in POSITION if name not in names]
+    if missing:
+        raise BadLine(f"has no {', '.join(missing)}: a measurement is x_m,y_m,z_m in metres")
+    groups = groups_in(names)
+    if len(groups) > 1:
+        raise BadLine(f"says twice how the target is turned: choose one of {EXAMPLE}")
+    absent = [name for group in groups for name in group if name not in names]
+    if absent:
+        raise BadLine(f"has no {', '.join(absent)} beside {groups[0][0]}")
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, str):
+        try:
+            value = number(value)
+        except BadCell as error:
+            raise BadLine(f"has {name} {value!r}: {error.text}") from error
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise BadLine(f"has {name} {value!r}, which is no number")
+    doubt = length_doubt(value) if name in POSITION else ""
+    doubt = doubt or (angle_doubt(value) if name.endswith("_deg") else "")
+    if doubt:
+        raise BadLine(f"has {name} {value:g}: {doubt}")
+    return float(value)
+
+
+def endpoint_schema() -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a line."""
+    beside = {
+        "pose": {"type": ["string", "integer"], "description": "Which pose it is of."},
+        "utc": {"type": "string"},
+    }
+    metres = {name: {"type": "number", "minimum": -10, "maximum": 10} for name in POSITION}
+    turns = {
+        "a rotation vector": ROTATION,
+        "about the fixed axes x, y, z in turn": ROLL_PITCH_YAW,
+        "a unit quaternion": QUATERNION,
+    }
+    of_euler = {
+        "description": "about moving axes in turn, any of the twelve orders",
+        "patternProperties": {"^euler_[xyz]{3}_[123]_deg$": {"type": "number"}},
+    }
+    lost = {
+        "type": "object",
+        "properties": {"pose": beside["pose"], "lost": {"type": "string", "minLength": 1}},
+        "required": ["lost"],
+    }
+    measured: list[dict[str, Any]] = [{"properties": {**beside, **metres}}]
+    measured += [
+        {
+            "description": words,
+            "properties": {**beside, **metres, **{name: {"type": "number"} for name in names}},
+            "required": list(names),
+        }
+        for words, names in turns.items()
+    ]
+    measured.append({**of_euler, "properties": {**beside, **metres}, "minProperties": 6})
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "sarcal measured endpoint: one line of an instrument",
+        "anyOf": [
+            lost,
+            *(
+                {
+                    "type": "object",
+                    "required": [*POSITION, *found.pop("required", [])],
+                    "additionalProperties": False,
+                    **found,
+                }
+                for found in measured
+            ),
+        ],
+    }

@@ -102,7 +102,7 @@ class TcpLines:
             raise InstrumentError(
                 f"nothing answers at {self.name} ({error.strerror or error}). Start the tracker's program, or "
                 "say where it listens: --tracker tcp:HOST:PORT. A simulated one comes with: sarcal controller "
-                "--fixture tracker -i loopback"
+                "--procedure open_loop -i loopback"
             ) from error
         self._socket.setblocking(False)
         return ""

@@ -27,8 +27,8 @@ from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
 
-STEPS, LARGEST_RAD = 25, 0.5
-"""Of Gauss and Newton to the places of base and target, and how far one may turn."""
+STEPS, LARGEST_RAD, NO_STEP = 25, 0.5, 1e-6
+"""Of Gauss and Newton to the places of base and target: most, how far one may turn, and what is none."""
 
 DIGITS = 4
 """Of nominal places in metres: more would be no nominal values."""
@@ -155,6 +155,8 @@ def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Meas
             turn = d[:3] * min(1.0, LARGEST_RAD / max(float(np.linalg.norm(d[:3])), 1e-12))
             R_base = rotation_matrix(turn) @ R_base
             base, tip = base + d[3:6], tip + d[6:]
+            if step > 0 and np.abs(d).max() < NO_STEP:
+                break
         left = measured - base - (p + R @ tip) @ R_base.T
         found.append(_Places(float((left**2).sum()), R_base, base, tip))
     return min(found, key=lambda places: places.left)

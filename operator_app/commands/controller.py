@@ -21,14 +21,17 @@ if TYPE_CHECKING:
 _HELP = "help"
 _LOOK_S = 0.2
 """How often it is looked whether the controller still lives."""
-_PROCEDURE = {"measured": "open_loop"}
-"""Procedures that are not called as the kind of their fixture."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("--arm", default="sarcos_dextrous", help="arm file or built-in name")
-    parser.add_argument("--fixture", default="hinge", help="fixture file or built-in name (hinge)")
+    parser.add_argument("--arm", help="arm file or built-in name (default sarcos_dextrous)")
+    parser.add_argument("--fixture", help="fixture file or built-in name (default hinge)")
+    parser.add_argument(
+        "--procedure",
+        metavar="P",
+        help="arm and fixture of this procedure, instead of the two above; the arm stands at its home",
+    )
     parser.add_argument(
         "--state",
         type=Path,
@@ -78,6 +81,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.composition import run_controller, virtual_arm
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
+    from operator_app.config.procedure_file import load_procedure
     from operator_app.signals import ending_signals_interrupt
 
     if _HELP in args.fault:
@@ -89,7 +93,15 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(
             "a virtual bus ends at this process; use -i loopback (no set-up) or -i socketcan -c vcan0"
         )
-    arm, fixture = load_arm(args.arm), load_fixture(args.fixture)
+    if args.procedure is None:
+        arm = load_arm(args.arm or "sarcos_dextrous")
+        fixture = load_fixture(args.fixture or "hinge")
+        run = "open_loop --go-home" if fixture.kind == "measured" else fixture.kind
+    elif args.arm or args.fixture:
+        raise UsageError("--procedure names arm and fixture: leave --arm and --fixture out")
+    else:
+        procedure = load_procedure(args.procedure)
+        arm, fixture, run = procedure.arm, procedure.fixture, args.procedure
     if not 1 <= args.fault_joint <= arm.joint_count:
         raise UsageError(f"--fault-joint: joints are 1 to {arm.joint_count}")
     if args.fault_sync < 1:
@@ -109,7 +121,7 @@ def execute(args: argparse.Namespace) -> int:
         say(
             f"Virtual {arm.name} in {fixture.name} (scenario {chosen.name}, seed {chosen.seed}) on "
             f"{settings}. "
-            f"In another terminal: sarcal run {_PROCEDURE.get(fixture.kind, fixture.kind)} "
+            f"In another terminal: sarcal run {run} "
             f"-i {settings.interface} -c {settings.channel}"
             f"{' --scenario exact' if chosen.name == 'exact' else ''}{tracker}\n"
             + "".join(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,19 +18,23 @@ from operator_app.commands.options import (
     scenario_options,
     session_record_option,
     sessions_option,
+    tracker_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
 if TYPE_CHECKING:
+    from fixtures.measured import Measured
     from operator_app.calibration.solution import Solution
     from operator_app.calibration.verify import Prediction
     from operator_app.session.opening import Opening
-    from solver.chain.arm_model import ArmModel
     from solver.chain.poses import PoseSet
 
 NEW_POSES = 12
 """Poses to take when no file is given."""
+
+OPEN_POSES = 24
+"""Of the open arm: they give a calibration of their own."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,14 +49,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--open-loop",
         action="store_true",
-        help="POSES.csv are of the open arm, with endpoints that another instrument measured (x_m,y_m,z_m"
-        "[,rx_deg,ry_deg,rz_deg]): says which offsets and lengths disagree",
+        help="by endpoints of the open arm that another instrument measured: says which offsets and lengths "
+        "disagree. From POSES.csv (x_m,y_m,z_m[,rx_deg,ry_deg,rz_deg]); without it the arm, out of its "
+        "fixture, takes the poses as --procedure says, in a session of their own",
     )
+    parser.add_argument(
+        "--procedure",
+        metavar="P",
+        default="open_loop",
+        help="with --open-loop: how the open arm takes its poses (default open_loop)",
+    )
+    tracker_option(parser)
     parser.add_argument(
         "--instrument",
         metavar="FIXTURE",
         default="tracker",
-        help="how exact the instrument is: a fixture file of kind measured (default tracker: 0.05 mm, "
+        help="how exact the instrument of POSES.csv is: a fixture file of kind measured (default tracker: 0.05 mm, "
         "0.02 deg)",
     )
     parser.add_argument(
@@ -88,7 +101,7 @@ def execute(args: argparse.Namespace) -> int:
     arm, fixture = procedure.arm, procedure.fixture.fixture
     solution = calibrated(state, procedure).solution
     if args.open_loop:
-        return _open_loop(args, arm, solution, str(opening.folder))
+        return _open_loop(args, opening, solution, wanted)
     if args.csv:
         poses = load_poses(args.csv, joint_count=arm.joint_count).poses
         if poses.sha256() == state.pose_set().sha256():
@@ -117,29 +130,87 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _open_loop(
-    args: argparse.Namespace, arm: ArmModel, solution: Solution, folder: str
+    args: argparse.Namespace, opening: Opening, solution: Solution, wanted: int | None
 ) -> ExitCode:
-    """Judge the session by endpoints that another instrument measured."""
+    """Judge the session by endpoints that another instrument measured, from a file or on the arm."""
     from fixtures.measured import Measured
     from operator_app.calibration.open_loop import check_open_loop
+    from operator_app.composition import carried_procedure
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
     from operator_app.report.open_loop import open_loop_json, open_loop_text
 
-    if not args.csv:
-        raise UsageError("--open-loop: name the file of poses with measured endpoints")
-    instrument = load_fixture(args.instrument).fixture
-    if not isinstance(instrument, Measured):
-        raise UsageError(f"--instrument: {args.instrument} is a {instrument.kind}, no instrument")
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError("--open-loop judges calibrations of one hinge or rigid placement")
-    poses = load_poses(args.csv, joint_count=arm.joint_count).poses
+    arm = carried_procedure(opening).arm
+    if args.csv:
+        instrument = load_fixture(args.instrument).fixture
+        if not isinstance(instrument, Measured):
+            raise UsageError(
+                f"--instrument: {args.instrument} is a {instrument.kind}, no instrument"
+            )
+        poses = load_poses(args.csv, joint_count=arm.joint_count).poses
+    else:
+        instrument, poses = _open_arm(args, opening, wanted)
     found = check_open_loop(arm, instrument, poses, solution)
     if args.json:
         say(json.dumps(open_loop_json(found), indent=2, allow_nan=False))
     else:
-        say(open_loop_text(found, folder))
+        say(open_loop_text(found, str(opening.folder)))
     return ExitCode.ACCEPTED if found.holds else ExitCode.NOT_ACCEPTED
+
+
+def _open_arm(
+    args: argparse.Namespace, judged: Opening, wanted: int | None
+) -> tuple[Measured, PoseSet]:
+    """Take poses of the open arm, in a session of their own, on the bus of the session that is judged."""
+    import numpy as np
+
+    from fixtures.measured import Measured
+    from operator_app.composition import unattended
+    from operator_app.headless.console import ConsoleListener
+    from operator_app.session.drives import drives_of
+    from operator_app.session.folder import read_session
+    from operator_app.session.opening import begin
+    from operator_app.session.workflow import connect, take_poses
+
+    choices = replace(
+        judged.choices,
+        poses=OPEN_POSES if wanted is None else wanted,
+        plan=None,
+        estimator=None,
+        unsensed_joints=None,
+        length_tolerance_m=None,
+        upload=False,
+        tracker=args.tracker,
+    )
+    opening = begin(args.procedure, choices, root=args.sessions)
+    instrument = opening.procedure.fixture.fixture
+    if not isinstance(instrument, Measured):
+        raise UsageError(
+            f"--procedure: {args.procedure} closes the chain with a {instrument.kind}; name one whose "
+            "fixture is an instrument, such as open_loop"
+        )
+    here, there = opening.procedure.arm, judged.procedure.arm
+    if here.name != there.name or not np.array_equal(here.table.stacked(), there.table.stacked()):
+        raise UsageError(
+            f"--procedure: {args.procedure} is of {here.name}, and not of the {there.name} of "
+            f"{judged.folder}; name a procedure with that arm file"
+        )
+    state, listener = read_session(judged.folder).state, ConsoleListener()
+    with unattended(opening, record_to=recording(args, opening)) as session:
+        identity = connect(session, listener)
+        if state is not None and identity.serial_number != state.serial_number:
+            raise UsageError(
+                f"{judged.folder} calibrated arm {state.serial_number}, and the arm on the bus is "
+                f"{identity.serial_number}: connect that one"
+            )
+        take_poses(session, listener, drives_of(session), homing=args.go_home)
+        session.arm.hold()
+        poses = session.state.pose_set()
+    listener.close()
+    say(f"Took {len(poses)} poses of the open arm: they are in {opening.folder}", err=True)
+    return instrument, poses
 
 
 def _on_the_arm(

@@ -17,6 +17,7 @@ from solver.closing import close_loops
 from solver.design.pose_information import planning_noise, pose_information
 from solver.judging.identifiability import identifiability
 from solver.loops.closure import ClosureModel
+from solver.loops.open_arm import MeasuredClosure
 
 LEGS = 24
 """All waypoints are approached together in this many steps, so that no loop jumps to another branch."""
@@ -58,6 +59,10 @@ def predict(
     """Follow the closed chain from where it stands (n,) to every waypoint of `plan`."""
     joints = tuple(plan[0])
     columns = [j - 1 for j in joints]
+    if isinstance(model, MeasuredClosure):
+        goals = np.repeat(np.asarray(start_rad)[None, :], len(plan), axis=0)
+        goals[:, columns] = [[point[j] for j in joints] for point in plan]
+        return _of_open_arm(arm, model, x, goals, poses)
     weight = np.ones(arm.joint_count)
     here = close_loops(model, x, np.asarray(start_rad)[None, :])
     # The drive joints are given; everything else follows.
@@ -78,6 +83,20 @@ def predict(
     if len(chosen) * model.equations_per_pose > len(model.parameters):
         condition = identifiability(model, x, chosen).scaled_condition_number
     return Forecast(q_rad=q, reachable=reachable, scaled_condition_number=condition)
+
+
+def _of_open_arm(
+    arm: ArmModel, model: MeasuredClosure, x: FloatArray, q: FloatArray, poses: int
+) -> Forecast:
+    """Forecast of an arm that goes where its drives take it (w, n), seen as the model has it."""
+    inside = np.all((q > arm.lower_rad) & (q < arm.upper_rad), axis=1)
+    chosen = q[inside][:poses]
+    condition = float("inf")
+    if len(chosen) * model.equations_per_pose > len(model.parameters):
+        position, rotation = model.predicted(x, chosen)
+        seen = model.with_endpoints(position, rotation if model.full_pose else None)
+        condition = identifiability(seen, x, chosen).scaled_condition_number
+    return Forecast(q_rad=q, reachable=inside, scaled_condition_number=condition)
 
 
 def most_telling(

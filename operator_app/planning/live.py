@@ -111,7 +111,7 @@ def _with_one_more(
 ) -> LiveQuality:
     number, predicted = numbers[-1], dict(before.predicted_m)
     if before.estimated and number not in predicted:
-        error = closure_at_readings(model, before.x, q[-1:])
+        error = closure_at_readings(model.at_poses(np.array([len(q) - 1])), before.x, q[-1:])
         predicted[number] = float(np.linalg.norm(error.residual[0, error.rotation_rows :]))
     quality = replace(
         before,
@@ -123,6 +123,7 @@ def _with_one_more(
     due = len(q) <= EACH_UP_TO or len(q) >= GROWTH * estimated
     if len(q) < before.needed or not (due or at_once):
         return quality
+    model = model.at_poses(np.arange(len(q)))
     # From the nominal values, not from the last estimate: an early one may be far off.
     estimate = estimate_paper(model, q)
     seen = identifiability(model, estimate.x, q, sigma_rad=arm.sigma_rad())

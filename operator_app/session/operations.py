@@ -12,6 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
+from fixtures.base import Fixture
+from operator_app.calibration.loop import loop_of_poses
+from operator_app.calibration.placed import as_seen
 from operator_app.calibration.solution import Solution
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.errors import Cancelled, GuardError
@@ -30,8 +33,8 @@ from operator_app.units.figure import MOVED, READING_SD, SIGMA_POS
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo
-from solver.design.drive_joints import rank_at_pose
-from solver.loops.closure import ClosureModel
+from solver.design.drive_joints import RankedDrives, rank_at_pose
+from solver.loops.closure import ClosureModel, poses_needed
 
 WIGGLE_RAD = float(np.deg2rad(2.0))
 
@@ -61,6 +64,7 @@ class Operations:
         self._listener = _Publishing(self, publisher)
         session.cancelled = publisher.cancelled
         self._forecast: Forecast | None = None
+        self._placed: Fixture | None = None
         self._live: LiveQuality | None = None
         self._solution: Solution | None = None
         self._plan: tuple[Mapping[int, float], ...] = ()
@@ -101,12 +105,17 @@ class Operations:
         checks = session.check_fixture()
         here = session.arm.snapshot().positions_rad
         model = self._model
-        ranked = rank_at_pose(model, nominal_vector(model.parameters), here)
         joints = session.procedure.position_joints
+        ranked: tuple[RankedDrives, ...] = ()
+        if not session.fixture.holds_hand:
+            # Nothing to choose: every joint is driven.
+            joints = tuple(range(1, session.model.joint_count + 1))
+        else:
+            ranked = rank_at_pose(model, nominal_vector(model.parameters), here)
         if joints is None:
             choice = choose_by_prediction(session)
             joints, ranked = choice.drives, choice.ranked
-        best = ranked[0].drives if ranked else ()
+        best = ranked[0].drives if ranked else joints
         self._publisher.publish(
             lambda s: replace(
                 s, checks=checks, ranked=ranked, wanted_joints=s.wanted_joints or best
@@ -353,15 +362,17 @@ class Operations:
         if used:
             q = np.array([p.mean_rad for p in used])
             numbers = tuple(p.number for p in used)
-            self._live = live_quality(session.model, self._model, q, numbers, earlier=self._live)
+            model = self._model_of(state)
+            self._live = live_quality(session.model, model, q, numbers, earlier=self._live)
         else:
-            self._live = None
+            self._live = self._placed = None
         if not state.solved:
             self._solution = None
         plan = self._plan
         left = [k for k in range(len(plan)) if k not in state.visited]
         best = None
-        if used and self._forecast is not None and left and self._live is not None:
+        known = self._live is not None and session.fixture.holds_hand
+        if used and self._forecast is not None and left and known and self._live is not None:
             best = most_telling(
                 session.model,
                 self._model,
@@ -400,6 +411,18 @@ class Operations:
     def _at(self, waypoint: int | None) -> None:
         """Say at which waypoint the arm is; None before it moves."""
         self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
+
+    def _model_of(self, state: SessionState) -> ClosureModel:
+        """The loop of all poses; an instrument's place is found once, when there are poses enough."""
+        session = self._session
+        if session.fixture.holds_hand:
+            return self._model
+        poses = state.pose_set()
+        model = self._model
+        needed = poses_needed(len(model.parameters), model.equations_per_pose)
+        if self._placed is None and len(poses) >= needed:
+            self._placed = as_seen(session.model, session.fixture, poses)
+        return loop_of_poses(session.model, self._placed or session.fixture, poses)
 
     @property
     def _model(self) -> ClosureModel:

@@ -173,6 +173,12 @@ def check_standing(
             f"home the joint; {_START_ANEW}",
         )
     off = "" if not closes else f" (chance {probability:.0e})"
+    if not fixture.holds_hand:
+        raise GuardError(
+            f"the target is not seen where this session's {len(state.used_poses)} poses have it{off}: a "
+            "joint's zero, the target or the tracker is not what it was",
+            _START_ANEW,
+        )
     raise GuardError(
         f"the loop does not close where the arm stands, by this session's {len(state.used_poses)} "
         f"poses{off}: a joint's zero or the fixture is not what it was",
@@ -238,19 +244,18 @@ def _check_seen_again(state: SessionState, procedure: Procedure) -> str:
     from scipy.special import chdtri
 
     last, arm = state.returns[-1], procedure.arm
-    fixture, pair = _placed(state, procedure), pose_set_of([last.first, last.again])
-    if not isinstance(fixture, Measured) or pair.endpoint is None:
+    fixture, pair = _placed(state, procedure), (last.first, last.again)
+    if not isinstance(fixture, Measured) or not all(p.endpoint for p in pair):
         return ""
     full = fixture.full_pose
+    seen, q = np.array([p.endpoint for p in pair]), np.array([p.mean_rad for p in pair])
     model = fixture.model(arm).with_endpoints(
-        pair.endpoint[:, :3], rotation_matrix(pair.endpoint[:, 3:]) if full else None
+        seen[:, :3], rotation_matrix(seen[:, 3:]) if full else None
     )
     x: FloatArray = np.array([p.nominal for p in model.parameters])
-    error = model.loop(x, pair.q_rad, np.zeros((2, 0)))
+    error = model.loop(x, q, np.zeros((2, 0)))
     change = error.residual[0] - error.residual[1]
-    joints = sum(
-        joint_variance(arm, samples) for samples in (last.first.samples, last.again.samples)
-    )
+    joints = sum(joint_variance(arm, p.samples) for p in pair)
     J = error.jac_q[0]
     covariance = (J * joints) @ J.T + 2.0 * np.diag(fixture.endpoint_variance()[-len(change) :])
     chi2 = float(change @ np.linalg.solve(covariance, change))

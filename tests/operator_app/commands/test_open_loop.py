@@ -73,7 +73,8 @@ def test_an_instrument_worse_than_its_file_says_proves_nothing(
     ("arguments", "words"),
     [
         (["{csv}"], "--open-loop"),
-        (["--open-loop"], "name the file"),
+        (["--open-loop", "--procedure", "hinge"], "closes the chain with a hinge"),
+        (["--open-loop", "--tracker", "lab"], "no port of a tracker"),
         (["{csv}", "--open-loop", "--instrument", "hinge"], "no instrument"),
     ],
 )
@@ -88,3 +89,18 @@ def test_endpoints_are_never_ignored_in_silence(
     given = [text.format(csv=csv) for text in arguments]
     assert main(["verify", str(journalled["run"]), *given]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_on_the_arm_out_of_its_hinge_it_is_judged_by_the_tracker(
+    journalled: Mapping[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["--open-loop", "--json", "--poses", "8", "--sessions", str(tmp_path)]
+    code = main(["verify", str(journalled["run"]), *given])
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    assert (code, found["verdict"], found["disagree"], found["poses"]) == (0, "agrees", [], 8)
+    for name, planted in (("theta_off_2", -122.8), ("theta_off_5", 27.1)):
+        row = found["parameters"][name]
+        assert abs(row["open_loop"] - planted) < 4.0 * row["sigma"], name
+    (folder,) = tmp_path.iterdir()
+    assert f"Took 8 poses of the open arm: they are in {folder}" in told.err

@@ -1,0 +1,198 @@
+"""A session on the open arm, on the plant without a bus: what the app does, and what goes wrong with a tracker."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fixtures.measured import Measured
+from hardware.errors import InstrumentError
+from hardware.line_port import CalledLines
+from hardware.virtual.truth import OpenTruth, paper_loop
+from operator_app.composition import carried_procedure, virtual_arm
+from operator_app.errors import GuardError, SessionError
+from operator_app.session.instrument import Instrument
+from operator_app.session.listener import Listener
+from operator_app.session.opening import Choices, Rig, begin, open_session, resume
+from operator_app.session.operations import Operations
+from operator_app.session.session import Session
+from operator_app.session.workflow import take_poses
+from oracles.journalled_sessions import Quiet
+from oracles.plant_arm import PlantArm
+
+DRIVES = (1, 2, 3, 4, 5, 6, 7)
+
+
+class Tracked:
+    """A session and the tracker that sees its arm; `says` may change what the tracker answers."""
+
+    def __init__(self, root: Path, poses: int = 8, **chosen: object) -> None:
+        choices = Choices(poses=poses, scenario="datasheet", seed=1, interface="virtual", **chosen)
+        self.opening = replace(begin("open_loop", choices, root=root), folder=root / "session")
+        self.says = lambda answer: answer
+        self.session = self._opened(self.opening)
+
+    def _opened(self, opening) -> Session:
+        procedure = carried_procedure(opening)
+        fixture = procedure.fixture.fixture
+        assert isinstance(fixture, Measured)
+        chosen = virtual_arm(procedure.arm, procedure.fixture, opening.choices)
+        arm = PlantArm(procedure, chosen)
+        tracker = chosen.tracker(arm._plant, fixture)
+        assert tracker is not None
+        port = CalledLines(lambda q: self.says(tracker.answer(q)), "the tracker")
+        rig = Rig(
+            arm=arm,
+            opening=replace(opening, procedure=procedure),
+            simulated=True,
+            instrument=Instrument(port, full_pose=True, patience_s=0.0),
+        )
+        return open_session(rig)
+
+    def again(self) -> Session:
+        self.session.close("failed")
+        folder = self.opening.folder
+        self.session = self._opened(resume(str(folder), Choices(), root=folder.parent))
+        self.session.connect()
+        return self.session
+
+
+@pytest.fixture
+def tracked(tmp_path: Path):
+    made = Tracked(tmp_path)
+    yield made
+    made.session.close("done")
+
+
+def moved(answer: str, by_m: float) -> str:
+    found = json.loads(answer)
+    return json.dumps({**found, "x_m": found["x_m"] + by_m})
+
+
+def test_the_app_s_steps_end_accepted_with_what_was_planted(tracked: Tracked) -> None:
+    session = tracked.session
+    quiet = Quiet(session)
+    operations = Operations(session, quiet)
+    operations.connect()
+    operations.check_fixture()
+    assert quiet.shown.wanted_joints == DRIVES
+    assert quiet.shown.forecast is not None
+    assert quiet.shown.forecast.reachable.all()
+    operations.set_modes(DRIVES)
+    operations.automatic()
+    live = quiet.shown.live
+    assert live is not None
+    assert live.estimated
+    # Of the last pose, by the poses before it.
+    assert 0.0 < live.predicted_m[8] < 0.02
+    assert live.scaled_condition_number < 100.0
+    operations.calibrate("implicit", ())
+    found = quiet.shown.solution
+    assert found is not None
+    assert found.accepted, found.reasons
+    sigma = found.estimate.standard_deviation
+    for k, p in enumerate(found.estimate.parameters):
+        if p.name.startswith("theta_off"):
+            planted = paper_loop().table.theta_off_rad[int(p.name[-1])]
+            assert abs(found.estimate.x[k] - planted) < 4.0 * sigma[k], p.name
+    operations.write()
+    operations.verify(2)
+    assert quiet.shown.verification is not None
+
+
+def test_a_tracker_that_was_knocked_is_found_before_another_pose_counts(tmp_path: Path) -> None:
+    tracked = Tracked(tmp_path, poses=5)
+    session = tracked.session
+    session.connect()
+    session.set_modes(DRIVES)
+    session.visit(0)
+    session.capture(0)
+    session = tracked.again()
+    # The same tracker, read again, goes on.
+    take_poses(session, Listener(), DRIVES)
+    assert [len(r.again.endpoint) for r in session.state.returns] == [6, 6]
+    session.exclude(5, "to go on")
+    session = tracked.again()
+    tracked.says = lambda answer: moved(answer, 0.003)
+    with pytest.raises(GuardError, match="joint's zero, the target or the tracker"):
+        take_poses(session, Listener(), DRIVES)
+    assert session.state.captured == 5
+    session.close("failed")
+
+
+def test_of_a_single_pose_the_knock_is_told_with_its_size(tracked: Tracked) -> None:
+    session = tracked.session
+    session.connect()
+    session.set_modes(DRIVES)
+    session.visit(0)
+    session.capture(0)
+    session = tracked.again()
+    tracked.says = lambda answer: moved(answer, 0.003)
+    with pytest.raises(GuardError, match="or the tracker, has moved by about") as caught:
+        take_poses(session, Listener(), DRIVES)
+    size = re.search(r"about ([0-9.]+) mm", caught.value.happened)
+    assert size is not None
+    assert float(size[1]) == pytest.approx(3.0, abs=0.5)
+
+
+def test_a_target_out_of_sight_costs_a_waypoint_and_a_silent_tracker_no_pose(
+    tracked: Tracked,
+) -> None:
+    session, asked = tracked.session, list[str]()
+
+    def says(answer: str) -> str:
+        pose = json.loads(answer)["pose"]
+        asked.append(pose)
+        if len(asked) == 1:
+            return json.dumps({"pose": pose, "lost": "beam broken"})
+        return answer if len(asked) == 2 else ""
+
+    tracked.says = says
+    session.connect()
+    with pytest.raises(InstrumentError, match="measured nothing for 0 s at pose 2"):
+        take_poses(session, Listener(), DRIVES)
+    assert asked == ["1", "1", "2"]
+    (kept,) = session.state.used_poses
+    assert (kept.waypoint, len(kept.endpoint)) == (1, 6)
+    assert session.state.passed_over == {0}
+
+
+def test_an_arm_that_moves_while_it_is_measured_gives_no_pose(tracked: Tracked) -> None:
+    session = tracked.session
+
+    def says(answer: str) -> str:
+        arm = session.arm
+        arm.move({3: float(arm.snapshot().positions_rad[2]) + 0.02}, speed_rad_per_s=0.5)
+        return answer
+
+    tracked.says = says
+    session.connect()
+    session.set_modes(DRIVES)
+    with pytest.raises(GuardError, match="joint 3 moved while the tracker measured"):
+        session.capture()
+    assert session.state.captured == 0
+
+
+def test_without_a_port_it_says_how_to_name_one(tmp_path: Path) -> None:
+    opening = begin("open_loop", Choices(interface="virtual"), root=tmp_path)
+    procedure = carried_procedure(opening)
+    chosen = virtual_arm(procedure.arm, procedure.fixture, opening.choices)
+    session = open_session(
+        Rig(arm=PlantArm(procedure, chosen), opening=opening, simulated=True, instrument=None)
+    )
+    with pytest.raises(SessionError, match="--tracker tcp:HOST:PORT"):
+        session.connect()
+    session.close("failed")
+
+
+def test_the_truth_is_the_paper_s(tmp_path: Path) -> None:
+    opening = begin("open_loop", Choices(interface="virtual"), root=tmp_path)
+    procedure = opening.procedure
+    truth = virtual_arm(procedure.arm, procedure.fixture, opening.choices).true_loop()
+    assert isinstance(truth, OpenTruth)
+    assert np.array_equal(truth.offsets_rad[1:6], paper_loop().table.theta_off_rad[2:7])

@@ -14,7 +14,7 @@ both). Knows a closure model's derivatives; estimates nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -125,6 +125,11 @@ class Design(Layout):
             self.errors.at_poses(poses),
             group=None if self.group is None else self.group[poses],
         )
+
+    def unsigned(self) -> Design:
+        """Return the design that expects sag and play to either side alike."""
+        errors = replace(self.errors, signed=False)
+        return Design(self.model, self.q, errors, group=self.group)
 
     # ---- noise
 

@@ -31,6 +31,10 @@ SETTLED, STEADY = 1e-3, 1e-2
 FAR = 3.0
 """Change of a parameter, in standard errors, from which slopes of two rounds cannot be compared."""
 
+NEARLY, SIGN_IN_DOUBT = 0.1, 0.25
+"""Change of every parameter in standard errors from which the readings say whether gravity shows, where so
+much more or less of it than half is there."""
+
 FREE_ROUNDS = 20
 NOTHING_TO_GAIN = 0.1
 """Rounds after which variances stay whose next step begins with no more than this rise of the log-likelihood."""
@@ -119,7 +123,7 @@ def fit_mixed(
     group
         Placement of each pose (m,): what the fixture gives in one says nothing of another.
     estimate
-        Whether to move the variances, or to leave them as stated.
+        Whether to move the variances and to ask for gravity's sign, or to leave all as stated.
     near
         Where to start, if anything is known of it.
     """
@@ -134,6 +138,7 @@ def fit_mixed(
             x0, None, progress, None if near is None else near.at_poses(some),
         )  # fmt: skip
         x0 = rough.x
+        errors = replace(errors, signed=rough.fit.design.errors.signed)
         whole = _iterate(
             Design(model, q, errors, group=group), x0, rough.fit.v, progress, near, rough.found
         )
@@ -157,6 +162,7 @@ def _iterate(
         v = np.array([near.variances.get(c.name, c.start) for c in design.components])
         v = np.clip(v, [c.floor for c in design.components], [c.wall for c in design.components])
     state = _start(design, x0, v, near)
+    sign_asked = free and bool(design.expected.any())
     converged, rounds, ascent, wanted = False, 0, Ascent(), Step.none(len(v))
     for rounds in range(1, MAX_ROUNDS + 1):
         here = Linearisation(design, state)
@@ -180,8 +186,14 @@ def _iterate(
             if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
                 # That is no reason to go on: the parameters settle under the variances as they are.
                 free, wanted, v = False, Step.none(len(v)), fit.v
-        if moved < SETTLED and wanted.largest < STEADY:
-            converged = True
+        converged = moved < SETTLED and wanted.largest < STEADY
+        if sign_asked and (moved < NEARLY or rounds >= FREE_ROUNDS):
+            surplus = gravity_share(fit) - 0.5
+            sign_asked = abs(surplus) < SIGN_IN_DOUBT and not converged and rounds < FREE_ROUNDS
+            if surplus < 0.0 and not sign_asked:
+                # From here on without; likelihoods of the two cannot be compared.
+                design, ascent, converged = design.unsigned(), Ascent(), False
+        if converged:
             break
     shift, give = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
@@ -189,6 +201,18 @@ def _iterate(
         found=with_priors(fit) if found is None else found,
         iterations=rounds, converged=converged,
     )  # fmt: skip
+
+
+def gravity_share(fit: LinearFit) -> float:
+    """Share of the sag and play that gravity lets expect which the readings have.
+
+    An arm whose file states a sag that it has not is to be calibrated as exactly as one whose file states
+    none: on exact readings the expectation itself would be the error. Below a half it is not expected.
+    """
+    design = fit.design
+    G = np.concatenate([fit.system.part(s).B @ design.expected[s, :, None] for s in design.parts()])
+    asked = fit.score(G)
+    return float(1.0 - asked.gradient[0] / max(asked.information[0, 0], 1e-300))
 
 
 def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> State:

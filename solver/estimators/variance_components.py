@@ -200,28 +200,11 @@ def settle(
     if x0 is None:
         x0 = _first(model, q, errors, progress)
     found = fit_mixed(model, q, errors, x0, group=group, near=near, progress=progress)
-    if not gravity_shows(found.fit):
-        errors = replace(errors, signed=False)
-        found = fit_mixed(model, q, errors, found.x, group=group, progress=progress)
     x = nearest_equivalent(model, found.x, nominal)
     if np.abs(x - found.x).max() > EQUAL:
         # Another description of the same loop has another covariance: finish there.
-        found = fit_mixed(model, q, errors, x, group=group)
+        found = fit_mixed(model, q, found.fit.design.errors, x, group=group)
     return Settled(fit=found, order=order, dof=dof)
-
-
-def gravity_shows(fit: LinearFit) -> bool:
-    """Whether the readings have more than half of the sag and play that gravity lets expect.
-
-    An arm whose file states a sag that it has not is to be calibrated as exactly as one whose file states
-    none: on exact readings the expectation itself would be the error.
-    """
-    design = fit.design
-    if not design.expected.any():
-        return True
-    G = np.concatenate([fit.system.part(s).B @ design.expected[s, :, None] for s in design.parts()])
-    asked = fit.score(G)
-    return bool(2.0 * asked.gradient[0] <= asked.information[0, 0])
 
 
 def _first(

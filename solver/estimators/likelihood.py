@@ -49,25 +49,15 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
     design, K = fit.design, len(fit.v)
     hard, width = design.hard, design.width
     rates = _rates(design, fit.v)
-    starts = np.array([s.start - hard for s in design.slices], dtype=np.int64)
-
-    def by_group(columns: FloatArray) -> FloatArray:
-        """Sums over each group's columns (..., width - hard), times its rates: (..., K)."""
-        if not len(starts):
-            return np.zeros((*columns.shape[:-1], K))
-        return np.asarray(np.add.reduceat(columns, starts, axis=-1) @ rates)
-
     # Effects: with T = Z' P Z in units of their variance, all traces are sums over its blocks.
     T = np.eye(width - hard) - fit.H_inverse[hard:, hard:]
-    expected = by_group(np.diagonal(T))
-    score = by_group(fit.unit_b**2) - expected
-    information = by_group(by_group(T * T).T)
+    expected = np.diagonal(T) @ rates
+    score = fit.unit_b**2 @ rates - expected
+    information = rates.T @ (T * T) @ rates
     # The mean of expected and observed information needs no trace: it is a Gram matrix of what each
     # component's covariance makes of the weighted residual (Gilmour, Thompson & Cullis 1995).
     inner, along = np.zeros((K, K)), np.zeros((K, width))
-    effects = (
-        np.repeat(rates, np.diff(np.append(starts, width - hard)), axis=0) * fit.unit_b[:, None]
-    )
+    effects = rates * fit.unit_b[:, None]
     # Noise: blocks of P on the diagonal, pose by pose.
     for part in fit.parts():
         m, r = part.w.shape
@@ -88,7 +78,7 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
         score += (seen[..., 0] ** 2).sum(0) @ of - chance
         information += of.T @ ((Qt @ PQ) * (Qt @ Q)).sum(0) @ of
         # Squares of what each effect's columns leave of a pose under P.
-        across = of.T @ by_group(((Qt @ X.reshape(m, r, width)[..., hard:]) ** 2).sum(0))
+        across = of.T @ ((Qt @ X.reshape(m, r, width)[..., hard:]) ** 2).sum(0) @ rates
         information += across + across.T
     average = inner - along @ fit.H_inverse @ along.T
     return Derivatives(
@@ -100,11 +90,12 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
 
 
 def _rates(design: Design, v: FloatArray) -> FloatArray:
-    """Change (groups, K) of the logarithm of each group's variance with the components."""
-    rates = np.zeros((len(design.groups), len(v)))
-    for row, g in zip(rates, design.groups, strict=True):
+    """Change (width - hard, K) of the logarithm of each effect column's variance with the components."""
+    rates = np.zeros((design.width - design.hard, len(v)))
+    for where, g in zip(design.slices, design.groups, strict=True):
         if g.component is not None:
-            row[g.component] = g.scale / g.variance(v)
+            here = slice(where.start - design.hard, where.stop - design.hard)
+            rates[here, g.component] = g.scale / g.variance(v)
     return rates
 
 

@@ -18,6 +18,9 @@ from solver.arrays import FloatArray, IntArray
 from solver.estimators.effects import Design, Equations, System, Whitened
 from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 
+SMALL = 64
+"""Rows of a matrix that is not worth cutting in halves."""
+
 TOLD = 1e-3
 """Share of its own noise from which a misclosure that the others predict is told from none."""
 
@@ -65,6 +68,8 @@ class LinearFit:
         Estimate of dx for the parameters without prior (hard,).
     b
         Prediction of the effects' coefficients, unscaled (width - hard,).
+    half
+        Root of the inverse (width, width): ``H^-1 = half half'``.
     chi2, dof
         ``w' P w`` and its expectation when variances are right: equations less hard parameters.
     """
@@ -93,8 +98,8 @@ class LinearFit:
         self.gram = gram
         H = gram.copy()
         H[np.arange(hard, design.width), np.arange(hard, design.width)] += 1.0
-        self.scale = np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-        self.H_inverse, half = _inverse(H, self.scale)
+        self.half, determinant = _inverse_root(H)
+        self.H_inverse = self.half @ self.half.T
         self.coefficients = -(self.H_inverse @ right)
         # One refinement: the squares of M cost half the digits, its product with them does not.
         self.coefficients -= self.H_inverse @ (right + H @ self.coefficients)
@@ -104,7 +109,7 @@ class LinearFit:
         self.unit_b = self.coefficients[hard:]
         self.b = self.unit_b * self.root
         self.dof = system.equations - hard
-        self.log_likelihood = -0.5 * (2.0 * logdet + half + self.chi2)
+        self.log_likelihood = -0.5 * (2.0 * logdet + determinant + self.chi2)
 
     def _whiten(self, poses: slice) -> Whitened:
         part = self.design.whiten(self.system.part(poses), self.v, poses)
@@ -238,18 +243,6 @@ class LinearFit:
             gradient=Gw + GM @ self.coefficients, information=GG - GM @ self.H_inverse @ GM.T
         )
 
-    @cached_property
-    def half(self) -> FloatArray:
-        """Root of the inverse (width, width): ``H^-1 = half half'``."""
-        from scipy.linalg import cholesky
-
-        scaled = self.H_inverse * np.outer(self.scale, self.scale)
-        try:
-            return np.asarray(cholesky(scaled, lower=True) / self.scale[:, None])
-        except np.linalg.LinAlgError:
-            values, vectors = np.linalg.eigh(scaled)
-            return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) / self.scale[:, None])
-
     def held_out_chi2(self, poses: IntArray) -> tuple[float, int]:
         """Misfit of `poses` (k,) to the prediction by all others, chi2 with so many degrees of freedom.
 
@@ -336,26 +329,42 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
     return float(z @ z)
 
 
-def _inverse(H: FloatArray, scale: FloatArray) -> tuple[FloatArray, float]:
-    """Inverse of a positive definite matrix and the logarithm of its determinant."""
+def _inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
+    """Root K of the inverse of a positive definite matrix, ``H^-1 = K K'``, and the logarithm of its determinant."""
+    unit = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+    scaled = H * unit[:, None] * unit
+    root = _triangular_root(scaled)
+    if root is None:
+        # A direction that nothing sees: it gets a variance that says so.
+        values, vectors = np.linalg.eigh(scaled)
+        values = np.maximum(values, 1e-14 * values[-1])
+        root, logdet = vectors / np.sqrt(values), float(np.log(values).sum())
+    else:
+        logdet = -2.0 * float(np.log(np.diagonal(root)).sum())
+    return root * unit[:, None], logdet - 2.0 * float(np.log(unit).sum())
+
+
+def _triangular_root(H: FloatArray) -> FloatArray | None:
+    """Upper triangular K with ``H^-1 = K K'``, by halves: products are far faster than triangular inverses.
+
+    With ``H = R'R``, K is the inverse of R; None where H is not positive definite.
+    """
     from scipy.linalg import lapack
 
-    unit = 1.0 / scale
-    scaled = H * unit[:, None] * unit
-    # Symmetric, so its transpose is itself in the order of columns that LAPACK works on in place.
-    factor, failed = lapack.dpotrf(scaled.T, overwrite_a=True)
-    if failed:
-        # A direction that nothing sees: it gets a variance that says so.
-        values, vectors = np.linalg.eigh(H * unit[:, None] * unit)
-        values = np.maximum(values, 1e-14 * values[-1])
-        inverse = (vectors / values) @ vectors.T
-        return inverse * unit[:, None] * unit, float(
-            np.log(values).sum() + 2.0 * np.log(scale).sum()
-        )
-    logdet = 2.0 * float(np.log(np.diagonal(factor)).sum() + np.log(scale).sum())
-    upper, _ = lapack.dpotri(factor, overwrite_c=True)
-    upper *= unit[:, None]
-    upper *= unit
-    inverse = upper + upper.T
-    np.fill_diagonal(inverse, np.diagonal(upper))
-    return inverse, logdet
+    n = len(H)
+    if n <= SMALL:
+        # Symmetric, so its transpose is itself in the order of columns that LAPACK works on.
+        factor, failed = lapack.dpotrf(H.T)
+        return None if failed else np.asarray(lapack.dtrtri(factor, overwrite_c=True)[0])
+    first, second = slice(0, n // 2), slice(n // 2, n)
+    upper = _triangular_root(H[first, first])
+    if upper is None:
+        return None
+    across = upper.T @ H[first, second]
+    lower = _triangular_root(H[second, second] - across.T @ across)
+    if lower is None:
+        return None
+    K = np.zeros((n, n))
+    K[first, first], K[second, second] = upper, lower
+    K[first, second] = -(upper @ (across @ lower))
+    return K

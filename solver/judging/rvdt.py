@@ -147,6 +147,10 @@ def rvdt_verdicts(
         if flexure is not None and flexure.gives:
             noise = {**noise, **blurred}
     offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
+    sensed, known = (
+        model.with_all_joints_sensed(),
+        {p.name: float(value) for p, value in zip(model.parameters, found.x, strict=True)},
+    )
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
@@ -165,7 +169,7 @@ def rvdt_verdicts(
             samples=float(1.0 / np.mean(1.0 / samples)),
         )
         here = offsets | {joint: figures.theta_off_rad}
-        share = _share(model, found.x, q, joint, figures, here)
+        share = _share(sensed, known, q, joint, figures, here)
         verdicts.append(_judge(joint, sensor, figures, share))
     return tuple(verdicts)
 
@@ -276,19 +280,18 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
 
 
 def _share(
-    model: ClosureModel,
-    x: FloatArray,
+    sensed: ClosureModel,
+    known: dict[str, float],
     q: FloatArray,
     joint: int,
     figures: RvdtFigures,
     offsets_rad: dict[int, float],
 ) -> float:
     """Share of the squared closure error, all readings used, that correcting one joint removes."""
-    sensed = model.with_all_joints_sensed()
-    known = {p.name: value for p, value in zip(model.parameters, x, strict=True)}
-    known |= {f"theta_off_{j}": float(wrap_angle(v)) for j, v in offsets_rad.items()}
+    known = known | {f"theta_off_{j}": float(wrap_angle(v)) for j, v in offsets_rad.items()}
     whole = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
     better = q.copy()
     better[:, joint - 1] = figures.corrected(q[:, joint - 1])
-    before, after = (float((sensed.reduced(whole, r).residual ** 2).sum()) for r in (q, better))
+    residual = sensed.reduced(whole, np.stack((q, better))).residual
+    before, after = (residual**2).sum((1, 2)).tolist()
     return 0.0 if before == 0.0 else 1.0 - after / before

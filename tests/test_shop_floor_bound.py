@@ -9,18 +9,24 @@ import pytest
 
 from oracles.loop_oracle import Truth, cramer_rao
 from tests.oracles import shop_floor_bound
-from tests.oracles.shop_floor import PARAMETERS, Sizes, session
-from tests.oracles.shop_floor_bound import bound
-from tests.oracles.shop_floor_chain import frames, rotation_about_z
+from tests.oracles.shop_floor import PARAMETERS, RVDTS, Sizes, session
+from tests.oracles.shop_floor_bound import _equations, bound, covariance
+from tests.oracles.shop_floor_chain import Loop, frames, rotation_about_z
 from tests.oracles.shop_floor_load import Load, Masses
-from tests.oracles.shop_floor_walk import nominal_chain, nominal_chart
+from tests.oracles.shop_floor_walk import (
+    FOLLOW,
+    LOWER_DEG,
+    UPPER_DEG,
+    nominal_chain,
+    nominal_chart,
+)
 
 COUNT = 2.0 * np.pi / 400_000
 LSB = np.deg2rad(120.0) / 4096
 
 
 def test_with_noise_alone_it_is_the_other_oracles():
-    sizes = replace(Sizes.only(), linearity=0.0)
+    sizes = replace(Sizes.only(), linearity=0.0, gain=0.0)
     taken = session(4, sizes)
     chain = taken.specimen.chain
     truth = Truth(
@@ -72,6 +78,23 @@ def test_play_lies_as_often_where_the_generator_lets_it(monkeypatch):
         drawn += 0.5 * np.einsum("aj,bj->jab", one, one) / 400
     assert np.abs(found - drawn).max() < 0.12
     assert np.sqrt(np.mean((found - drawn) ** 2)) < 0.03
+
+
+def test_gain_is_a_line_of_the_stated_size():
+    """The bound with RVDT gains alone, against the other oracle's noise and a line for each RVDT."""
+    taken = session(4)
+    bare = replace(Sizes.only(), linearity=0.0, gain=0.0)
+    exact, own = (covariance(taken, replace(bare, gain=gain)) for gain in (0.0, 0.005))
+    chain = taken.specimen.chain
+    angles = (Loop(chain=chain).closed(taken.angles, free=FOLLOW)[0] - chain.theta_off)[:, 1:]
+    hard, V, B = _equations(taken, bare)
+    for j in RVDTS:
+        middle = np.deg2rad(0.5 * (LOWER_DEG + UPPER_DEG)[j - 1])
+        line = (B[:, :, j - 1] * (0.005 * (angles[:, j - 1] - middle))[:, None]).ravel()
+        V = V + np.outer(line, line)
+    assert own == pytest.approx(np.linalg.inv(hard.T @ np.linalg.solve(V, hard)), rel=1e-6)
+    # Joint 6 moves off the middle of its scale: there a gain passes for an offset.
+    assert own[5, 5] > 2.0 * exact[5, 5]
 
 
 @pytest.mark.parametrize("source", ["lengths", "twists", "encoders", "backlash"])

@@ -141,6 +141,12 @@ def larger_in_words(found: Larger, design: Design) -> Words:
                 f"the curve of joint {which}'s RVDT is {size}its specification says",
                 f"have it replaced or linearised, or calibrate with --unsensed {which}",
             )
+        case "gain":
+            return Words(
+                f"RVDT_{which}",
+                f"the gain of joint {which}'s RVDT is off by {size}its specification says",
+                f"have its scale factor set or state its gain, or calibrate with --unsensed {which}",
+            )
         case "lengths" | "twists":
             return Words(
                 kind.upper(),

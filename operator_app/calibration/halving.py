@@ -77,6 +77,8 @@ def remedy_of(source: str) -> str:
     """What halves a source of the budget."""
     if source.startswith("rvdt_curve_"):
         return f"replace the RVDT of joint {source[-1]} or take its curve on a bench"
+    if source.startswith("rvdt_gain_"):
+        return f"have the scale factor of joint {source[-1]}'s RVDT set twice as well and state its gain"
     if source.startswith("rvdt_noise_"):
         return f"take four times as many samples of joint {source[-1]} in every pose"
     return REMEDIES.get(source, "take more poses that differ more")

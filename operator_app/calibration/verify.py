@@ -170,11 +170,11 @@ def stated_noise(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) 
     stated = noise_model(arm, fixture, poses, everything)
     variance = np.array(stated.joint_variance)
     variance += arm.backlash_rad**2 + arm.sag_rad**2 + 2.0 * arm.accuracy_rad**2
-    for j, linearity in enumerate(arm.linearity_rad()):
+    for j, (linearity, gain) in enumerate(zip(arm.linearity_rad(), arm.gain_rad(), strict=True)):
         # At a new reading the curve is one more unknown error.
         whole = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
         least = np.maximum(variance[:, j], fixed.rvdt_sd_rad.get(j + 1, np.inf) ** 2)
-        variance[:, j] = np.minimum(whole, least)
+        variance[:, j] = np.minimum(whole, least) + gain**2
     give = np.repeat([fixture.give.orientation_rad**2, fixture.give.position_m**2], 3)
     if stated.fixture_variance is not None:
         give = give + stated.fixture_variance

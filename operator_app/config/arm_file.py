@@ -13,6 +13,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from operator_app.config.error_model import (
     ACCURACY_DEG,
     BACKLASH_DEG,
+    GAIN,
     SAG_DEG,
     RowToleranceModel,
     ToleranceModel,
@@ -83,6 +84,7 @@ class RvdtModel(SensorFields):
     full_scale_deg: Annotated[PositiveNumber, Field(le=360.0)]
     linearity: Annotated[NonNegativeNumber, Field(le=0.5)]
     noise_lsb: NonNegativeNumber
+    gain: Annotated[NonNegativeNumber, Field(le=0.5)] = GAIN
 
     @field_validator("full_scale_deg")
     @classmethod
@@ -293,7 +295,9 @@ class ArmFile(StrictModel):
         # What a joint without a sensor does between sensor and link is no error of a reading.
         sensed = {j.joint: j for j in self.joints if not isinstance(j.sensor, NoSensorModel)}
         encoders = {k: j.sensor for k, j in sensed.items() if isinstance(j.sensor, EncoderModel)}
+        rvdts = {k: j.sensor for k, j in sensed.items() if isinstance(j.sensor, RvdtModel)}
         yield from assumed_of_joints("accuracy_deg", encoders)
+        yield from assumed_of_joints("gain", rvdts)
         yield from assumed_of_joints("backlash_deg", sensed)
         yield from assumed_of_joints("sag_deg", sensed)
 

@@ -19,6 +19,9 @@ from solver.chain.arm_model import RowTolerance
 
 LENGTH_MM, TWIST_DEG = 0.5, 0.1
 ACCURACY_DEG = BACKLASH_DEG = SAG_DEG = 0.01
+GAIN = 0.005
+"""Share of an RVDT's reading. Data sheets hold linearity against the best-fit line and state the scale
+factor apart, trimmed to 1 % or better with its electronics: two standard deviations of this."""
 GIVE_MM, GIVE_MRAD = 0.2, 0.2
 
 

@@ -136,6 +136,12 @@ class ArmModel:
             [j.sensor.linearity_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
         )
 
+    def gain_rad(self) -> FloatArray:
+        """What an error of each sensor's gain brings, rms over full scale, shape (n,)."""
+        return np.array(
+            [j.sensor.gain_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
+        )
+
     @property
     def length_tolerance_m(self) -> FloatArray:
         """Standard deviation of the maker's s and a of rows 1..n, shape (n,); 0 is exact."""

@@ -10,16 +10,19 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Rvdt
 
-SHAPE_WEIGHTS = (0.5, 1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
-"""Prior sizes of Legendre P1..P10: a transformer's curve is mostly a bow and an S, its gain is off, and
-what is left falls with the square of the order, so that a bend or a bump is no surprise."""
+SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
+"""Prior sizes of Legendre P2..P10: a transformer's curve is mostly a bow and an S, and what is left falls
+with the square of the order, so that a bend or a bump is no surprise."""
+
+LOWEST = 2
+"""Degree of the first of them: all are orthogonal to every straight line, as a linearity is."""
 
 
 def _power_series() -> FloatArray:
-    """Coefficients (11, 10) of 1, x, ..., x^10 in the shapes, times their prior sizes."""
-    powers = np.zeros((len(SHAPE_WEIGHTS) + 1, len(SHAPE_WEIGHTS)))
+    """Coefficients (11, 9) of 1, x, ..., x^10 in the shapes, times their prior sizes."""
+    powers = np.zeros((len(SHAPE_WEIGHTS) + LOWEST, len(SHAPE_WEIGHTS)))
     for k, weight in enumerate(SHAPE_WEIGHTS):
-        series = np.polynomial.legendre.leg2poly(np.eye(k + 2)[k + 1])
+        series = np.polynomial.legendre.leg2poly(np.eye(k + LOWEST + 1)[k + LOWEST])
         powers[: len(series), k] = weight * series
     return powers
 
@@ -30,10 +33,11 @@ _POWERS = _power_series()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorCurve:
-    """Deviation of one sensor from the true angle: ``sum_k c_k P_k(x)``, k = 1, 2, 3, ...
+    """Deviation of one sensor from the true angle: a line, and ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
-    x is the angle from `middle_rad` over `half_scale_rad`. P_1 is an error of the gain; without P_0
-    the deviation's mean over full scale is zero: that is the joint's offset.
+    x is the angle from `middle_rad` over `half_scale_rad`. The line is an error of the gain, the
+    polynomials are what a specification calls linearity; without P_0 the deviation's mean over full
+    scale is zero: that is the joint's offset.
 
     Attributes
     ----------
@@ -43,28 +47,51 @@ class SensorCurve:
         Electrical zero, in sensor coordinates.
     half_scale_rad
         Half of full scale.
+    gain
+        Standard deviation of its gain's error; there is no line where it is 0.
+    bent
+        Whether there are polynomials.
     """
 
     joint: int
     middle_rad: float
     half_scale_rad: float
+    gain: float = 0.0
+    bent: bool = True
+
+    @property
+    def lines(self) -> int:
+        """Number of lines: 1, or 0 where the gain is exact."""
+        return int(self.gain > 0.0)
+
+    @property
+    def bends(self) -> int:
+        """Number of polynomials."""
+        return len(SHAPE_WEIGHTS) if self.bent else 0
 
     @property
     def width(self) -> int:
-        """Number c of shapes."""
-        return len(SHAPE_WEIGHTS)
+        """Number of shapes; 0 of a sensor that is exact but for its noise."""
+        return self.lines + self.bends
 
-    def basis(self, theta_rad: FloatArray) -> FloatArray:
-        """Shapes at sensor angles (m,), times their prior sizes: (m, c)."""
+    def place(self, theta_rad: FloatArray) -> FloatArray:
+        """Sensor angles (m,) from the middle in units of half of full scale."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         # Beyond full scale a sensor saturates; polynomials would run away there.
-        x = np.clip(x, -1.2, 1.2)
-        return np.asarray(np.vander(x, len(_POWERS), increasing=True) @ _POWERS)
+        return np.asarray(np.clip(x, -1.2, 1.2))
+
+    def basis(self, theta_rad: FloatArray) -> FloatArray:
+        """Line (rad) and polynomials at sensor angles (m,), times their prior sizes: (m, width)."""
+        x = self.place(theta_rad)
+        shapes = [(self.gain * self.half_scale_rad * x)[:, None]] * self.lines
+        if self.bent:
+            shapes.append(np.vander(x, len(_POWERS), increasing=True) @ _POWERS)
+        return np.concatenate(shapes, axis=-1)
 
 
 def rms_per_amplitude() -> float:
     """Expected rms deviation over full scale of a curve whose coefficients have unit amplitude."""
-    degrees = np.arange(1, 1 + len(SHAPE_WEIGHTS))
+    degrees = np.arange(LOWEST, LOWEST + len(SHAPE_WEIGHTS))
     return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))
 
 
@@ -72,7 +99,11 @@ def curves_of(arm: ArmModel, *, unsensed_joints: tuple[int, ...] = ()) -> tuple[
     """Return the curve that each RVDT of `arm` may have; none for joints whose reading is not used."""
     return tuple(
         SensorCurve(
-            joint=j, middle_rad=joint.middle_rad, half_scale_rad=0.5 * joint.sensor.full_scale_rad
+            joint=j,
+            middle_rad=joint.middle_rad,
+            half_scale_rad=0.5 * joint.sensor.full_scale_rad,
+            gain=joint.sensor.gain,
+            bent=joint.sensor.linearity > 0.0,
         )
         for j, joint in enumerate(arm.joints, 1)
         if isinstance(joint.sensor, Rvdt) and j not in unsensed_joints

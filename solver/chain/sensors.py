@@ -47,13 +47,15 @@ class Rvdt:
     """Rotary variable differential transformer read by an ADC of `bits` over `full_scale_rad`.
 
     `linearity` is the largest deviation from the best-fit straight line, as a fraction of full
-    scale; it is a systematic curve and not part of `sigma_rad`.
+    scale; `gain` is how far the slope of that line is off 1, one standard deviation. Data sheets
+    state the two apart. Both are systematic and not part of `sigma_rad`.
     """
 
     bits: int
     full_scale_rad: float
     linearity: float
     noise_lsb: float
+    gain: float = 0.0
 
     @property
     def resolution_rad(self) -> float:
@@ -73,6 +75,11 @@ class Rvdt:
     def linearity_rad(self) -> float:
         """Largest deviation from the best-fit line that the specification allows."""
         return self.linearity * self.full_scale_rad
+
+    @property
+    def gain_rad(self) -> float:
+        """What an error of the gain brings, rms over full scale: one standard deviation."""
+        return self.gain * self.full_scale_rad / math.sqrt(12.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,7 @@ class AnalogueReading:
         Mean square of the spread inside the poses, rad^2, and its degrees of freedom; dof 0 where
         spreads were not recorded.
     curve
-        Shapes of its deviation from a straight line.
+        Shapes of its deviation from the true angle; None where it has none.
     curve_variance
         Variance of the shapes' coefficients (rad^2) that the specification stands for.
     """
@@ -149,7 +149,7 @@ def stated_errors(
                 share=1.0 / samples,
                 spread_variance=spread,
                 spread_dof=dof,
-                curve=curve,
+                curve=curve if curve.width else None,
                 curve_variance=(SD_OF_PEAK * sensor.linearity_rad) ** 2,
             )
         )

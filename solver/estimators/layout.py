@@ -15,6 +15,7 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
+from solver.chain.sensor_curve import LOWEST
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_shapes import FREE, loaded_give, shapes_of_sag, sides_of_play
 from solver.estimators.pose_basis import PoseBasis, PoseProcess, pose_process
@@ -28,6 +29,10 @@ LEAST_GIVE = 1e-8
 
 LEAST_CURVE = 0.1
 """No analogue sensor is straighter than this share of its specification."""
+
+SPECIFIED = 4
+"""What a specification says of one sensor's curve or gain weighs like so many shapes that were seen: the
+few that poses do tell say little of how large all are, and where they happen to be small the others are not."""
 
 FIRST_GIVE = 5e-4
 """Where a give that nothing stated is looked for (rad, m)."""
@@ -50,7 +55,8 @@ class Component:
 
     `soft` and `wall` bound an amplitude by its specification: a prior of that mean variance, and a
     value it never exceeds. ``inf`` where there is none. `leap` may be reached in one step however
-    small it was. `spread_variance` is what `spread_dof` differences inside poses say of it.
+    small it was. `spread_variance` is what `spread_dof` differences inside poses say of it, or a
+    specification that weighs like so many.
     """
 
     name: str
@@ -200,23 +206,7 @@ class Layout:
                     for shape in ("sin", "cos")
                 ),
             )
-        for a in errors.analogue:
-            if a.curve is not None:
-                width = a.curve.width
-                c = self._component(
-                    Component(
-                        name=f"curve_{a.joint}",
-                        start=0.25 * a.curve_variance,
-                        floor=LEAST_CURVE**2 * a.curve_variance,
-                        soft=a.curve_variance,
-                        wall=25.0 * a.curve_variance,
-                    )
-                )
-                names_ = tuple(f"curve{k}_{a.joint}" for k in range(1, width + 1))
-                self.groups.append(
-                    Group(source=f"rvdt_curve_{a.joint}", width=width, fixed=0.0,
-                          component=c, scale=1.0, names=names_)
-                )  # fmt: skip
+        self._lay_out_curves()
         self._lay_out_joints(process)
         # What gives: rows of the closure components, and the stated size along them.
         self.gives: list[tuple[slice, float]] = []
@@ -238,6 +228,38 @@ class Layout:
                 Group(source="fixture_give", width=self.loaded.width, fixed=1.0,
                       component=None, scale=0.0,
                       names=tuple(f"load{i}" for i in range(self.loaded.width)))
+            )  # fmt: skip
+
+    def _lay_out_curves(self) -> None:
+        """Gain and curve of every analogue sensor."""
+        for joint, curve, stated in (
+            (a.joint, a.curve, a.curve_variance)
+            for a in self.errors.analogue
+            if a.curve is not None
+        ):
+            if curve.lines:
+                gain = Component(
+                    name=f"gain_{joint}", start=1.0, floor=1.0,
+                    spread_variance=1.0, spread_dof=SPECIFIED,
+                )  # fmt: skip
+                self.groups.append(
+                    Group(source=f"rvdt_gain_{joint}", width=1, fixed=0.0,
+                          component=self._component(gain), scale=1.0, names=(gain.name,))
+                )  # fmt: skip
+            if not curve.bent:
+                continue
+            bend = Component(
+                name=f"curve_{joint}",
+                start=stated,
+                floor=LEAST_CURVE**2 * stated,
+                wall=25.0 * stated,
+                spread_variance=stated,
+                spread_dof=SPECIFIED,
+            )
+            names = tuple(f"curve{k}_{joint}" for k in range(LOWEST, LOWEST + curve.bends))
+            self.groups.append(
+                Group(source=f"rvdt_curve_{joint}", width=curve.bends, fixed=0.0,
+                      component=self._component(bend), scale=1.0, names=names)
             )  # fmt: skip
 
     def _lay_out_joints(self, process: Callable[[], PoseProcess]) -> None:

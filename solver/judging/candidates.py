@@ -271,7 +271,10 @@ class Scene:
             if isinstance(sensor, Rvdt):
                 half = 0.5 * sensor.full_scale_rad
                 middle = self.arm.joints[j - 1].middle_rad
-                shapes = SensorCurve(joint=j, middle_rad=middle, half_scale_rad=half).basis(turn)
+                # A line of any slope, of half the size of the bow and the S.
+                shapes = SensorCurve(
+                    joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
+                ).basis(turn)
                 yield Candidate(
                     cause=Cause.CURVE,
                     subject=str(j),

@@ -54,6 +54,8 @@ def written(nominal: dict[str, float], stated: Sizes | None = None) -> tuple[byt
             joint["sag_deg"] = float(np.rad2deg(stated.sag_rad))
             if joint["sensor"]["kind"] == "encoder":
                 joint["sensor"]["accuracy_deg"] = float(np.rad2deg(stated.encoder_rad))
+            else:
+                joint["sensor"]["gain"] = stated.gain
         fixture["give"] = {
             "position_mm": float(1e3 * stated.give_m),
             "orientation_mrad": float(1e3 * stated.give_rad),

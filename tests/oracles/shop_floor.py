@@ -68,8 +68,8 @@ SOURCES = {
 class Sizes:
     """Standard deviations of what is drawn.
 
-    `linearity` is the most that an RVDT's curve and gain may take its reading away from the true
-    angle, as a share of full scale; a specimen takes half of it to all.
+    `linearity` is the most that an RVDT's curve may take its reading away from its best line, as a share
+    of full scale; a specimen takes half of it to all. `gain` is that of the line's slope.
     """
 
     length_m: float = 0.5e-3
@@ -81,6 +81,7 @@ class Sizes:
     backlash_rad: float = np.deg2rad(0.01)
     linearity: float = 0.02
     noise_lsb: float = 2.0
+    gain: float = 0.005
 
     @classmethod
     def only(cls, *sources: str, times: float = 1.0) -> Sizes:
@@ -314,24 +315,27 @@ def _sensors(seed: int, sizes: Sizes) -> tuple[Encoder | Rvdt, ...]:
         found.append(Encoder(counts_per_rev=COUNTS_PER_REV, once=once, twice=twice))
     rng = stream(seed, Stream.CURVES)
     for joint in RVDTS:
-        found.append(drawn_rvdt(joint, rng, linearity=sizes.linearity, noise_lsb=sizes.noise_lsb))
+        found.append(
+            drawn_rvdt(
+                joint, rng, linearity=sizes.linearity, noise_lsb=sizes.noise_lsb, gain=sizes.gain
+            )
+        )
     return tuple(found)
 
 
-def drawn_rvdt(joint: int, rng: np.random.Generator, *, linearity: float, noise_lsb: float) -> Rvdt:
-    """Draw an RVDT whose curve and gain together stay within `linearity` of full scale."""
+def drawn_rvdt(
+    joint: int, rng: np.random.Generator, *, linearity: float, noise_lsb: float, gain: float
+) -> Rvdt:
+    """Draw an RVDT whose curve stays within `linearity` of full scale of a line with a slope of its own."""
     shape = drawn_curve(str(rng.choice(CURVES)), rng)
-    x = np.linspace(-1.0, 1.0, len(shape))
-    slope = 0.25 * rng.uniform(-1.0, 1.0)
-    peak = np.abs(shape + slope * x).max()
-    size = linearity * FULL_SCALE * rng.uniform(0.5, 1.0) / peak
+    size = linearity * FULL_SCALE * rng.uniform(0.5, 1.0)
     return Rvdt(
         bits=BITS,
         full_scale=FULL_SCALE,
         zero=np.deg2rad(0.5 * (LOWER_DEG + UPPER_DEG)[joint - 1]),
         noise_lsb=noise_lsb,
         shape=size * shape,
-        gain=size * slope / (0.5 * FULL_SCALE),
+        gain=gain * rng.normal(),
     )
 
 

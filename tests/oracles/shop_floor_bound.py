@@ -108,13 +108,15 @@ def _anew(rows: np.ndarray, B: np.ndarray, sizes: Sizes, samples: int) -> np.nda
 
 
 def _sensors(B: np.ndarray, at_sensor: np.ndarray, sizes: Sizes) -> np.ndarray:
-    """Columns (m, 5, k) of encoder harmonics and RVDT curves, times their sizes."""
+    """Columns (m, 5, k) of encoder harmonics, RVDT gains and curves, times their sizes."""
     shapes = []
     for j in ENCODERS:
         x = at_sensor[:, j - 1]
         turns = np.stack([np.cos(x), np.sin(x), np.cos(2.0 * x), np.sin(2.0 * x)], axis=-1)
         shapes.append(B[:, :, j - 1, None] * (sizes.encoder_rad * turns[:, None]))
     for j in RVDTS:
+        line = sizes.gain * (at_sensor[:, j - 1] - _rvdts(j)[0].zero)
+        shapes.append(B[:, :, j - 1, None] * line[:, None, None])
         curves = np.stack([rvdt.deviation(at_sensor[:, j - 1]) for rvdt in _rvdts(j)], axis=-1)
         curves = curves * (sizes.linearity / np.sqrt(DRAWS))
         shapes.append(B[:, :, j - 1, None] * curves[:, None])
@@ -177,9 +179,11 @@ def _loads(rows: np.ndarray, B: np.ndarray, angles: np.ndarray, sizes: Sizes) ->
 
 @cache
 def _rvdts(joint: int) -> tuple[Rvdt, ...]:
-    """Sensors of linearity 1, to be scaled."""
+    """Sensors of linearity 1 and exact gain, to be scaled."""
     rng = np.random.default_rng([5, joint])
-    return tuple(drawn_rvdt(joint, rng, linearity=1.0, noise_lsb=0.0) for _ in range(DRAWS))
+    return tuple(
+        drawn_rvdt(joint, rng, linearity=1.0, noise_lsb=0.0, gain=0.0) for _ in range(DRAWS)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

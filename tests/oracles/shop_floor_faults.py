@@ -174,12 +174,12 @@ def bent_rvdt(seed: int, *, percent: float) -> Case:
     rng = stream(seed, Stream.FAULTS)
     joint = int(rng.choice(RVDTS))
     sound_one = session(seed)
-    bent = drawn_rvdt(joint, rng, linearity=0.02, noise_lsb=2.0)
+    bent = drawn_rvdt(joint, rng, linearity=0.02, noise_lsb=2.0, gain=0.0)
     angle = (sound_one.angles - sound_one.specimen.chain.theta_off)[:, joint]
     off = bent.deviation(angle)
     stray = np.abs(off - np.polyval(np.polyfit(angle, off, 1), angle)).max()
     size = 0.01 * percent * FULL_SCALE / stray
-    bent = replace(bent, shape=size * bent.shape, gain=0.0)
+    bent = replace(bent, shape=size * bent.shape)
     specimen = _with_sensor(sound_one.specimen, joint, bent)
     found = taken(specimen, sound_one.angles, sound_one.ground, sound_one.hand)
     # What strays so far may end at full scale in some poses, and that is true of it as well.

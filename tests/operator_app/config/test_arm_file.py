@@ -49,6 +49,7 @@ class TestPackaged:
             assert joint.sensor.bits == 12
             assert joint.sensor.linearity == 0.02
             assert joint.sensor.noise_lsb == 2.0
+            assert joint.sensor.gain == 0.005
             assert joint.sensor.full_scale_rad == pytest.approx(
                 joint.upper_rad - joint.lower_rad, rel=1e-14
             )
@@ -246,7 +247,9 @@ def test_joints_and_rows_belong_together() -> None:
 
 
 def test_unsensed_joint_has_no_offset_to_free() -> None:
-    sensor = "{kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2}"
+    sensor = (
+        "{kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2, gain: 0.005}"
+    )
     text = GOOD.replace(sensor, "{kind: none}", 1)
     (problem,) = complaint(text).problems
     assert problem.key == "free[6]"

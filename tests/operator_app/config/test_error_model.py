@@ -20,7 +20,8 @@ from solver.chain.sensors import Encoder, Rvdt
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 STATED = re.compile(
-    r"^tolerance: .*\n|^    (?:backlash|sag)_deg: .*\n|, accuracy_deg: 0.01", re.MULTILINE
+    r"^tolerance: .*\n|^    (?:backlash|sag)_deg: .*\n|, accuracy_deg: 0.01|, gain: 0.005",
+    re.MULTILINE,
 )
 OLD_ARM = STATED.sub("", SARCOS)
 """As arm files were before there was an error model."""
@@ -65,6 +66,7 @@ def test_a_file_without_figures_is_read_with_the_assumed_ones_and_says_so() -> N
         "tolerance.length_mm: 0.5",
         "tolerance.twist_deg: 0.1",
         "accuracy_deg: 0.01 (joints 1, 2, 3, 4, 5)",
+        "gain: 0.005 (joints 6, 7)",
         "backlash_deg: 0.01 (joints 1, 2, 3, 4, 5, 6, 7)",
         "sag_deg: 0.01 (joints 1, 2, 3, 4, 5, 6, 7)",
     )
@@ -74,7 +76,8 @@ def test_what_no_joint_or_row_takes_is_not_assumed() -> None:
     """One joint without a sensor, all others stated; every row states its own length."""
     text = SARCOS.replace("tolerance: {length_mm: 0.5, twist_deg: 0.1}\n", "", 1)
     text = re.sub(r"(  - \{row: .*)\}", r"\1, tolerance: {length_mm: 0.05}}", text)
-    sensor = "sensor: {kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2}"
+    sensor = "sensor: {kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2, gain: 0.005}"
+    assert sensor in text
     text = text.replace(sensor, "sensor: {kind: none}", 1).replace("theta_off_6, ", "", 1)
     head, sep, tail = text.partition("name: wrist 1")
     tail = tail.replace("    backlash_deg: 0.01\n    sag_deg: 0.01\n", "", 1)
@@ -124,9 +127,13 @@ def test_an_arm_made_in_a_program_is_exact() -> None:
 
 
 def test_rvdts_have_their_own_figure() -> None:
-    text = SARCOS.replace("noise_lsb: 2}", "noise_lsb: 2, accuracy_deg: 0.01}", 1)
+    text = SARCOS.replace("noise_lsb: 2,", "noise_lsb: 2, accuracy_deg: 0.01,", 1)
     assert "joints[joint 6].sensor.accuracy_deg: unknown key" in complaints(text)[0]
-    assert isinstance(load_arm("sarcos_dextrous").joints[5].sensor, Rvdt)
+    for joint in load_arm("sarcos_dextrous").joints[5:]:
+        assert isinstance(joint.sensor, Rvdt)
+        assert joint.sensor.gain == 0.005
+    (exact,) = {j.sensor.gain for j in arm_of(SARCOS.replace("gain: 0.005", "gain: 0")).joints[5:]}
+    assert exact == 0.0
 
 
 BAD = [
@@ -138,6 +145,8 @@ BAD = [
     ("tolerance: {length_mm: 0.5, twist_deg: 0.1}", "tolerance: 1", "must be a mapping"),
     ("tolerance: {length_mm: 0.5, twist_deg: 0.1}", "tolerance: false", "must be a mapping"),
     ("accuracy_deg: 0.01", "accuracy_deg: 11", "joints[joint 1].sensor.accuracy_deg: 11 deg"),
+    ("gain: 0.005", "gain: 0.6", "joints[joint 6].sensor.gain: must be at most 0.5"),
+    ("gain: 0.005", "gain: -0.1", "joints[joint 6].sensor.gain: must be at least 0"),
     ("backlash_deg: 0.01", "backlash_deg: -1", "joints[joint 1].backlash_deg: must be at least 0"),
     ("sag_deg: 0.01", "sag_deg: much", "joints[joint 1].sag_deg: must be a number"),
 ]

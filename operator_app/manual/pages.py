@@ -30,6 +30,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "commands": "every command and option",
             "exit-codes": "what a command says to the shell",
             "poses-file": "columns of a poses file",
+            "instrument-port": "how a tracker tells where the hand is",
             "session-folder": "what a session leaves on disk",
             "arm-file": "keys of an arm file",
             "fixture-file": "keys of a fixture file",

@@ -183,9 +183,9 @@ def test_every_command_of_a_page_runs_as_it_is_written(
                 if command == "sarcal":
                     assert opened_and_left(desk) == 0
                     continue
-                assert typed(command.replace("-i loopback", CAN) if bus else command, bus) == 0, (
-                    command
-                )
+                code = typed(command.replace("-i loopback", CAN) if bus else command, bus)
+                # Of an arm that errs by more than its files state, a page leaves the verdict open.
+                assert code in ((0, 4) if block.run == "verdict" else (0,)), command
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_nothing_is_written_that_no_test_runs() -> None:
     for topic in TOPICS:
         for block in blocks(topic):
             assert block.language in ("sh", "yaml", "python", "text"), topic
-            assert block.run in ("", "campaign", "background", "terminal"), topic
+            assert block.run in ("", "campaign", "verdict", "background", "terminal"), topic
             for command in filter(str.strip, block.commands):
                 assert command.startswith(("sarcal ", *NOT_OURS)) or command == "sarcal", command
             assert block.language != "yaml" or block.file

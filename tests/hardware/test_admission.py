@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -144,28 +145,26 @@ def sample_of(*statuses: int) -> Sample:
     return Sample(sync_count=1, statuswords=statuses, counts=zeros, torques_per_mille=zeros)
 
 
+def try_to_send_both(before: tuple[Setpoint, ...] | None, *commands: Setpoint) -> None:
+    admit(
+        TWO,
+        BOTH,
+        in_control=True,
+        stopped=False,
+        sample=sample_of(ENABLED, ENABLED),
+        before=before,
+        commands=commands,
+    )
+
+
 @pytest.mark.parametrize("harmless", [Setpoint(OFF, 0, CSP), Setpoint(GO, 0, CST)])
 def test_every_joint_is_looked_at(harmless: Setpoint) -> None:
     with pytest.raises(CommandRefused, match="joint 2"):
-        admit(
-            TWO,
-            BOTH,
-            in_control=True,
-            stopped=False,
-            sample=sample_of(ENABLED, ENABLED),
-            before=(Setpoint(GO, 0, CSP), Setpoint(GO, 0, CSP)),
-            commands=(harmless, Setpoint(GO, 40, CSP)),
+        try_to_send_both(
+            (Setpoint(GO, 0, CSP), Setpoint(GO, 0, CSP)), harmless, Setpoint(GO, 40, CSP)
         )
     with pytest.raises(ValueError, match="argument"):
-        admit(
-            TWO,
-            BOTH,
-            in_control=True,
-            stopped=False,
-            sample=sample_of(ENABLED, ENABLED),
-            before=None,
-            commands=(harmless,),
-        )
+        try_to_send_both(None, harmless)
 
 
 def try_to_move(
@@ -213,6 +212,19 @@ def test_a_move_that_may_not_begin(
 ) -> None:
     with pytest.raises(CommandRefused, match=words):
         try_to_move(targets_rad, **situation)
+
+
+def test_every_joint_moves_within_its_own_limits() -> None:
+    wide = replace(TWO[1], joint=3, lower_counts=-5000, upper_counts=5000)
+    admit_move(
+        (*TWO, wide),
+        (*SCALES, SCALES[1]),
+        (*BOTH, JointMode.POSITION),
+        {3: 4.0},
+        speed_rad_per_s=1.0,
+        in_control=True,
+        sample=sample_of(ENABLED, ENABLED, ENABLED),
+    )
 
 
 @pytest.mark.parametrize("joint", [-1, 0, 3])

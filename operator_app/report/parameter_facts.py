@@ -23,6 +23,9 @@ MOST_PLACES = 6
 
 HEAT_STEPS = 5
 
+SEVERAL_SIGMAS = 3.0
+"""Further from each other than this, one of two estimates is wrong about its sigma."""
+
 
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:
     """Decimal places for angles and for lengths: two figures of the finest sigma of each."""
@@ -56,7 +59,7 @@ def parameter_table(
     repeatability: FloatArray | None = None,
     nominal_key: bool = True,
 ) -> Table:
-    """Nominal, identified, change, sigma and interval, the other estimator's beside them."""
+    """Nominal, identified, change, sigma and interval, what the other estimator identified beside them."""
     own = f"{estimate.estimator} (chosen)"
     columns = [*words("parameter", "unit"), *figures("nominal")]
     columns += figures("identified", "change", "sigma", group=own)
@@ -64,7 +67,6 @@ def parameter_table(
     columns += figures("95 % from", "to", group=own, detail=True)
     if beside is not None:
         columns += figures("identified", group=beside.estimator)
-        columns += figures("sigma", "difference", group=beside.estimator, detail=True)
     places, round_places = precision(estimate), nominal_places(estimate.parameters)
     bounds, rows = intervals(estimate), []
     for k, p in enumerate(estimate.parameters):
@@ -96,7 +98,7 @@ def parameter_table(
             figure(bounds[k].high, ("interval_95", name, 1)),
         ]
         if beside is not None:
-            row += _beside(p, value, n, beside)
+            row.append(_beside(p, n, beside))
         rows.append(tuple(row))
     return Table(
         ident="parameters",
@@ -114,16 +116,59 @@ def parameter_table(
     )
 
 
-def _beside(p: Parameter, value: float, places: int, other: Estimate) -> tuple[Cell, ...]:
+def _beside(p: Parameter, places: int, other: Estimate) -> Cell:
     known = [q.name for q in other.parameters]
     if p.name not in known:
-        return ("", "", "")
-    quantity, k = quantity_of(p), known.index(p.name)
-    theirs = float(other.x[k])
-    return (
-        Figure(theirs, quantity, places=places),
-        Figure(float(other.standard_deviation[k]), quantity, digits=2),
-        Figure(_change(p, theirs, value), quantity, places=places, signed=True),
+        return ""
+    return Figure(float(other.x[known.index(p.name)]), quantity_of(p), places=places)
+
+
+def estimators_table(estimate: Estimate, beside: Estimate | None) -> Table | None:
+    """Both estimators' values, sigmas and their difference from the same poses; None without a second one."""
+    if beside is None:
+        return None
+    paper, implicit = sorted((estimate, beside), key=lambda e: e.estimator == "implicit")
+    theirs = {p.name: k for k, p in enumerate(paper.parameters)}
+    places = precision(estimate)
+    rows, most = [], 0.0
+    for k, p in enumerate(implicit.parameters):
+        if p.name not in theirs:
+            continue
+        quantity, at = quantity_of(p), theirs[p.name]
+        value, sigma = float(implicit.x[k]), float(implicit.standard_deviation[k])
+        other, its_sigma = float(paper.x[at]), float(paper.standard_deviation[at])
+        difference = _change(p, other, value)
+        most = max(most, abs(difference) / its_sigma) if its_sigma > 0.0 else most
+        rows.append(
+            (
+                p.name,
+                quantity.unit,
+                Figure(value, quantity, places=places(quantity)),
+                Figure(sigma, quantity, places=places(quantity)),
+                Figure(other, quantity, places=places(quantity)),
+                Figure(its_sigma, quantity, digits=2),
+                Figure(difference, quantity, places=places(quantity), signed=True),
+            )
+        )
+    return Table(
+        ident="estimators",
+        title="Both estimators, from the same poses",
+        columns=(
+            *words("parameter", "unit"),
+            *figures("value", "sigma", group="implicit"),
+            *figures("value", "sigma", group="paper"),
+            *figures("difference"),
+        ),
+        rows=tuple(rows),
+        note="Believe implicit: it weighs every reading by its noise and knows of lengths, twists and "
+        "curves. The paper's counts 1 m as 1 rad and takes every joint as read, so its sigma is only what "
+        "its own residuals scatter"
+        + (
+            f", and it is as much as {most:.0f} of them from implicit."
+            if most >= SEVERAL_SIGMAS
+            else "."
+        )
+        + " Both are from the same poses: their difference says nothing about the arm.",
     )
 
 

@@ -118,7 +118,7 @@ def _of_table(subject: Subject, estimate: Estimate, table: Table) -> Section:
 
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
     words = (
-        "Difference is the other estimator less the chosen one. Sigma and the 95 % interval "
+        "Sigma and the 95 % interval "
         + ("follow from the noise of the sensors." if estimate.chi2 is not None else
            "(Student's) follow from the size of the residuals.")
     )  # fmt: skip

@@ -196,9 +196,17 @@ def test_both_estimators_stand_side_by_side(page: object, subject: Subject) -> N
     assert paper is not subject.implicit
     assert "implicit (chosen)" in page.text
     row = page.rows("Identified parameters")[0]
-    assert number(row[-3]) == pytest.approx(math.degrees(paper.x[0]), abs=1e-3)
+    assert number(row[-1]) == pytest.approx(math.degrees(paper.x[0]), abs=1e-3)
+    name, _, value, sigma, theirs, its_sigma, difference = page.rows("Both estimators")[0]
+    assert name == "theta_off_1"
+    assert number(value) == pytest.approx(math.degrees(subject.implicit.x[0]), abs=1e-3)
+    assert number(theirs) == pytest.approx(math.degrees(paper.x[0]), abs=1e-3)
+    for shown, estimate in ((sigma, subject.implicit), (its_sigma, paper)):
+        expected = math.degrees(estimate.standard_deviation[0])
+        assert number(shown) == pytest.approx(expected, rel=0.06)
     change = math.degrees(paper.x[0] - subject.implicit.x[0])
-    assert number(row[-1]) == pytest.approx(change, abs=1e-3)
+    assert number(difference) == pytest.approx(change, abs=1e-3)
+    assert "Believe implicit" in page.text
 
 
 def test_closure_before_and_after_in_both_readings(page: object, subject: Subject) -> None:

@@ -64,7 +64,10 @@ def kills(count: int, processes: int, seed: int) -> list[str]:
             for k in range(chains)
         ]
         for job in as_completed(jobs):
-            whole.add(job.result())
+            done = job.result()
+            whole.add(done)
+            for fault in done.faults:  # at once: who ends this early has seen it
+                print(fault, file=sys.stderr)
             print(f"  {whole.total} kills, {len(whole.faults)} faults", file=sys.stderr, flush=True)
     victims = sorted({victim for victim, _ in whole.killed})
     phases = Counter[str]()

@@ -268,8 +268,9 @@ class Chain:
         """Find the session that the operator began; one without its first line is none."""
         if self.session is None:
             for path in set(self._sessions()) - known:
-                if b"\n" in (path / "journal.jsonl").read_bytes():
-                    self.session = path
+                with suppress(FileNotFoundError):  # a session in which no arm was found goes away again
+                    if b"\n" in (path / "journal.jsonl").read_bytes():
+                        self.session = path
 
     def _events(self) -> list[dict[str, Any]]:
         if self.session is None:

@@ -268,7 +268,8 @@ class Chain:
         """Find the session that the operator began; one without its first line is none."""
         if self.session is None:
             for path in set(self._sessions()) - known:
-                with suppress(FileNotFoundError):  # a session in which no arm was found goes away again
+                # A session in which no arm was found goes away again.
+                with suppress(FileNotFoundError):
                     if b"\n" in (path / "journal.jsonl").read_bytes():
                         self.session = path
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, NoReturn
 
+from operator_app.commands.help_topic import manual
 from operator_app.commands.options import (
     bus_options,
     choices_from,
@@ -113,6 +114,7 @@ def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) 
         theme=LIGHT if args.light else DARK,
         ascii_only=args.ascii,
         resume=args.resume,
+        manual=manual(),
     )
 
 
@@ -131,7 +133,7 @@ def _plain(args: argparse.Namespace, source: Sessions) -> str:
     before = {n: signal.signal(n, end) for n in (signal.SIGTERM, signal.SIGHUP)}
     reason = "failed"
     try:
-        reason = Plain(source, StandardTerminal(), resume=args.resume).run()
+        reason = Plain(source, StandardTerminal(), resume=args.resume, manual=manual()).run()
     except _Ended as ended:
         reason = str(ended)
     except KeyboardInterrupt:

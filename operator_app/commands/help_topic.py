@@ -9,6 +9,7 @@ import sys
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.manual.pages import SECTIONS, Manual
+from operator_app.manual.reference import reference
 from operator_app.words_out import say
 
 WIDEST = 100
@@ -52,7 +53,6 @@ def execute(args: argparse.Namespace) -> int:
 
 def manual() -> Manual:
     """Return the manual of this program."""
-    from operator_app.manual.reference import reference
 
     def commands() -> str:
         from operator_app.manual.commands_page import commands_page

@@ -6,13 +6,16 @@ Says everything in whole lines, moves no cursor. Knows no bus.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 from operator_app.headless.plain_words import describe, results
+from operator_app.manual.pages import Manual
+from operator_app.manual.reference import reference
+from operator_app.manual.shown import as_text
 from operator_app.session import actions, guards
 from operator_app.session.face import Action, Question, Typed, YesNo, perform
 from operator_app.session.runner import Runner
@@ -23,6 +26,7 @@ from operator_app.session.wording import EXPECTED, words
 from operator_app.words_out import harmless, lines
 
 WAIT_S = 0.1
+PAGE_WIDTH = 80
 
 
 class Terminal(Protocol):
@@ -60,9 +64,11 @@ class Plain:
         *,
         resume: str | None = None,
         pause: Callable[[float], None] = time.sleep,
+        manual: Manual | None = None,
     ) -> None:
         self.sessions = sessions
         self._terminal, self._pause = terminal, pause
+        self._manual = manual or Manual(reference())
         self._step = Step.CONNECT
         self._row: int | None = None
         self._heard = 0
@@ -230,6 +236,14 @@ class Plain:
         from operator_app.report.of_session import write_report
 
         return write_report(runner.session)
+
+    def topics(self) -> Mapping[str, str]:
+        """Pages of the manual."""
+        return {topic: self._manual.summary(topic) for topic in self._manual.topics}
+
+    def show_page(self, topic: str) -> None:
+        """Say a page."""
+        self._terminal.say(as_text(self._manual.page(topic).markdown, PAGE_WIDTH))
 
     # -- inside ------------------------------------------------------------------------------------
 

@@ -83,8 +83,9 @@ class Manual:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Names of the pages, in the order of reading."""
-        return tuple(topic for topics in SECTIONS.values() for topic in topics)
+        """Names of the pages there are, in the order of reading."""
+        named = (topic for topics in SECTIONS.values() for topic in topics)
+        return tuple(t for t in named if t in self._made or (FOLDER / f"{t}.md").is_file())
 
     def made_by_code(self, topic: str) -> bool:
         """Whether a page has no file."""

@@ -179,6 +179,8 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     OnScreen(name="help", keys=("question_mark", "f1"), shown="?", label="Help",
              help="Explain the focused panel and list the keys.", footer=EVERYWHERE,
              work=lambda f: f.explain()),
+    Action(name="manual", keys=("m",), shown="m", label="Manual", prompt="Read the manual",
+           help="Read a page of the manual. It needs no network.", work=works.manual),
     OnScreen(name="palette", keys=("ctrl+p", "colon"), shown="Ctrl+P", label="All actions",
              help="Find any action by name.", work=lambda f: f.find()),
     OnScreen(name="theme", keys=("T",), shown="T", label="Theme",

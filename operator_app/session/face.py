@@ -96,6 +96,14 @@ class Face(Protocol):
         """Write the report page; on the worker's thread."""
         ...
 
+    def topics(self) -> Mapping[str, str]:
+        """Pages of the manual, and what each is in a line."""
+        ...
+
+    def show_page(self, topic: str) -> None:
+        """Show a page of the manual."""
+        ...
+
 
 class FullScreen(Face, Protocol):
     """A face with a screen: something is focused, something is marked."""

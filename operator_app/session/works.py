@@ -86,6 +86,13 @@ def new_session(chosen: Chosen) -> None:
     )
 
 
+def manual(chosen: Chosen) -> None:
+    """Show a page of the manual, after asking which."""
+    face = chosen.face
+    options = tuple((topic, f"{topic}: {said}") for topic, said in face.topics().items())
+    face.ask(OneOf(title="Manual", text="Which page?", options=options), face.show_page)
+
+
 def open_items(s: SessionSnapshot) -> dict[int, str]:
     """Return the items of the check list that are not ticked."""
     items = s.procedure.fixture.checklist

@@ -23,6 +23,8 @@ from textual.screen import Screen
 from textual.widgets import Input
 
 from operator_app.exit_codes import ExitCode
+from operator_app.manual.pages import Manual
+from operator_app.manual.reference import reference
 from operator_app.session.keys import QUIT_KEYS, STOP_KEYS
 from operator_app.session.steps import Step
 from operator_app.signals import ending_signals_wait
@@ -61,6 +63,7 @@ class SarcalApp(App[str]):
         theme: str = DARK,
         ascii_only: bool = False,
         resume: str | None = None,
+        manual: Manual | None = None,
     ) -> None:
         # Textual would turn colours into greys; the theme without any does what is meant.
         colourless = os.environ.pop("NO_COLOR", "") != ""
@@ -70,6 +73,7 @@ class SarcalApp(App[str]):
         self.theme = NO_COLOUR if colourless else theme
         self.look: Look = look(self.theme, ascii_only=ascii_only)
         self.resume_first = resume
+        self.manual = manual or Manual(reference())
         self.runner: Runner | None = None
         self.step = Step.CONNECT
         self.picture: SessionSnapshot | None = None
@@ -268,11 +272,12 @@ def run(
     theme: str = DARK,
     ascii_only: bool = False,
     resume: str | None = None,
+    manual: Manual | None = None,
 ) -> str:
     """Run the app until the operator leaves; the arm is held and the journal closed in any case."""
     # Loading makes no garbage, and to look for it takes a third of a second.
     gc.disable()
-    app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume)
+    app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume, manual=manual)
     app.owns_process = True
     reason = "failed"
     try:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from operator_app.manual.shown import as_text
 from operator_app.session import actions, guards, works
 from operator_app.session.face import Action, OnScreen, Question, YesNo, perform
 from operator_app.session.next_thing import next_thing
@@ -123,6 +124,21 @@ class ScreenFace:
         from operator_app.report.of_session import write_report
 
         return write_report(runner.session)
+
+    # -- manual ------------------------------------------------------------------------------------
+
+    def topics(self) -> Mapping[str, str]:
+        """Pages of the manual."""
+        return {topic: self.app.manual.summary(topic) for topic in self.app.manual.topics}
+
+    def show_page(self, topic: str) -> None:
+        """Show a page; one that the code makes takes a moment, in a thread."""
+        self.app.run_worker(self._show_page(topic))
+
+    async def _show_page(self, topic: str) -> None:
+        page = await asyncio.to_thread(self.app.manual.page, topic)
+        text = as_text(page.markdown, min(86, self.app.size.width - 8))
+        self.app.push_screen(Read(f"Manual: {topic}", text))
 
     # -- sessions ----------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from operator_app.session.face import Action, OnScreen
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import Level
 from operator_app.session.steps import Step
+from operator_app.tui.dialogs import Read
 from operator_app.tui.palette import ActionProvider, title
 from oracles.story import busy, real, story
 
@@ -66,6 +67,24 @@ async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, mon
     assert "Not done: there is nobody to hear it." in typist.said
 
 
+async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source) -> None:
+    async with still(story()["captured"], step=Step.CAPTURE) as d:
+        await d.press("m")
+        assert d.app.screen._title == "Manual"
+        topics = [key for key, _ in d.app.screen._options]
+        assert topics[0] == "tutorial"
+        await d.press(*["down"] * (1 + topics.index("sign")), "enter")
+        await d.until(lambda: isinstance(d.app.screen, Read), "the page")
+        assert d.app.screen._text.startswith("Sign convention\n===============\n")
+        assert max(map(len, d.app.screen._text.splitlines())) <= 86
+        await d.press("escape")
+        assert d.app.screen is d.app.main
+
+    typist = Typist("Read the manual", "keys:")
+    Plain(source, typist, pause=lambda _: None).run()
+    assert "Keys of the terminal app" in typist.said
+
+
 def test_every_next_thing_is_an_action_of_its_step_or_of_all() -> None:
     for told in story().values():
         for s in (told, real(told)):
@@ -91,7 +110,7 @@ def test_a_footer_that_is_full_gives_up_the_ways_out_first(monkeypatch) -> None:
 def test_guards_close_everything_that_works_while_work_is_in_hand() -> None:
     at_work = busy(story()["captured"], actions.TaskKind.CALIBRATE, moves=False)
     free = {"stop_tested", "resume", "procedure", "confirm", "confirm_all", "suggest", "joints",
-            "new_session", "hold"}  # fmt: skip
+            "new_session", "hold", "manual"}  # fmt: skip
     for action in actions.ACTIONS:
         if isinstance(action, Action):
             assert bool(action.guard(at_work)) == (action.name not in free), action.name

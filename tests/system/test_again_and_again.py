@@ -40,9 +40,12 @@ def compared(a: Path, b: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int,
     return code, found["drifted"]
 
 
-def again_and_again(bench: Bench, capsys: pytest.CaptureFixture[str], *, times: int) -> None:
+@pytest.mark.campaign
+def test_ten_runs_and_verifications_on_one_controller_are_accepted_and_agree(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
     folders = []
-    for _ in range(times):
+    for _ in range(10):
         folders.append(calibrated(bench))
         assert bench.verified(folders[-1]).holds
     assert compared(folders[0], folders[-1], capsys) == (0, [])
@@ -51,17 +54,6 @@ def again_and_again(bench: Bench, capsys: pytest.CaptureFixture[str], *, times: 
     bench.controller.faults.lose_counts(3, -2000)
     after = calibrated(bench)
     assert compared(folders[-1], after, capsys) == (4, ["theta_off_3"])
-
-
-def test_runs_and_verifications_on_one_controller_are_accepted_and_agree(
-    bench: Bench, capsys: pytest.CaptureFixture[str]
-) -> None:
-    again_and_again(bench, capsys, times=2)
-
-
-@pytest.mark.campaign
-def test_ten_in_a_row(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
-    again_and_again(bench, capsys, times=10)
 
 
 def taken_to(session: Session, joint: int, deg: float) -> None:

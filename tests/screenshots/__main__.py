@@ -12,6 +12,7 @@ import asyncio
 import re
 import time
 from collections.abc import Callable
+from contextlib import chdir
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -37,11 +38,12 @@ POSES_SHOWN = 12
 
 async def main() -> None:
     """Walk through, and write the two pictures."""
-    with TemporaryDirectory() as root:
+    with (
+        TemporaryDirectory() as folder,
+        chdir(folder),
+    ):  # a user sees sessions/, not a folder of this machine
         join = partial(open_arm, pace=Pace.REAL_TIME, speed=SPEED)
-        source = Sessions(
-            "hinge_planned", Choices(seed=SEED), root=Path(root) / "sessions", join=join
-        )
+        source = Sessions("hinge_planned", Choices(seed=SEED), root=Path("sessions"), join=join)
         app = SarcalApp(lambda: source)
         try:
             async with app.run_test(size=SIZE) as pilot:

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol, TextIO
+from typing import BinaryIO, Protocol
 
 from hardware.errors import InstrumentError
 
@@ -109,8 +109,14 @@ class TcpLines:
 
     def ask(self, question: str) -> None:
         """Throw away what has come, send the question."""
+        until_s = time.monotonic() + CONNECT_S
         while self._receive(0.0):
-            pass
+            self._rest = b""
+            if time.monotonic() > until_s:
+                raise InstrumentError(
+                    f"{self.name} sends faster than it can be read: let it measure when it is asked, or less "
+                    "often"
+                )
         self._rest = b""
         try:
             self._connected().sendall(question.encode() + b"\n")
@@ -163,8 +169,8 @@ class TcpLines:
 class StdinLines:
     """Lines that another program writes into this one's standard input."""
 
-    def __init__(self, source: TextIO | None = None) -> None:
-        self._source = source
+    def __init__(self, source: BinaryIO | None = None) -> None:
+        self._source = sys.stdin.buffer if source is None else source
         self._came: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._reader: threading.Thread | None = None
         self._ended = False
@@ -205,9 +211,11 @@ class StdinLines:
         """Nothing to do: the reader ends with the program."""
 
     def _read(self) -> None:
-        for line in self._source or sys.stdin:
-            self._came.put(line.rstrip("\r\n")[:LONGEST])
-        self._came.put(None)
+        try:
+            while line := self._source.readline(LONGEST):
+                self._came.put(line.decode(errors="replace").rstrip("\r\n"))
+        finally:
+            self._came.put(None)
 
 
 class GrowingFile:

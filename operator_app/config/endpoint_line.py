@@ -62,7 +62,7 @@ def read_json_line(text: str) -> EndpointLine:
     """Read a line of JSON; raises BadLine."""
     try:
         found = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BadLine(f"is no JSON ({error}): write one object a line") from error
     if not isinstance(found, dict):
         raise BadLine("is no JSON object: write one a line, with x_m, y_m and z_m")
@@ -138,13 +138,19 @@ def _number(name: str, value: Any) -> float:
             value = number(value)
         except BadCell as error:
             raise BadLine(f"has {name} {value!r}: {error.text}") from error
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise BadLine(f"has {name} {value!r}, which is no number")
-    doubt = length_doubt(value) if name in POSITION else ""
-    doubt = doubt or (angle_doubt(value) if name.endswith("_deg") else "")
+    try:
+        # JSON knows whole numbers that no float holds.
+        known = isinstance(value, int | float) and not isinstance(value, bool)
+        found = float(value) if known else math.nan
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
+        raise BadLine(f"has {name} {str(value)[:40]!r}, which is no number")
+    doubt = length_doubt(found) if name in POSITION else ""
+    doubt = doubt or (angle_doubt(found) if name.endswith("_deg") else "")
     if doubt:
-        raise BadLine(f"has {name} {value:g}: {doubt}")
-    return float(value)
+        raise BadLine(f"has {name} {found:g}: {doubt}")
+    return found
 
 
 def endpoint_schema() -> dict[str, Any]:

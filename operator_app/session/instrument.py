@@ -97,21 +97,18 @@ class Instrument:
         port = self._port
         port.ask(json.dumps({"measure": pose}))
         until_s = time.monotonic() + self._patience_s
-        others: list[str] = []
+        other = ""
         while True:
             if cancelled():
                 return None
             left_s = until_s - time.monotonic()
-            text = port.line(min(LOOK_S, max(left_s, 0.0)))
-            if text is None:
+            text = port.line(min(LOOK_S, max(left_s, 0.0))) or ""
+            found = self._read(pose, text) if text.strip() else None
+            if found is None or found.pose not in ("", pose):
+                other = other if found is None else found.pose
+                # Also of one that never stops speaking of other poses.
                 if left_s <= 0.0:
-                    raise self._silent(pose, others)
-                continue
-            if not text.strip():
-                continue
-            found = self._read(pose, text)
-            if found.pose not in ("", pose):
-                others.append(found.pose)
+                    raise self._silent(pose, other)
                 continue
             if found.lost:
                 raise TargetLostError(found.lost)
@@ -128,8 +125,8 @@ class Instrument:
         except BadLine as error:
             raise InstrumentError(f"what {self.name} sent for pose {pose} {error}") from error
 
-    def _silent(self, pose: str, others: list[str]) -> InstrumentError:
-        said = f"; it spoke of pose {others[-1]}" if others else ""
+    def _silent(self, pose: str, other: str) -> InstrumentError:
+        said = f"; it spoke of pose {other}" if other else ""
         return InstrumentError(
             f"the tracker at {self.name} measured nothing for {self._patience_s:.0f} s at pose {pose}{said}. "
             "See that it is on, sees its target and sends, then go on with this session: no pose is lost"

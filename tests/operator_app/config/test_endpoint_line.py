@@ -65,6 +65,10 @@ def test_a_target_out_of_sight_is_said_with_the_reason() -> None:
         ('{"x_m": 1, "y_m": 2, "z_m": 3, "qw": 1, "qx": 1, "qy": 0, "qz": 0}', "of length 1.414"),
         ('{"x_m": 1, "y_m": 2, "z_m": 3, "yaw_dg": 4}', "yaw_deg?"),
         ('{"error": "laser off"}', "laser off"),
+        pytest.param("[" * 60_000, "is no JSON", id="deep"),
+        pytest.param(
+            f'{{"x_m": 1{"0" * 400}, "y_m": 2, "z_m": 3}}', "which is no number", id="huge"
+        ),
     ],
 )
 def test_what_is_no_measurement_is_refused_in_words(line: str, words: str) -> None:

@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 from operator_app.cli import main
-from oracles.manual_pages import NOT_OURS, blocks, written_topics
+from oracles.manual_pages import NOT_OURS, Block, blocks, written_topics
 from oracles.open_arm import measured_csv
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
@@ -112,6 +112,11 @@ def shortened(command: str, prepared: Path, made: list[Path]) -> str:
     return f"sarcal report {target}{rest}" if rest else ""
 
 
+def ours(block: Block) -> list[str]:
+    """The commands of a block that are this program's."""
+    return [c for c in block.commands if c.strip() and not c.startswith(NOT_OURS)]
+
+
 @pytest.mark.parametrize("topic", TOPICS)
 def test_every_command_of_a_page_runs(topic: str, prepared: Path, desk: Path) -> None:
     made: list[Path] = []
@@ -122,9 +127,7 @@ def test_every_command_of_a_page_runs(topic: str, prepared: Path, desk: Path) ->
         for block in blocks(topic):
             if block.run:
                 continue
-            for command in block.commands:
-                if command.startswith(NOT_OURS) or not command.strip():
-                    continue
+            for command in ours(block):
                 if CAN in command and not bus:
                     bus = stack.enter_context(controller())
                 if command == "sarcal":
@@ -171,9 +174,9 @@ def test_every_command_of_a_page_runs_as_it_is_written(
     with contextlib.ExitStack() as stack:
         bus = ""
         for block in blocks(topic):
-            for command in block.commands:
-                if command.startswith(NOT_OURS) or not command.strip() or block.run == "terminal":
-                    continue
+            if block.run == "terminal":
+                continue
+            for command in ours(block):
                 if block.run == "background":
                     options = shlex.split(command)[2:]
                     bus = stack.enter_context(controller(*options[2:]))

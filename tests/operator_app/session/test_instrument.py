@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import socket
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 
 from hardware.errors import InstrumentError
-from hardware.line_port import CalledLines, GrowingFile, StdinLines, TcpLines
+from hardware.line_port import LONGEST, CalledLines, GrowingFile, StdinLines, TcpLines
 from hardware.virtual.tracker_port import serve_tracker
 from operator_app.errors import SessionError
 from operator_app.session.instrument import Instrument, TargetLostError, port_of
@@ -37,7 +39,8 @@ def says(*lines: dict | str, full_pose: bool = True, patience_s: float = 0.0) ->
 
 
 def test_a_measurement_of_another_pose_is_not_taken_for_this_one() -> None:
-    found = says({"pose": "11", **POSE, "x_m": 9.0}, "", {"pose": "12", **POSE}).measure("12")
+    lines = ({"pose": "11", **POSE, "x_m": 9.0}, "", {"pose": "12", **POSE})
+    found = says(*lines, patience_s=60.0).measure("12")
     assert found is not None
     assert found.tolist() == pytest.approx(TURNED)
 
@@ -56,6 +59,17 @@ def test_silence_and_what_is_missing_are_said_with_the_pose(lines: list, words: 
     with pytest.raises(InstrumentError) as caught:
         says(*lines).measure("12")
     assert words in str(caught.value)
+
+
+def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either() -> None:
+    class Streaming(CalledLines):
+        def line(self, wait_s: float) -> str | None:
+            del wait_s
+            return json.dumps({"pose": "11", **POSE})
+
+    instrument = Instrument(Streaming(lambda _: "", "tcp:lab:1"), full_pose=True, patience_s=0.05)
+    with pytest.raises(InstrumentError, match=r"measured nothing .* it spoke of pose 11"):
+        instrument.measure("12")
 
 
 def test_where_positions_are_wanted_a_turn_is_left_out() -> None:
@@ -116,6 +130,31 @@ def test_nobody_there_and_somebody_gone_are_said_with_the_remedy() -> None:
             instrument.measure("1")
 
 
+def test_one_that_sends_without_end_is_said_and_fills_no_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hardware.line_port.CONNECT_S", 0.3)
+    ended = threading.Event()
+
+    def flood(server: socket.socket) -> None:
+        with contextlib.suppress(OSError), server.accept()[0] as client:
+            while not ended.is_set():
+                client.sendall(b"y" * 65536)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=flood, args=(server,))
+        thread.start()
+        port = TcpLines("127.0.0.1", server.getsockname()[1])
+        port.open()
+        try:
+            with pytest.raises(InstrumentError, match=r"sends (faster|no lines)"):
+                Instrument(port, full_pose=True).measure("1")
+        finally:
+            ended.set()
+            port.close()
+            thread.join()
+
+
 def test_a_port_that_is_taken_is_said_with_another(served) -> None:
     with (
         pytest.raises(InstrumentError, match="another program does"),
@@ -159,9 +198,11 @@ def test_a_file_without_a_heading_is_refused_at_once(
 
 
 def test_standard_input_gives_lines_until_it_ends() -> None:
-    port = StdinLines(io.StringIO('{"a": 1}\nb\n'))
+    endless = b"x" * (3 * LONGEST)
+    port = StdinLines(io.BytesIO(b'{"a": 1}\n\xff\n' + endless))
     port.open()
-    assert [port.line(5.0), port.line(5.0)] == ['{"a": 1}', "b"]
+    assert [port.line(5.0), port.line(5.0)] == ['{"a": 1}', "\ufffd"]
+    assert [len(port.line(5.0) or "") for _ in range(3)] == [LONGEST] * 3
     with pytest.raises(InstrumentError, match="standard input ended"):
         port.line(5.0)
 

@@ -105,14 +105,19 @@ def test_the_app_s_steps_end_accepted_with_what_was_planted(tracked: Tracked) ->
     assert quiet.shown.verification is not None
 
 
-def test_a_tracker_that_was_knocked_is_found_before_another_pose_counts(tmp_path: Path) -> None:
-    tracked = Tracked(tmp_path, poses=5)
+def with_one_pose(tracked: Tracked) -> Session:
+    """A session of which one pose was taken, opened again."""
     session = tracked.session
     session.connect()
     session.set_modes(DRIVES)
     session.visit(0)
     session.capture(0)
-    session = tracked.again()
+    return tracked.again()
+
+
+def test_a_tracker_that_was_knocked_is_found_before_another_pose_counts(tmp_path: Path) -> None:
+    tracked = Tracked(tmp_path, poses=5)
+    session = with_one_pose(tracked)
     # The same tracker, read again, goes on.
     take_poses(session, Listener(), DRIVES)
     assert [len(r.again.endpoint) for r in session.state.returns] == [6, 6]
@@ -126,12 +131,7 @@ def test_a_tracker_that_was_knocked_is_found_before_another_pose_counts(tmp_path
 
 
 def test_of_a_single_pose_the_knock_is_told_with_its_size(tracked: Tracked) -> None:
-    session = tracked.session
-    session.connect()
-    session.set_modes(DRIVES)
-    session.visit(0)
-    session.capture(0)
-    session = tracked.again()
+    session = with_one_pose(tracked)
     tracked.says = lambda answer: moved(answer, 0.003)
     with pytest.raises(GuardError, match="or the tracker, has moved by about") as caught:
         take_poses(session, Listener(), DRIVES)

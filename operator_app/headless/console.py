@@ -13,6 +13,7 @@ from operator_app.calibration.solution import Solution
 from operator_app.composition import CutShort
 from operator_app.headless.ending import cut_short_lines
 from operator_app.planning.drives import DriveChoice, names
+from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.state import SessionState
@@ -67,8 +68,8 @@ class ConsoleListener(Listener):
         """Say which joints drive."""
         names = " and ".join(str(j) for j in position_joints)
         joints = "Joint" if len(position_joints) == 1 else "Joints"
-        free = "" if len(position_joints) == self._joints else ", the others free"
-        self.say(f"{joints} {names} in position mode{free}; read back from the drives.")
+        others = and_the_others(len(position_joints), self._joints)
+        self.say(f"{joints} {names} in position mode{others}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
         """Advance the bar."""

@@ -33,3 +33,8 @@ def modes_problem(
         "until a drive trips"
     )
     return GuardError(f"{fact}: {consequence}", f"put exactly {mobility} in position mode")
+
+
+def and_the_others(driven: int, joint_count: int) -> str:
+    """Say what joints beside those in position mode do; empty where there are none."""
+    return "" if driven == joint_count else ", the others free"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator_app.planning.mode_rule import and_the_others
 from operator_app.report import figures, pictures
 from operator_app.report.markup import Html, element, join
 from operator_app.report.page_table import table_html
@@ -232,7 +233,9 @@ def _what(subject: Subject) -> Section:
         *([("Chosen beside it", chosen)] if chosen else []),
         (
             "Joints in position mode",
-            f"{names(position)}; the others free" if position else "not recorded",
+            names(position) + and_the_others(len(position), procedure.arm.joint_count)
+            if position
+            else "not recorded",
         ),
         *([("Poses read from", subject.state.imported)] if subject.state.imported else []),
         ("Session", subject.name),

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.table import Cell, Column, Table, figures, words
 from operator_app.report.text import table_text
 from operator_app.session.state import SessionState
@@ -47,7 +48,12 @@ def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> list
         ("begun (UTC)", state.opened_utc[:19].replace("T", " ")),
         ("arm, serial number", state.serial_number or "none connected"),
         ("poses read from", state.imported),
-        ("in position mode", f"joint {names(position)}; the others free" if position else ""),
+        (
+            "in position mode",
+            f"joint {names(position)}{and_the_others(len(position), len(state.modes))}"
+            if position
+            else "",
+        ),
         ("poses", poses),
         ("solved", _solved(state)),
         ("exported", _exported(state)),

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
+from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.guards import modes_problem
 from operator_app.session.snapshot import SessionSnapshot
@@ -32,7 +33,11 @@ class PlanPanel(Lines):
         marked = s.wanted_joints
         names = " ".join(f"J{k}" for k in marked) or "none"
         rows: list[Line] = [
-            line((" Marked    ", "dim"), (names, "bold"), " in position mode, the others free")
+            line(
+                (" Marked    ", "dim"),
+                (names, "bold"),
+                f" in position mode{and_the_others(len(marked), len(s.modes))}",
+            )
         ]
         problem = modes_problem(s, marked)
         if problem:

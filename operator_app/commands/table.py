@@ -16,6 +16,7 @@ COMMANDS = {
     "report": "write an HTML report of a session",
     "compare": "say what drifted between two calibrations",
     "new": "make an arm file, from a URDF",
+    "check": "say all that is wrong with files, or what would be done with them",
     "session": "list sessions, show one, or repair the journal of one that is damaged",
     "probe": "say which nodes are on a bus and whether they can be driven; moves nothing",
     "arm-check": "check an arm on the bench in a safe order; asks before anything moves",

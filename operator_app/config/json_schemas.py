@@ -27,6 +27,12 @@ FILES: dict[str, tuple[type[StrictModel | StrictRecord], ...]] = {
 """Models of the whole file of each kind."""
 
 
+def keys_of(kind: str) -> frozenset[str]:
+    """Return the keys that a file of a kind may have at its top, beside ``schema``."""
+    whole = (adapter(model).json_schema() for model in FILES[kind])
+    return frozenset(key for model in whole for key in model.get("properties", ()))
+
+
 def json_schema(
     kind: Literal["arm", "fixture", "procedure", "profile", "parameters"],
 ) -> dict[str, Any]:

@@ -41,9 +41,20 @@ def parse_procedure(
         With all that is wrong in any of the four files.
     """
     document = load_strict(source.data, source.file)
-    found = check_model(ProcedureFile, document, kind="procedure")
     problems: list[Problem] = []
     known = snapshot or {}
+    try:
+        found = check_model(ProcedureFile, document, kind="procedure")
+    except ConfigError as error:
+        # What it names is read all the same: one run tells all that is wrong.
+        named: dict[Kind, Callable[[bytes, str], object]] = {
+            "arm": parse_arm,
+            "fixture": parse_fixture,
+        }
+        for kind, parse in named.items():
+            if isinstance(document.data.get(kind), str):
+                _referred(kind, document, source, known, parse=parse, problems=problems)
+        raise ConfigError((*error.problems, *problems)) from error
     arm = _referred("arm", document, source, known, parse=parse_arm, problems=problems)
     fixture = _referred("fixture", document, source, known, parse=parse_fixture, problems=problems)
     profile = _referred(

@@ -154,7 +154,7 @@ def preview(
     if position_joints is None:
         choice = choose_drives(prediction, unsensed_joints=unsensed_joints)
     else:
-        choice = _named(prediction, position_joints, arm, mobility, fixture.kind)
+        choice = named_drives(prediction, position_joints, arm, mobility, fixture.kind)
     task = replace(task, drive_sets=choice.sets)
     try:
         plan = make_plan(
@@ -187,7 +187,7 @@ def preview(
     )
 
 
-def _named(
+def named_drives(
     prediction: Prediction, drives: tuple[int, ...], arm: ArmModel, mobility: int, kind: str
 ) -> DriveChoice:
     """Return the choice that the procedure made, with what the ranking says of it."""

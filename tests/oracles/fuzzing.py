@@ -63,7 +63,18 @@ ODD_WORDS = (
     "~nosuchuser/x", "/dev/null", "/dev/full", "/proc/self/mem", ".", "..", "/", "\udcff", "x\x00y", "6,7",
     "1,,2", "latest", "hinge", "sarcos_dextrous", "no.csv", "--json", "-c", "{}", "%s", "virtual", "vcan0",
 )  # fmt: skip
-ENDING = ("solve", "verify", "export", "report", "compare", "session", "reset", "import", "new")
+ENDING = (
+    "solve",
+    "verify",
+    "export",
+    "report",
+    "compare",
+    "session",
+    "reset",
+    "import",
+    "new",
+    "check",
+)
 """Commands that end by themselves whatever they are given; `ENDLESS` ones are given one word too many."""
 ENDLESS = ("run", "plan", "controller", "monitor", "probe")
 TAKES_SESSIONS = ("export", "report", "compare", "run", "session", "import")
@@ -77,6 +88,7 @@ ARGUMENTS: Mapping[str, tuple[str, ...]] = {
     "session": ("list", "show", "repair", "--json"),
     "import": (str(DATA), "--rad", "--deg", "--columns", "1-7", "--arm", "--fixture", "--serial", "--json"),
     "new": ("arm", "--urdf", "--tip", "--name", str(DATA)),
+    "check": (str(DATA), "--arm", "--fixture", "--procedure", "--json", "README.md"),
     "reset": ("--json", "-i", "-b", "--scenario"),
     "run": ("--poses", "--resume", "--force", "--plan", "--estimator", "--unsensed", "-i", "-b", "--seed"),
     "plan": ("--poses", "--fixture", "--arm", "--seed", "--joints", "--json"),

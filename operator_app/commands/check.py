@@ -1,0 +1,90 @@
+"""`sarcal check`: everything that is wrong with some files at once, or what would be done with them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import TYPE_CHECKING
+
+from operator_app.commands.options import json_option
+from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
+
+if TYPE_CHECKING:
+    from operator_app.config.any_file import AnyKind
+    from operator_app.config.resources import Resource
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "files",
+        nargs="*",
+        metavar="FILE",
+        help="arm, fixture, procedure, bus profile, parameters (YAML) and poses (CSV), in any order: told "
+        "apart by what they hold",
+    )
+    for kind in ("arm", "fixture", "procedure"):
+        parser.add_argument(
+            f"--{kind}", metavar="NAME", help=f"a built-in {kind}, or the file of one"
+        )
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Look the files through and report on stdout."""
+    from operator_app.config.any_file import look_through
+    from operator_app.config.errors import ConfigError, Problem
+    from operator_app.planning.inspection import chains_of
+    from operator_app.report.check_json import found_json
+    from operator_app.report.check_text import check_text, problems_text
+
+    missing: list[Problem] = []
+    sources: list[Resource] = []
+    known: dict[str, AnyKind] = {}
+    for kind, name in _asked(args):
+        try:
+            source = _read(kind, name)
+        except ConfigError as error:
+            missing += error.problems
+            continue
+        sources.append(source)
+        if kind is not None:
+            known[source.file] = kind
+    if not sources and not missing:
+        raise UsageError("name a file, e.g. sarcal check my_arm.yaml my_hinge.yaml")
+    found = look_through(sources, known, missing)
+    chains = () if found.problems else chains_of(found)
+    if args.json:
+        say(json.dumps(found_json(found, chains), indent=2, allow_nan=False))
+    else:
+        say(problems_text(found.problems) if found.problems else check_text(found, chains))
+    if found.problems:
+        return ExitCode.BAD_INPUT
+    refused = any(chain.refused for chain in chains)
+    return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED
+
+
+def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
+    """Return every name with the kind it was asked for as."""
+    named: list[tuple[AnyKind | None, str]] = [
+        ("arm", args.arm),
+        ("fixture", args.fixture),
+        ("procedure", args.procedure),
+    ]
+    return [*((None, file) for file in args.files), *(n for n in named if n[1])]
+
+
+def _read(kind: AnyKind | None, name: str) -> Resource:
+    """Read a file; a built-in name without its kind is refused with the option that says it."""
+    from operator_app.config.any_file import read_any
+    from operator_app.config.resources import Kind, builtin_names, expanded, resolve
+
+    if kind in ("arm", "fixture", "procedure"):
+        return resolve(kind, name)
+    kinds: tuple[Kind, ...] = ("arm", "fixture", "procedure")
+    builtin = [k for k in kinds if name in builtin_names(k)]
+    if builtin and not expanded(name).exists():
+        options = " or ".join(f"--{k} {name}" for k in builtin)
+        raise UsageError(f"{name} is no file but a built-in {' and '.join(builtin)}: say {options}")
+    return read_any(name)

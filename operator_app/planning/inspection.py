@@ -1,0 +1,105 @@
+"""Files that were looked through, brought together: which arm in which fixture, and what would come of it.
+
+Knows what files hold, not how they are read; no bus and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from operator_app.config.any_file import Found
+from operator_app.config.fixture_file import FixtureSpec
+from operator_app.config.poses_file import LoadedPoses
+from operator_app.config.procedure import Procedure
+from operator_app.planning.outlook import Outlook, outlook, seen_by
+from solver.chain.arm_model import ArmModel
+from solver.errors import SolverError
+from solver.judging.identifiability import Identifiability
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chain:
+    """An arm in a fixture.
+
+    Attributes
+    ----------
+    procedure
+        Its name, where a procedure brings the two together; else empty.
+    held
+        Entries that stay as the arm's file has them, and why.
+    poses
+        Files of poses that are this arm's, and what they see.
+    unfit
+        Files of poses that nothing can be made of with this fixture, and why.
+    """
+
+    arm: ArmModel
+    fixture: FixtureSpec
+    outlook: Outlook
+    procedure: str = ""
+    held: Mapping[str, str] = field(default_factory=dict)
+    poses: tuple[tuple[str, Identifiability], ...] = ()
+    unfit: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def refused(self) -> bool:
+        """Whether a calibration with these files would not get anywhere."""
+        blind = any(seen.directions for _, seen in self.poses)
+        return self.outlook.refused or blind or bool(self.unfit)
+
+
+def chains_of(found: Found) -> tuple[Chain, ...]:
+    """Bring together what the files describe: each procedure; else every arm with every fixture."""
+    procedures = [p.holds for p in found.of("procedure") if isinstance(p.holds, Procedure)]
+    if procedures:
+        return tuple(
+            _chain(
+                found,
+                p.arm,
+                p.fixture,
+                procedure=p.name,
+                drives=p.position_joints,
+                unsensed=p.unsensed_joints,
+                held=p.held,
+            )
+            for p in procedures
+        )
+    arms = [f.holds for f in found.of("arm") if isinstance(f.holds, ArmModel)]
+    fixtures = [f.holds for f in found.of("fixture") if isinstance(f.holds, FixtureSpec)]
+    return tuple(_chain(found, arm, fixture) for arm in arms for fixture in fixtures)
+
+
+def _chain(
+    found: Found,
+    arm: ArmModel,
+    spec: FixtureSpec,
+    *,
+    procedure: str = "",
+    drives: tuple[int, ...] | None = None,
+    unsensed: tuple[int, ...] = (),
+    held: Mapping[str, str] = {},
+) -> Chain:
+    seen: list[tuple[str, Identifiability]] = []
+    unfit: list[tuple[str, str]] = []
+    for file, loaded in _poses(found, arm):
+        try:
+            seen.append((file, seen_by(arm, spec.fixture, loaded.poses, unsensed_joints=unsensed)))
+        except (SolverError, ValueError) as error:
+            unfit.append((file, str(error)))
+    return Chain(
+        arm=arm,
+        fixture=spec,
+        outlook=outlook(arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed),
+        procedure=procedure,
+        held=held,
+        poses=tuple(seen),
+        unfit=tuple(unfit),
+    )
+
+
+def _poses(found: Found, arm: ArmModel) -> Iterator[tuple[str, LoadedPoses]]:
+    for looked in found.of("poses"):
+        loaded = looked.holds
+        if isinstance(loaded, LoadedPoses) and loaded.poses.q_rad.shape[1] == arm.joint_count:
+            yield looked.source.file, loaded

@@ -1,0 +1,151 @@
+"""What the program would do with an arm in a fixture, before it is told to: drives, and what stays unseen.
+
+From nominal geometry alone; plans no pose. Knows no file and no bus.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import Fixture, SetupCheck, Severity
+from fixtures.measured import Measured
+from operator_app.calibration.loop import loop_of_poses
+from operator_app.calibration.placed import as_seen
+from operator_app.errors import SessionError
+from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives
+from operator_app.planning.preview import named_drives
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import Parameter, nominal_vector
+from solver.chain.poses import PoseSet
+from solver.closing import close_loops
+from solver.errors import UnidentifiableDirection
+from solver.judging.identifiability import Identifiability, identifiability
+from solver.loops.closure import ClosureModel
+
+SPREAD = 60
+"""Poses, evenly over what can be reached, that tell what a calibration could see at best."""
+HIDDEN = "HIDDEN_"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outlook:
+    """What is to be expected of an arm in a fixture.
+
+    Attributes
+    ----------
+    parameters
+        Unknowns of the calibration.
+    from_home_rad
+        (n,): how far the nearest closed pose is from the arm's home; None for an open arm, and where
+        none closes.
+    mobility
+        Freedoms of the chain: so many joints drive. None where no pose closes.
+    checks
+        Of the fixture at home: what they refuse, what they warn of.
+    choice
+        The joints that would drive; None where every joint does, and where none can.
+    refusal
+        Why nothing can be driven there; None where it can.
+    seen
+        What poses all over the region would see, at best; None where there is no region.
+    """
+
+    parameters: tuple[Parameter, ...]
+    from_home_rad: FloatArray | None
+    mobility: int | None
+    checks: tuple[SetupCheck, ...]
+    choice: DriveChoice | None
+    refusal: SessionError | None
+    seen: Identifiability | None
+
+    @property
+    def blind(self) -> tuple[UnidentifiableDirection, ...]:
+        """Directions that no poses of this chain would determine."""
+        return () if self.seen is None else self.seen.directions
+
+    @property
+    def refused(self) -> bool:
+        """Whether a calibration would not get anywhere."""
+        return (
+            self.refusal is not None
+            or bool(self.blind)
+            or any(c.severity is Severity.REFUSED for c in self.checks)
+        )
+
+
+def outlook(
+    arm: ArmModel,
+    fixture: Fixture,
+    *,
+    position_joints: tuple[int, ...] | None = None,
+    unsensed_joints: tuple[int, ...] = (),
+    seed: int = 0,
+) -> Outlook:
+    """Tell what would come of `arm` in `fixture`; `position_joints` are named by a procedure."""
+    unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
+    model = fixture.model(arm, unsensed_joints=unsensed)
+    parameters, checks = model.parameters, fixture.setup_checks(arm, arm.home_rad)
+    if isinstance(fixture, Measured):
+        return Outlook(
+            parameters=parameters,
+            from_home_rad=None,
+            mobility=arm.joint_count,
+            checks=checks,
+            choice=None,
+            refusal=None,
+            seen=None,
+        )
+    whole = fixture.model(arm)
+    x = nominal_vector(whole.parameters)
+    home = close_loops(whole, x, arm.home_rad[None])
+    mobility, choice, refusal, seen = None, None, None, None
+    try:
+        prediction = predict_drives(arm, whole, x, arm.home_rad, seed=seed)
+        mobility = prediction.manifold.motion.degrees
+        q = prediction.manifold.q
+        spread = q[np.linspace(0, len(q) - 1, min(SPREAD, len(q))).astype(int)]
+        seen = _seen(model, checks, spread)
+        choice = (
+            choose_drives(prediction, unsensed_joints=unsensed)
+            if position_joints is None
+            else named_drives(prediction, position_joints, arm, mobility, fixture.kind)
+        )
+    except SessionError as error:
+        refusal = error
+    return Outlook(
+        parameters=parameters,
+        from_home_rad=home.q[0] - arm.home_rad if home.closed[0] else None,
+        mobility=mobility,
+        checks=checks,
+        choice=choice,
+        refusal=refusal,
+        seen=seen,
+    )
+
+
+def seen_by(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+) -> Identifiability:
+    """Tell what poses that were taken would see.
+
+    Raises
+    ------
+    SolverError
+        The poses and the fixture do not go together.
+    """
+    unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
+    fixture = as_seen(arm, fixture, poses)
+    model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
+    return _seen(model, fixture.setup_checks(arm, arm.home_rad), poses.q_rad)
+
+
+def _seen(
+    model: ClosureModel, checks: tuple[SetupCheck, ...], q_rad: FloatArray
+) -> Identifiability:
+    """Judge poses (m, n), leaving out what the fixture's own place hides: that is said by its checks."""
+    hidden = {c.code.removeprefix(HIDDEN) for c in checks if c.code.startswith(HIDDEN)}
+    here = model.without([p.name for p in model.parameters if p.name in hidden])
+    return identifiability(here, nominal_vector(here.parameters), q_rad)

@@ -1,0 +1,142 @@
+"""`sarcal check`: all that is wrong with files of any kind at once, else what would be done with them."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from operator_app.cli import main
+
+POSES = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
+ARM = (files("operator_app") / "data/arms/sarcos_dextrous.yaml").read_text()
+HINGE = (files("fixtures") / "data/hinge.yaml").read_text()
+RIGID = (files("fixtures") / "data/rigid.yaml").read_text()
+PROCEDURE = (files("operator_app") / "data/procedures/hinge.yaml").read_text()
+PROFILE = (files("operator_app") / "data/profiles/sarcos.yaml").read_text()
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def line_of(file: str, text: str) -> int:
+    return next(k for k, line in enumerate(Path(file).read_text().splitlines(), 1) if text in line)
+
+
+def broken(text: str, **changes: str) -> str:
+    for old, new in zip(changes["old"].split("|"), changes["new"].split("|"), strict=True):
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text
+
+
+def test_everything_wrong_with_every_file_is_said_at_once(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    arm = broken(
+        ARM, old="row: 2, theta_off_deg|free: [theta_off_1,", new="row: 2, theta_of_deg|free: ["
+    )
+    Path("a.yaml").write_text(arm.replace("home_deg: [", "home_deg: [999, ", 1))
+    # Neither name nor schema line says what these are.
+    Path("two.txt").write_text(
+        broken(HINGE, old="schema: sarcal/fixture/1\n|kind: hinge", new="|kind: hing")
+    )
+    Path("three").write_text(
+        broken(PROCEDURE, old="arm: sarcos_dextrous|poses: 40", new="arm: a.yaml|poses: forty")
+    )
+    Path("four.csv").write_text(POSES.read_text().replace("150.010922737073", "x", 1))
+    Path("five.yaml").write_text("answer: 42\n")
+    code = main(["check", "four.csv", "five.yaml", "three", "a.yaml", "two.txt", "six.yaml"])
+    told = capsys.readouterr()
+    assert code == 2
+    assert not told.err
+    lines = told.out.splitlines()
+    for start in (
+        f"! a.yaml:{line_of('a.yaml', 'theta_of_deg')}: dh[row 2].theta_of_deg: unknown key; did you mean",
+        f"! a.yaml:{line_of('a.yaml', 'home_deg')}: home_deg: has 8 angles for 7 joints",
+        "! two.txt:1: has no schema; the first line must be `schema: sarcal/fixture/1`",
+        f"! two.txt:{line_of('two.txt', 'kind: hing')}: kind: the text 'hing' is no kind of fixture known here",
+        f"! three:{line_of('three', 'forty')}: capture.poses: ",
+        "! four.csv:2: theta3_deg: ",
+        "! five.yaml:1: nobody can tell what kind of file this is",
+        "! six.yaml: there is no such file",
+    ):
+        assert sum(line.startswith(start) for line in lines) == 1, (start, told.out)
+    # What is wrong with the arm is told once, though the procedure names that file too.
+    assert lines[0] == f"{len(lines) - 1} problems in 6 files:"
+
+
+def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("one").write_text(ARM.replace("schema: sarcal/arm/1\n", "schema: sarcal/arm/1\n\n"))
+    Path("two").write_text(HINGE)
+    Path("bus").write_text(PROFILE)
+    Path("table").write_bytes(POSES.read_bytes())
+    assert main(["check", "table", "two", "one", "bus"]) == 0
+    text = capsys.readouterr().out
+    said = " ".join(text.split())
+    for words in (
+        "table 60 poses of 7 joints, 1 placement",
+        "two fixture hinge: hinge",
+        "one arm sarcos_dextrous: 7 joints",
+        "bus bus profile sarcos",
+        "1 shoulder 1 -35.0 to 115.0 encoder, 400000 counts a turn 0.0003 found",
+        "6 wrist 1 -275.6 to -155.6 RVDT, 12 bits over 120.0 deg 0.0592 found",
+        "Mobility 2: exactly 2 joints in position mode, the others free.",
+        " would drive (reaches ",
+        "14 parameters would be found: theta_off_1,",
+        "The poses of table see all of them; scaled condition number ",
+        "_mm millimetres",
+    ):
+        assert words in said, (words, text)
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_what_cannot_be_calibrated_is_named_with_its_reason(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The elbow in a rigid attachment (paper, section 1), and poses that are one and the same."""
+    Path("rigid.yaml").write_text(RIGID)
+    Path("arm.yaml").write_text(
+        broken(
+            ARM,
+            old=ARM[ARM.index("home_deg:") :].splitlines()[0],
+            new="home_deg: [3.24, 210.87, 116.84, -124.23, -144.53, -172.77, 40.52]",
+        )
+    )
+    assert main(["check", "arm.yaml", "rigid.yaml", "--json"]) == 5
+    (chain,) = json.loads(capsys.readouterr().out)["chains"]
+    assert chain["mobility"] == 1
+    assert "IMMOBILE_4" in {c["code"] for c in chain["checks"] if c["severity"] == "refused"}
+    assert [j["sensor"] for j in chain["joints"]] == ["encoder"] * 5 + ["rvdt"] * 2
+
+    head, first, *_ = POSES.read_text().splitlines()
+    same = [first.replace("1,1,", f"1,{k},", 1) for k in range(1, 30)]
+    Path("same.csv").write_text("\n".join([head, *same]) + "\n")
+    assert main(["check", "same.csv", "--procedure", "hinge"]) == 5
+    said = " ".join(capsys.readouterr().out.split())
+    assert "! not identifiable: theta_off_" in said
+    assert "Joints 1 and 5 would drive (named by the procedure" in said
+
+
+def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text = broken(
+        PROCEDURE,
+        old="{position: [1, 5]}|    - {joint: 1, from_deg: -30, to_deg: 48}\n",
+        new="{position: [5]}|",
+    )
+    Path("p.yaml").write_text(text)
+    assert main(["check", "p.yaml"]) == 5
+    said = " ".join(capsys.readouterr().out.split())
+    assert "1 joint in position mode (5) where the hinge leaves the arm 2 freedoms" in said
+    assert main(["check", "hinge"]) == 2
+    assert "say --fixture hinge or --procedure hinge" in capsys.readouterr().err
+    assert main(["check"]) == 2

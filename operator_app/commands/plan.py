@@ -121,16 +121,32 @@ def _code(shown: Preview) -> ExitCode:
 
 
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]:
-    """Return the procedure with the arm and fixture named beside it, and nothing known."""
-    from operator_app.config.procedure_file import parse_procedure
-    from operator_app.config.resources import Kind, Resource, resolve
+    """Return the procedure with the arm and fixture named beside it, and nothing known.
 
-    instead: dict[Kind, Resource] = {}
+    The joints that a procedure names are those of its own arm: for any other they are ranked. So they are
+    in another kind of fixture, where nobody named the procedure.
+    """
+    from operator_app.config.arm_file import parse_arm
+    from operator_app.config.fixture_file import load_fixture
+    from operator_app.config.procedure_file import load_procedure
+    from operator_app.config.resources import resolve
+
+    procedure = load_procedure(args.procedure or "hinge")
     if args.arm:
-        instead["arm"] = resolve("arm", args.arm)
+        found = resolve("arm", args.arm)
+        if found.data != procedure.sources[1].data:
+            procedure = replace(
+                procedure,
+                arm=parse_arm(found.data, found.file),
+                position_joints=None,
+                unsensed_joints=(),
+                held={},
+            )
     if args.fixture:
-        instead["fixture"] = resolve("fixture", args.fixture)
-    procedure = parse_procedure(resolve("procedure", args.procedure or "hinge"), snapshot=instead)
+        fixture = load_fixture(args.fixture)
+        if args.procedure is None and fixture.kind != procedure.fixture.kind:
+            procedure = replace(procedure, position_joints=None)
+        procedure = replace(procedure, fixture=fixture)
     if args.unsensed:
         joints = parse_joints(args.unsensed)
         require_joints(joints, procedure.arm.joint_count)

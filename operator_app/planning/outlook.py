@@ -16,6 +16,7 @@ from operator_app.calibration.placed import as_seen
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives
 from operator_app.planning.preview import named_drives
+from operator_app.planning.task import without_hidden
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
@@ -27,7 +28,6 @@ from solver.loops.closure import ClosureModel
 
 SPREAD = 60
 """Poses, evenly over what can be reached, that tell what a calibration could see at best."""
-HIDDEN = "HIDDEN_"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +37,7 @@ class Outlook:
     Attributes
     ----------
     parameters
-        Unknowns of the calibration.
+        Unknowns of the calibration, without those that the fixture's place hides.
     from_home_rad
         (n,): how far the nearest closed pose is from the arm's home; None for an open arm, and where
         none closes.
@@ -86,7 +86,7 @@ def outlook(
 ) -> Outlook:
     """Tell what would come of `arm` in `fixture`; `position_joints` are named by a procedure."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
-    model = fixture.model(arm, unsensed_joints=unsensed)
+    model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
     parameters, checks = model.parameters, fixture.setup_checks(arm, arm.home_rad)
     if isinstance(fixture, Measured):
         return Outlook(
@@ -107,7 +107,7 @@ def outlook(
         mobility = prediction.manifold.motion.degrees
         q = prediction.manifold.q
         spread = q[np.linspace(0, len(q) - 1, min(SPREAD, len(q))).astype(int)]
-        seen = _seen(model, checks, spread)
+        seen = _seen(model, spread)
         choice = (
             choose_drives(prediction, unsensed_joints=unsensed)
             if position_joints is None
@@ -139,13 +139,8 @@ def seen_by(
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     fixture = as_seen(arm, fixture, poses)
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
-    return _seen(model, fixture.setup_checks(arm, arm.home_rad), poses.q_rad)
+    return _seen(without_hidden(arm, fixture, model), poses.q_rad)
 
 
-def _seen(
-    model: ClosureModel, checks: tuple[SetupCheck, ...], q_rad: FloatArray
-) -> Identifiability:
-    """Judge poses (m, n), leaving out what the fixture's own place hides: that is said by its checks."""
-    hidden = {c.code.removeprefix(HIDDEN) for c in checks if c.code.startswith(HIDDEN)}
-    here = model.without([p.name for p in model.parameters if p.name in hidden])
-    return identifiability(here, nominal_vector(here.parameters), q_rad)
+def _seen(model: ClosureModel, q_rad: FloatArray) -> Identifiability:
+    return identifiability(model, nominal_vector(model.parameters), q_rad)

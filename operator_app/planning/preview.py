@@ -26,6 +26,7 @@ from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.paths import Route
 from solver.design.plan import Plan, PlanningTask, make_plan
 from solver.judging.identifiability import Identifiability, identifiability
+from solver.loops.closure import ClosureModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,7 +178,9 @@ def preview(
         mobility=mobility,
         estimate=estimate,
         captured=0 if known is None else len(known.readings_rad),
-        checks=fixture.setup_checks(arm, start, None if estimate is None else x),
+        checks=fixture.setup_checks(
+            arm, start, None if estimate is None else _in_whole(fixture.model(arm), task.model, x)
+        ),
         seen=plan.design
         if known is None
         else identifiability(task.model, x, np.concatenate((known.readings_rad, plan.poses_rad))),
@@ -202,6 +205,12 @@ def named_drives(
         reasons=("named by the procedure", *of_it),
         prediction=prediction,
     )
+
+
+def _in_whole(whole: ClosureModel, model: ClosureModel, x: FloatArray) -> FloatArray:
+    """Return values (P,) of `whole`: those of `model` at `x`, the others nominal."""
+    values = {p.name: float(v) for p, v in zip(model.parameters, x, strict=True)}
+    return np.array([values.get(p.name, p.nominal) for p in whole.parameters])
 
 
 def _visited(task: PlanningTask, plan: Plan, drives: tuple[int, ...]) -> tuple[PlannedPose, ...]:

@@ -8,14 +8,17 @@ from __future__ import annotations
 import numpy as np
 
 from fixtures.base import Fixture
+from fixtures.hidden_entries import HIDDEN
 from fixtures.measured import Measured
 from operator_app.errors import SessionError
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
 from solver.chain.sensors import NoSensor
 from solver.design.manifold import Ranges
 from solver.design.plan import PlanningTask
 from solver.design.pose_information import CURVE_SHARE, planning_noise
+from solver.loops.closure import ClosureModel
 
 MARGIN_RAD = float(np.deg2rad(3.0))
 """What planned poses keep from the ends of the ranges, beside a sensor's own error."""
@@ -46,6 +49,14 @@ def require_closed_chain(fixture: Fixture) -> None:
         )
 
 
+def without_hidden(arm: ArmModel, fixture: Fixture, model: ClosureModel) -> ClosureModel:
+    """Return the loop with what the fixture's own place hides, whatever the poses, at its nominal value."""
+    whole = nominal_vector(fixture.model(arm).parameters)
+    codes = [check.code for check in fixture.placement_checks(arm, whole)]
+    hidden = {code.removeprefix(HIDDEN) for code in codes if code.startswith(HIDDEN)}
+    return model.without([p.name for p in model.parameters if p.name in hidden])
+
+
 def planning_task(
     arm: ArmModel,
     fixture: Fixture,
@@ -68,7 +79,7 @@ def planning_task(
         Readings averaged into one pose.
     """
     require_closed_chain(fixture)
-    model = fixture.model(arm)
+    model = without_hidden(arm, fixture, fixture.model(arm))
     lost = {f"theta_off_{j}" for j in unsensed_joints}
     variance = [
         0.0 if isinstance(j.sensor, NoSensor) else j.sensor.variance_of_mean_rad2(samples)

@@ -14,7 +14,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.planning.drives import names
 from operator_app.planning.inspection import Chain
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.planning.outlook import HIDDEN, Outlook
+from operator_app.planning.outlook import Outlook
 from operator_app.report.text import paragraph
 from operator_app.units.figure import (
     ANGLE_TOLERANCE,
@@ -217,8 +217,7 @@ def _freedom(chain: Chain) -> list[str]:
 
 
 def _unknowns(found: Outlook) -> str:
-    hidden = {c.code.removeprefix(HIDDEN) for c in found.checks if c.code.startswith(HIDDEN)}
-    shown = [p.name for p in found.parameters if p.name not in hidden]
+    shown = [p.name for p in found.parameters]
     return f"{_many(len(shown), 'parameter')} would be found: {', '.join(shown)}."
 
 

@@ -248,6 +248,24 @@ def test_rigid_with_its_elbow_free_is_planned_but_refused_with_its_reason(
     assert "refused: joint 4 does not move" in out
 
 
+def test_the_drives_of_a_foreign_arm_are_ranked_and_not_those_of_another(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Joints 1 and 5 are the packaged arm's in its hinge; here one of another arm drives."""
+    monkeypatch.chdir(tmp_path)
+    arm = yaml.safe_load(resolve("arm", "sarcos_dextrous").data)
+    arm |= {"name": "mine", "free": [f for f in arm["free"] if f != "theta_off_4"]}
+    arm["home_deg"] = yaml.safe_load(resolve("procedure", "rigid").data)["home_deg"]
+    Path("mine.yaml").write_text(yaml.safe_dump(arm, sort_keys=False))
+    for procedure in ([], ["hinge"]):
+        options = ["--arm", "mine.yaml", "--fixture", "rigid", "--poses", "2", "--json"]
+        code, out, err = said(capsys, "plan", *procedure, *options)
+        assert code == 0, err
+        drives = json.loads(out)["drives"]
+        assert drives["joints"] == [2]
+        assert drives["reasons"][0].startswith("reaches ")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -5,7 +5,8 @@ eight ways, so the second document is first brought into the description nearest
 difference counts as drift when it is improbable under both documents' standard deviations, at a
 level that is corrected for the number of free parameters compared (Bonferroni). Lengths and twists
 that were corrected within a tolerance are compared as well and not counted: most of their standard
-deviation is what the maker's table leaves open, which is the same in both.
+deviation is what the maker's table leaves open, which is the same in both. Two estimates from the same
+poses say nothing of whether the arm changed: nothing of theirs counts.
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ class Drift:
     sigma
         Standard deviation of the change.
     significant
-        Whether |change| exceeds what noise gives at the level of the comparison.
+        Whether |change| exceeds what noise gives at the level of the comparison; never of two estimates
+        from the same poses, whose noise is the same.
     """
 
     name: str
@@ -107,6 +109,11 @@ class Comparison:
     scale_after: float
     left_out: tuple[tuple[str, str], ...]
     notices: tuple[Notice, ...]
+
+    @property
+    def same_poses(self) -> bool:
+        """Whether both are estimates from the same poses: then nothing follows for the arm."""
+        return _same_poses(self.before, self.after)
 
     @property
     def drifted(self) -> tuple[Drift, ...]:
@@ -160,7 +167,7 @@ def compare(
     free = [e for e in compared if not _only_tolerated(e.entry, sides)]
     threshold = float(-ndtri(0.5 * level / max(len(free), 1)))
     scales = _scale(before), _scale(after)
-    stacked = before.table.stacked()
+    stacked, same = before.table.stacked(), _same_poses(before, after)
     drifts = []
     for item in compared:
         entry = DhEntry.parse(item.entry)
@@ -170,7 +177,7 @@ def compare(
         sigma = math.radians(sigma) if angle else sigma
         change = float(wrap_angle(b - a)) if angle else b - a
         # Without any noise stated, the smallest difference is real; rounding is not.
-        real = abs(change) > max(threshold * sigma, 1e-12)
+        real = not same and abs(change) > max(threshold * sigma, 1e-12)
         drifts.append(
             Drift(
                 name=item.entry,
@@ -194,6 +201,10 @@ def compare(
         left_out=tuple(left_out),
         notices=notices(before, after, scales),
     )
+
+
+def _same_poses(a: ParametersDocument, b: ParametersDocument) -> bool:
+    return a.pose_set_sha256 == b.pose_set_sha256
 
 
 def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ def notices(
     if a.utc > b.utc:
         found.append(("ORDER", "B is older than A: changes go backwards in time"))
     if a.pose_set_sha256 == b.pose_set_sha256:
-        text = "both are of the same poses: any difference is the estimator's or the program's"
+        text = "both are of the same poses: any difference is the estimator's, its options' or the program's"
         found.append(("SAME_POSES", text))
     if a.fixture.kind != b.fixture.kind:
         found.append(("FIXTURE_KIND", f"A used a {a.fixture.kind} fixture, B a {b.fixture.kind}"))

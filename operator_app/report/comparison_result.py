@@ -15,6 +15,7 @@ from operator_app.units.numbers import places_to_show
 
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"
+NOTHING = "same poses: nothing follows for the arm"
 
 
 def comparison_text(found: Comparison) -> str:
@@ -24,11 +25,7 @@ def comparison_text(found: Comparison) -> str:
         _verdict(found, table),
         "\n".join(_whose(name, d) for name, d in (("A", found.before), ("B", found.after))),
         "\n".join(table_lines(table)),
-        paragraph(
-            f"Significant: a change of more than {found.threshold_sigmas:.2f} sigmas, which noise alone "
-            f"gives to any of {len(found.drifts)} parameters in {100.0 * found.level:g} % of "
-            "comparisons (Bonferroni). Change is B less A, angles the short way round."
-        ),
+        paragraph(_reading(found)),
         _left_out(found),
         warnings_text(found.notices),
     ]
@@ -38,7 +35,7 @@ def comparison_text(found: Comparison) -> str:
 def comparison_json(found: Comparison) -> dict[str, Any]:
     """Return the object of `sarcal compare --json`: deg and m, as in the documents."""
     return {
-        "verdict": DRIFTED if found.drifted else NO_DRIFT,
+        "verdict": NOTHING if found.same_poses else DRIFTED if found.drifted else NO_DRIFT,
         "drifted": [d.name for d in found.drifted],
         "level": found.level,
         "threshold_sigmas": found.threshold_sigmas,
@@ -62,7 +59,26 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
     }
 
 
+def _reading(found: Comparison) -> str:
+    """Say how the table is to be read."""
+    change = "Change is B less A, angles the short way round."
+    if found.same_poses:
+        return (
+            f"{change} Sigma is what it would be of poses taken anew; nothing is judged by it here."
+        )
+    return (
+        f"Significant: a change of more than {found.threshold_sigmas:.2f} sigmas, which noise alone "
+        f"gives to any of {len(found.drifts)} parameters in {100.0 * found.level:g} % of "
+        f"comparisons (Bonferroni). {change}"
+    )
+
+
 def _verdict(found: Comparison, table: Table) -> str:
+    if found.same_poses:
+        return paragraph(
+            "SAME POSES: nothing follows for the arm. A and B are two estimates from the same readings; "
+            "whether it has drifted, poses taken anew tell."
+        )
     if not found.drifted:
         return "NO SIGNIFICANT DRIFT."
     cells = {row[0]: [shown(cell) for cell in row] for row in table.rows}

@@ -24,7 +24,26 @@ def test_a_calibration_has_not_drifted_from_itself() -> None:
     assert found.drifted == ()
     assert all(d.change == 0.0 for d in found.drifts)
     assert [n.code for n in found.notices] == ["SAME_POSES"]
-    assert comparison_text(found).startswith("NO SIGNIFICANT DRIFT")
+    assert comparison_text(found).startswith("SAME POSES: nothing follows for the arm.")
+
+
+def test_two_estimates_from_the_same_poses_say_nothing_of_the_arm() -> None:
+    other = replace(make_document({"theta_off_3": 0.02, "s_7": -0.0004}), estimator="paper")
+    found = compare(make_document(), other)
+    assert found.drifted == ()
+    by_name = {d.name: d for d in found.drifts}
+    # How far they are apart is told; what of the arm that would be, is not.
+    assert by_name["theta_off_3"].sigmas == pytest.approx(20.0 / math.sqrt(2.0))
+    said, data = comparison_text(found), comparison_json(found)
+    assert said.startswith("SAME POSES: nothing follows for the arm.")
+    assert "DRIFT" not in said
+    assert "Significant" not in said
+    assert data["verdict"] == "same poses: nothing follows for the arm"
+    assert data["drifted"] == []
+    assert not any(p["significant"] for p in data["parameters"].values())
+    assert {n.code for n in found.notices} == {"SAME_POSES", "ESTIMATOR"}
+    # The same two, of poses taken anew.
+    assert compare(make_document(), replace(other, pose_set_sha256="b" * 64)).drifted
 
 
 def test_a_planted_drift_is_found_and_nothing_else() -> None:

@@ -217,12 +217,12 @@ def condition_notices(seen: Identifiability, limits: AcceptanceLimits) -> tuple[
 def reasons_against(estimate: Estimate, limits: AcceptanceLimits) -> tuple[str, ...]:
     """Say which of the procedure's own limits a calibration exceeds; empty when none."""
     reasons = []
-    after = estimate.sigmas
+    after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
     for symbol, found, limit, kind in (
         ("sigma_pos", after.position_m.rms, limits.sigma_pos_m, POS_LIMIT),
-        ("sigma_ori", after.orientation_rad.rms, limits.sigma_ori_rad, ORI_LIMIT),
+        ("sigma_ori", None if turned is None else turned.rms, limits.sigma_ori_rad, ORI_LIMIT),
     ):
-        if limit is not None and found > limit:
+        if limit is not None and found is not None and found > limit:
             reasons.append(f"{symbol} {kind(found).with_unit} is above {kind(limit).with_unit}")
     ratio, most = estimate.chi2_per_dof, limits.chi2_per_dof
     if ratio is not None and most is not None and ratio > most:

@@ -63,6 +63,9 @@ class Solution:
         How far off the hand may be at these poses; None in records of earlier versions.
     accuracy
         What the calibration brings over the joints' ranges; None in records of earlier versions.
+    condition_at_readings
+        Scaled condition number where the joints were read, as the paper took it; None with unsensed
+        joints, and in records of earlier versions.
     implicit
         What weighing every reading by its noise gives, where the paper's estimate is the chosen one.
     """
@@ -87,6 +90,7 @@ class Solution:
     hand: TipSigma | None = None
     accuracy: HandAccuracy | None = None
     implicit: Estimate | None = None
+    condition_at_readings: float | None = None
 
     @property
     def accepted(self) -> bool:

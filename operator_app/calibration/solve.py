@@ -67,7 +67,7 @@ from solver.estimators.variance_components import (
     VarianceComponents,
 )
 from solver.judging.dropping import drop_unidentifiable
-from solver.judging.identifiability import Identifiability
+from solver.judging.identifiability import Identifiability, condition_at_readings
 from solver.judging.ranges import Fault, RangeFinding, range_findings
 from solver.loops.closure import ClosureModel
 from solver.search.global_start import global_start
@@ -216,7 +216,8 @@ def calibrate(
     if judged_paper is not None:
         implicit = estimate.without(tuple(tolerance))
         estimate, components, model, tolerance = judged_paper, None, hard, {}
-    seen = seen_at(in_order(hard, model, estimate.x))
+    x = in_order(hard, model, estimate.x)
+    seen = seen_at(x)
     checks = placement_checks(fixture, arm, model, estimate.x, unsensed_joints)
     rvdt = (
         judge_rvdts(
@@ -270,6 +271,7 @@ def calibrate(
         assumed=(*arm.assumed, *fixture.give.assumed),
         hand=tip_sigma(model, estimate, q),
         implicit=implicit,
+        condition_at_readings=condition_at_readings(hard, x, q),
         warnings=(),
         reasons=(),
     )
@@ -341,8 +343,8 @@ def _saturated(found: tuple[RangeFinding, ...], poses: PoseSet) -> PosesDoNotFit
 
 
 def _closes(estimate: Estimate) -> bool:
-    after = estimate.sigmas
-    return after.position_m.rms < NO_CLOSURE_M and after.orientation_rad.rms < NO_CLOSURE_RAD
+    after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
+    return after.position_m.rms < NO_CLOSURE_M and (turned is None or turned.rms < NO_CLOSURE_RAD)
 
 
 def _do_not_fit(rivals: tuple[NamedCause, ...]) -> PosesDoNotFitError:

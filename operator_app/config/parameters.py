@@ -167,7 +167,7 @@ class Quality(StrictRecord):
     rank: Whole
     scaled_condition_number: Annotated[Number, Field(ge=1.0)]
     sigma_pos_mm: TwoFigures
-    sigma_ori_mrad: TwoFigures
+    sigma_ori_mrad: TwoFigures | None
     chi2_per_dof: NonNegativeNumber | None
 
 

@@ -51,9 +51,9 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
             "starts_in_best": search.best.starts,
             "distinct_solutions": 1 + len(search.rivals),
         },
+        "scaled_condition_number_at_readings": None,
         "unidentifiable": [],
         "weakest_direction": list(solution.seen.weakest.parameters),
-        "before": {"sigma_ori_mrad": NO_ROTATION},
         "verdict": solution.verdict.value,
         "causes": [
             {"code": c.code, "probability": c.probability, "text": c.text, "remedy": c.remedy}
@@ -73,17 +73,12 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
     }
 
 
-NO_ROTATION = {"rms": 0.0, "as_printed": 0.0}
-"""Of a loop that closes in position only."""
-
-
 def estimate_data(estimate: Estimate) -> dict[str, Any]:
     """Return what one estimator found beside its figures."""
     band = None if estimate.chi2 is None else chi2_test(estimate.chi2, estimate.dof)
     return {
         "estimator": estimate.estimator,
         "correlations": correlations(estimate.covariance).tolist(),
-        "sigma_ori_mrad": NO_ROTATION,
         "chi2_per_dof": None,
         "chi2_band_99": None if band is None else [band.low, band.high],
         "variance_components": {},
@@ -107,7 +102,6 @@ def _hold_out_data(found: HoldOut | None) -> dict[str, Any] | None:
         return None
     return {
         "parts": len(found.parts),
-        "sigma_ori_mrad": {"inside": 0.0, "held_out": 0.0},
         "chi2_per_dof": [part.verification.chi2.per_dof for part in found.parts],
     }
 

@@ -143,7 +143,7 @@ def facts_of(
 
 def estimate_json(estimate: Estimate) -> dict[str, Any]:
     """Return what one estimator found as JSON: the paper's, beside the chosen one."""
-    rows = closure_row(estimate.estimator, estimate.sigmas, estimate.rotation_rows, key=())
+    rows = closure_row(estimate.estimator, estimate.sigmas, key=())
     closure = Table(ident="", title="", columns=CLOSURE_COLUMNS, rows=(rows,))
     return merged(
         {**estimate_data(estimate), "chi2_per_dof": estimate.chi2_per_dof},
@@ -168,9 +168,9 @@ def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> t
     estimate, before, seen = solution.identified, solution.before, solution.seen
     after = estimate.sigmas
     said = [_sigma("sigma_pos", SIGMA_POS, before.position_m, after.position_m)]
-    if estimate.rotation_rows:
-        turned = before.orientation_rad, after.orientation_rad
-        said.append(_sigma("sigma_ori", SIGMA_ORI, *turned))
+    turned = before.orientation_rad, after.orientation_rad
+    if estimate.rotation_rows and turned[0] is not None and turned[1] is not None:
+        said.append(_sigma("sigma_ori", SIGMA_ORI, turned[0], turned[1]))
     said += [
         Headline(
             name="scaled condition number",

@@ -68,7 +68,7 @@ def closure_by_pose(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]
     """Return the closure error of every pose at the measured joints: position, then orientation."""
     split, after = estimate.rotation_rows, estimate.sigmas
     drawn = [("position", CLOSURE_LENGTH, after.position_m, estimate.residual[:, split:])]
-    if split:
+    if split and after.orientation_rad is not None:
         turned = CLOSURE_ANGLE, after.orientation_rad, estimate.residual[:, :split]
         drawn.append(("orientation", *turned))
     return tuple(

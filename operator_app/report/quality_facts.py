@@ -23,7 +23,6 @@ from operator_app.units.figure import (
     quantity_of,
 )
 from operator_app.units.numbers import (
-    NOT_KNOWN,
     plural,
     significant,
 )
@@ -65,13 +64,11 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table
         for h in headlines
         if not h.name.startswith("sigma_")
     ]
-    rows[1:1] = [
-        (
-            "condition number, 1 m : 1 rad",
-            CONDITION(seen.condition_number, key=("condition_number",)),
-            "",
-        )
-    ]
+    plain = CONDITION(seen.condition_number, key=("condition_number",))
+    rows[1:1] = [("condition number, 1 m : 1 rad", plain, "")]
+    if (read := solution.condition_at_readings) is not None:
+        figure = CONDITION(read, key=("scaled_condition_number_at_readings",))
+        rows[1:1] = [("scaled, at the joints as read", figure, "as the paper took it")]
     if (stated := solution.judgement.stated_chi2_per_dof) is not None:
         ratio = CHI2(stated, key=("stated_chi2_per_dof",))
         rows.append(("chi2/dof at stated noise", ratio, "1 or less when all is as stated"))
@@ -164,13 +161,12 @@ CLOSURE_COLUMNS = (
 def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> Table:
     """Closure sigmas before and after, in both readings, and on poses held out."""
     estimate = solution.identified
-    rotations = estimate.rotation_rows
     rows = [
-        closure_row("nominal, before", solution.before, rotations, key=("before",)),
-        closure_row(f"{estimate.estimator} (chosen), after", estimate.sigmas, rotations, key=()),
+        closure_row("nominal, before", solution.before, key=("before",)),
+        closure_row(f"{estimate.estimator} (chosen), after", estimate.sigmas, key=()),
     ]
     if beside is not None:
-        rows.append(closure_row(f"{beside.estimator}, for comparison", beside.sigmas, rotations))
+        rows.append(closure_row(f"{beside.estimator}, for comparison", beside.sigmas))
     held = (
         ()
         if checks is None
@@ -187,7 +183,7 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
             ):
                 place = ("checks", key)
                 title = f"{name}, {part}"
-                rows.append(closure_row(title, sigmas, rotations, key=place, reading=which))
+                rows.append(closure_row(title, sigmas, key=place, reading=which))
     return Table(
         ident="closure",
         title="Closure at the measured joints (eqs. 14 and 15)",
@@ -199,7 +195,6 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
 def closure_row(
     name: str,
     sigmas: ClosureSigmas,
-    rotations: int = 1,
     *,
     key: Key | None = None,
     reading: str = "",
@@ -208,22 +203,25 @@ def closure_row(
 
     Parameters
     ----------
-    rotations
-        How many rotations close; without any sigma_ori says nothing.
     key
         Where the figures stand in JSON; None: nowhere.
     reading
         JSON's name of a figure that it has in one reading only.
     """
     cells: list[Cell] = [name]
-    for symbol, kind, both, there in (
-        ("sigma_pos_mm", SIGMA_POS, sigmas.position_m, True),
-        ("sigma_ori_mrad", SIGMA_ORI, sigmas.orientation_rad, rotations > 0),
+    turned = sigmas.orientation_rad
+    if turned is not None and turned.rms == 0.0:
+        # Journals of earlier versions: no rotation closes.
+        turned = None
+    for symbol, kind, both in (
+        ("sigma_pos_mm", SIGMA_POS, sigmas.position_m),
+        ("sigma_ori_mrad", SIGMA_ORI, turned),
     ):
-        for value, last in ((both.rms, reading or "rms"), (both.as_printed, "as_printed")):
+        rms, printed = (None, None) if both is None else (both.rms, both.as_printed)
+        for value, last in ((rms, reading or "rms"), (printed, "as_printed")):
             listed = key is not None and not (reading and last == "as_printed")
             place = (*key, symbol, last) if key is not None and listed else ()
-            cells.append(kind(value, key=place) if there else NOT_KNOWN)
+            cells.append(kind(value, key=place))
     return tuple(cells)
 
 

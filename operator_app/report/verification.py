@@ -88,8 +88,9 @@ def verification_text(verdict: Prediction, poses: PoseSet, folder: str) -> str:
 def verified_words(found: Verified) -> str:
     """Say in one line what new poses said."""
     ratio = CHI2(found.chi2_per_dof).shown
+    turned = found.orientation_rad
     return (
-        f"{found.poses} new poses: {SIGMA_POS(found.position_m).with_unit}, "
-        f"{SIGMA_ORI(found.orientation_rad).with_unit} rms, chi2/dof {ratio}: "
+        f"{found.poses} new poses: {SIGMA_POS(found.position_m).with_unit}"
+        f"{'' if turned is None else f', {SIGMA_ORI(turned).with_unit}'} rms, chi2/dof {ratio}: "
         f"{'as expected' if found.holds else 'worse than expected'}"
     )

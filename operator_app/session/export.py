@@ -60,6 +60,7 @@ def document_of(
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, model = solution.estimate, solution.model
+    turned = estimate.sigmas.orientation_rad
     table = _table_of(solution, fixture.kind)
     own = model.own if isinstance(model, ArmLoop) else ()
     calibrated = tuple(
@@ -78,7 +79,7 @@ def document_of(
             rank=solution.seen.rank,
             scaled_condition_number=solution.seen.scaled_condition_number,
             sigma_pos_mm=_figures(estimate.sigmas.position_m),
-            sigma_ori_mrad=_figures(estimate.sigmas.orientation_rad),
+            sigma_ori_mrad=None if turned is None else _figures(turned),
             chi2_per_dof=estimate.chi2_per_dof,
         ),
         warnings=(

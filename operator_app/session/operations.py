@@ -326,10 +326,11 @@ class Operations:
         """Take new poses elsewhere and judge them by the parameters as they are; any key ends it."""
         verdict, _ = verify(self._session, self._judged(), poses, self._listener)
         judged = verdict.verification
+        turned = judged.sigmas.orientation_rad
         found = Verified(
             poses=verdict.poses,
             position_m=judged.sigmas.position_m.rms,
-            orientation_rad=judged.sigmas.orientation_rad.rms,
+            orientation_rad=None if turned is None else turned.rms,
             chi2_per_dof=judged.chi2.per_dof,
             holds=verdict.holds,
         )

@@ -134,13 +134,13 @@ class DiffRow:
 class Verified:
     """New poses judged by parameters that were fixed before.
 
-    rms of the closure at the readings, chi2/dof, and whether the parameters predict as well as they
-    claim to.
+    rms of the closure at the readings (of its orientation None where only positions close), chi2/dof,
+    and whether the parameters predict as well as they claim to.
     """
 
     poses: int
     position_m: float
-    orientation_rad: float
+    orientation_rad: float | None
     chi2_per_dof: float
     holds: bool
 

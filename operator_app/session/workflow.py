@@ -209,11 +209,12 @@ def verify(
 
 def _summary(verdict: Prediction, taken: PoseSet) -> Mapping[str, object]:
     found = verdict.verification
+    turned = found.sigmas.orientation_rad
     return {
         "poses": verdict.poses,
         "readings": [int(label) for label in taken.label],
         "position_m": found.sigmas.position_m.rms,
-        "orientation_rad": found.sigmas.orientation_rad.rms,
+        "orientation_rad": None if turned is None else turned.rms,
         "chi2_per_dof": found.chi2.per_dof,
         "holds": verdict.holds,
     }

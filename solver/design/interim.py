@@ -98,5 +98,6 @@ def _with_give(noise: NoiseModel, found: Estimate, used: NoiseModel) -> NoiseMod
     if used.fixture_variance is not None:
         scale = found.chi2_per_dof or 1.0
         return replace(noise, fixture_variance=used.fixture_variance * scale)
-    turn, shift = found.sigmas.orientation_rad.rms, found.sigmas.position_m.rms
+    turned, shift = found.sigmas.orientation_rad, found.sigmas.position_m.rms
+    turn = 0.0 if turned is None else turned.rms
     return replace(noise, fixture_variance=np.array([turn**2] * 3 + [shift**2] * 3))

@@ -28,17 +28,20 @@ class TwoReadings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosureSigmas:
-    """Standard deviations of the closure error: position in m, orientation in rad."""
+    """Standard deviations of the closure error: position in m, orientation in rad.
+
+    `orientation_rad` is None where the loops say nothing of it: a ball, measured positions.
+    """
 
     position_m: TwoReadings
-    orientation_rad: TwoReadings
+    orientation_rad: TwoReadings | None
 
 
 def closure_sigmas(residual: FloatArray, rotation_rows: int) -> ClosureSigmas:
     """Compute both sigmas of reduced residuals (m, r), rotation rows first (eqs. 14 and 15)."""
     return ClosureSigmas(
         position_m=_both(residual[:, rotation_rows:]),
-        orientation_rad=_both(residual[:, :rotation_rows]),
+        orientation_rad=_both(residual[:, :rotation_rows]) if rotation_rows else None,
     )
 
 

@@ -14,6 +14,7 @@ from solver.arrays import FloatArray
 from solver.closing import close_loops, reduced_jacobian
 from solver.errors import UnidentifiableDirection
 from solver.estimators.least_squares import column_scale
+from solver.estimators.paper import ClosureProblem
 from solver.loops.closure import ClosureModel, pose_blocks
 
 RANK_TOLERANCE = 1e-7
@@ -74,6 +75,19 @@ def identifiability(
     return judge_jacobian(
         A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
     )
+
+
+def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> float | None:
+    """Scaled condition number at the joints `q` (m, n) as read, where no loop quite closes.
+
+    The paper's: of the C that eq. 6 inverts, at parameters `x` (P,). None where joints are unsensed, of
+    which the paper knows nothing; inf when the rank is short.
+    """
+    if model.unsensed_joints:
+        return None
+    C = ClosureProblem.of(model, q)(x).T
+    s = np.linalg.svd(C / column_scale(C), compute_uv=False)
+    return float(s[0] / s[-1]) if s[-1] > RANK_TOLERANCE * s[0] else float("inf")
 
 
 def _at_closed(

@@ -10,7 +10,11 @@ import pytest
 from fixtures.rigid import Rigid
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
-from solver.judging.identifiability import identifiability, judge_jacobian
+from solver.judging.identifiability import (
+    condition_at_readings,
+    identifiability,
+    judge_jacobian,
+)
 from tests.oracles.loop_oracle import Truth, closed_poses, closure, closure_rates, product
 from tests.solver.conftest import NAMES, loop_of, paper_arm, read_poses
 
@@ -21,6 +25,30 @@ def test_paper_like_condition_number(hinge_data: Path, truth: Truth) -> None:
     assert found.rank == 14
     assert found.directions == ()
     assert 20.0 < found.scaled_condition_number < 45.0
+
+
+def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(truth: Truth) -> None:
+    """Eqs. 10 to 13 by a second implementation, differenced, where the loops are open by milliradians."""
+    random = np.random.default_rng(2)
+    q = closed_poses(truth, random, 30)[:, 1:] + random.normal(0.0, 6e-3, (30, 7))
+
+    def open_loops(at: Truth) -> np.ndarray:
+        angles = np.concatenate((np.zeros((30, 1)), q), axis=1)
+        T = product(angles + at.theta_off, at.s, at.a, at.alpha)
+        angles[:, 0] = -np.arctan2(T[:, 1, 0], T[:, 0, 0])
+        return np.delete(closure(at, angles), 2, axis=1)
+
+    columns, values, h = [], truth.values(NAMES), 1e-6
+    for k in range(14):
+        step = h * np.eye(14)[k]
+        up, down = (open_loops(truth.with_values(NAMES, values + s)) for s in (step, -step))
+        columns.append(((up - down) / (2.0 * h)).ravel())
+    J = np.stack(columns, axis=-1)
+    s = np.linalg.svd(J / np.linalg.norm(J, axis=0), compute_uv=False)
+    found = condition_at_readings(loop_of(truth), values, q)
+    assert found == pytest.approx(s[0] / s[-1], rel=2e-3)
+    closed = identifiability(loop_of(truth), values, q).scaled_condition_number
+    assert abs(closed / found - 1.0) > 0.008
 
 
 def test_condition_and_observability_by_second_implementation(truth: Truth) -> None:

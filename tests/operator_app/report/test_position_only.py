@@ -1,0 +1,88 @@
+"""A ball's loops say nothing of orientation, and nobody says 0 mrad of it: not solved, verified or kept."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import sarcal
+
+from operator_app.config.parameters_file import load_parameters, save_parameters
+from operator_app.report.facts import Facts, estimate_json, facts_of
+from operator_app.report.screen import table_spans
+from operator_app.report.text import facts_text
+from operator_app.report.verification import verification_json, verified_words
+from operator_app.session.snapshot import Verified
+from oracles.parameter_documents import make_document
+
+NOT_KNOWN = {"rms": None, "as_printed": None}
+
+
+@pytest.fixture(scope="module")
+def halves() -> tuple[sarcal.Poses, sarcal.Poses]:
+    made = sarcal.simulate(arm="sarcos_dextrous", fixture="sarcos_ball", poses=30, seed=1)
+    q_rad = made.poses.q_rad
+    return sarcal.poses_of(q_rad=q_rad[:22]), sarcal.poses_of(q_rad=q_rad[22:])
+
+
+@pytest.fixture(scope="module")
+def result(halves: tuple[sarcal.Poses, sarcal.Poses]) -> sarcal.Result:
+    return sarcal.calibrate(
+        arm="sarcos_dextrous", fixture="sarcos_ball", poses=halves[0], drop_unidentifiable=True
+    )
+
+
+@pytest.fixture(scope="module")
+def facts(result: sarcal.Result) -> Facts:
+    return facts_of(result._solution)
+
+
+def test_json_has_null_beside_the_position(result: sarcal.Result, facts: Facts) -> None:
+    found = facts.json
+    paper = result._solution.paper
+    assert paper is not None
+    for part in (found, found["before"], estimate_json(paper)):
+        assert part["sigma_ori_mrad"] == NOT_KNOWN
+        assert part["sigma_pos_mm"]["rms"] > 0.0
+
+
+def test_text_and_screen_say_so(facts: Facts) -> None:
+    table = facts.table("closure")
+    assert table is not None
+    _, body = table_spans(table)
+    screen = ["".join(words for words, _ in spans) for spans in body]
+    for lines in (facts_text(facts).splitlines(), screen):
+        rows = [line for line in lines if re.search(r"before|after|comparison", line)]
+        closures = [line for line in rows if "n/a" in line]
+        assert len(closures) == len(table.rows)
+        assert all(line.count("n/a") == 2 for line in closures)
+
+
+def test_new_poses_are_judged_by_their_positions_alone(
+    result: sarcal.Result, halves: tuple[sarcal.Poses, sarcal.Poses]
+) -> None:
+    found = sarcal.verify(result, halves[1])
+    (row,) = [line for line in str(found).splitlines() if line.lstrip().startswith("calibrated")]
+    assert row.split()[-2:] == ["n/a", "n/a"]
+    data = verification_json(found._found, halves[1]._set)
+    assert data["sigma_ori_mrad"] == data["nominal"]["sigma_ori_mrad"] == NOT_KNOWN
+    assert found._found.verification.sigmas.orientation_rad is None
+
+
+def test_one_line_of_new_poses_names_what_was_judged() -> None:
+    of_a_hinge = Verified(
+        poses=5, position_m=1e-3, orientation_rad=2e-3, chi2_per_dof=1.0, holds=True
+    )
+    assert verified_words(of_a_hinge).startswith("5 new poses: 1.000 mm, 2.000 mrad rms,")
+    of_a_ball = replace(of_a_hinge, orientation_rad=None)
+    assert verified_words(of_a_ball).startswith("5 new poses: 1.000 mm rms,")
+
+
+def test_the_parameters_file_keeps_it(tmp_path: Path) -> None:
+    hinge = make_document()
+    document = replace(hinge, quality=replace(hinge.quality, sigma_ori_mrad=None))
+    save_parameters(tmp_path / "parameters.yaml", document)
+    assert "sigma_ori_mrad: null" in (tmp_path / "parameters.yaml").read_text()
+    assert load_parameters(tmp_path / "parameters.yaml") == document

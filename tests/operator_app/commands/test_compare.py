@@ -57,10 +57,10 @@ def test_json_has_every_parameter_in_the_units_of_the_file(
 def test_sessions_are_named_by_folder_or_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name, change in (("one", 0.0), ("two", 1.0)):
+    for name, change, poses in (("one", 0.0, "a"), ("two", 1.0, "b")):
         folder = tmp_path / "sessions" / name
         Journal.create(folder).close()
-        saved(folder / "parameters.yaml", make_document({"theta_off_2": change}))
+        saved(folder / "parameters.yaml", make_document({"theta_off_2": change}, poses=poses))
     root = ["--sessions", str(tmp_path / "sessions")]
     assert main(["compare", "one", "two", *root]) == 4
     assert main(["compare", str(tmp_path / "sessions" / "one"), "latest", *root]) == 4

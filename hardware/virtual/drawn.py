@@ -72,21 +72,53 @@ def drawn_truth(stated: Stated, rng: np.random.Generator, *, maker_errors: bool)
         raise ValueError(
             f"as stated, no pose near the arm's home_deg and inside its ranges closes the loop of its {kind}"
         )
-    seen = _seen(stated, model, nominal, here)
-    lengths = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
+    own, rows = _Specimen.drawn(arm, rng), model.arm_rows()
+    if maker_errors:
+        rows[1:] += own.maker
+    off, seen = own.of(model), _seen(stated, model, nominal, here)
     for _ in range(TRIES):
-        rows = model.arm_rows()
-        if maker_errors:
-            rows[1:] += lengths * rng.standard_normal(rows[1:].shape)
-        x = nominal + seen * _spread(model, stated, rng)
-        truth = _truth(model, x, rows)
+        truth = _truth(model, nominal + seen * (off + _placed(model, stated, rng)), rows)
         pose = _pose(truth, arm, arm.home_rad)
         if pose is not None and np.abs(pose - here).max() < NEAR_HOME_RAD:
             return truth
     raise ValueError(
-        f"of {TRIES} arms drawn within the tolerances of the files none closes near the arm's home_deg: "
-        "state the placement more narrowly, or another home"
+        f"in none of {TRIES} placements drawn within the tolerance of its file does this arm close near its "
+        "home_deg: state the placement more narrowly, or another home; another --seed is another arm"
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Specimen:
+    """How far one arm is from its file, whatever holds or sees its hand.
+
+    Attributes
+    ----------
+    free
+        (4, n): what may be identified.
+    maker
+        (3, n): s (m), a (m), alpha (rad) where nothing identifies them.
+    """
+
+    free: FloatArray
+    maker: FloatArray
+
+    @classmethod
+    def drawn(cls, arm: ArmModel, rng: np.random.Generator) -> _Specimen:
+        """Draw all of it, needed or not, and before anything else of `rng`: for one seed it is one arm."""
+        n = arm.joint_count
+        stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
+        offsets = OFFSET_RAD * rng.uniform(-1.0, 1.0, (1, n))
+        free = 3.0 * stated * _thirds(rng, (3, n))
+        return cls(free=np.concatenate((offsets, free)), maker=stated * rng.standard_normal((3, n)))
+
+    def of(self, model: ArmLoop) -> FloatArray:
+        """By how much the arm's unknowns of a loop are off (P,); 0 for those of the fixture."""
+        placed = {*model.ground_side, *model.hand_side}
+        off = np.zeros(len(model.parameters))
+        for k, entry in enumerate(model.entries):
+            if entry.kind is DhKind.THETA_OFF or entry.name not in placed:
+                off[k] = self.free[entry.kind, entry.row - 1]
+        return off
 
 
 def _seen(stated: Stated, model: ArmLoop, x: FloatArray, q: FloatArray) -> FloatArray:
@@ -164,29 +196,26 @@ def opened(stated: Stated, truth: Truth, rng: np.random.Generator) -> OpenTruth:
         entry = DhEntry.parse(name)
         rows[entry.kind, entry.row - 1] = nominal[entry.kind, entry.row - 1]
     here = model.without([entry.name for entry in model.entries])
-    found = _truth(here, nominal_vector(here.parameters) + _spread(here, stated, rng), rows)
+    found = _truth(here, nominal_vector(here.parameters) + _placed(here, stated, rng), rows)
     if not isinstance(found, OpenTruth):
         raise TypeError("the truth of an open arm is an open one")
     return found
 
 
-def _spread(model: ArmLoop, stated: Stated, rng: np.random.Generator) -> FloatArray:
-    """By how much the unknowns of a specimen are off (P,): everything within its tolerance."""
-    entries: list[DhEntry | None] = [*model.entries, *([None] * len(model.own))]
-    placed = {*model.ground_side, *model.hand_side}
-    off = []
-    for parameter, entry in zip(model.parameters, entries, strict=True):
-        draw, third = rng.uniform(-1.0, 1.0), float(np.clip(rng.normal() / 3.0, -1.0, 1.0))
-        if entry is not None and entry.kind is DhKind.THETA_OFF:
-            off.append(OFFSET_RAD * draw)
-        elif parameter.name in placed:
-            off.append(third * (stated.tolerance_rad if parameter.is_angle else stated.tolerance_m))
-        else:
-            row = 0 if entry is None else entry.row - 1
-            arm = stated.arm
-            stated_sd = arm.twist_tolerance_rad if parameter.is_angle else arm.length_tolerance_m
-            off.append(3.0 * third * float(stated_sd[row]))
-    return np.array(off)
+def _placed(model: ArmLoop, stated: Stated, rng: np.random.Generator) -> FloatArray:
+    """By how much the fixture's unknowns of a loop are off (P,); 0 for those of the arm."""
+    offsets = {entry.name for entry in model.entries if entry.kind is DhKind.THETA_OFF}
+    placed = {*model.ground_side, *model.hand_side} - offsets
+    size = [
+        (stated.tolerance_rad if p.is_angle else stated.tolerance_m) * (p.name in placed)
+        for p in model.parameters
+    ]
+    return np.array(size) * _thirds(rng, (len(size),))
+
+
+def _thirds(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
+    """Draw shares of a tolerance of which a third is one standard deviation, none beyond it."""
+    return np.clip(rng.standard_normal(shape) / 3.0, -1.0, 1.0)
 
 
 def _truth(

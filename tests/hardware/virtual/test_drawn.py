@@ -97,6 +97,26 @@ def test_the_papers_own_arm_stands_in_only_for_files_that_may_mean_it() -> None:
     assert np.array_equal(own, paper_loop().table.stacked())
 
 
+@pytest.mark.parametrize("scenario", ["exact", "datasheet", "as_reported"])
+def test_for_one_seed_it_is_one_arm_whatever_holds_or_sees_its_hand(scenario: str) -> None:
+    """But for what the mounting decides (joint 1's zero, the last row) and an elbow that does not move."""
+    sarcos = load_arm("sarcos_dextrous")
+    more = np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
+    mine = replace(sarcos, table=replace(sarcos.table, s_m=sarcos.table.s_m + more))
+    hinge, ball, rigid, opened = (
+        scenario_of(scenario, 5, stated(f, mine)).true_loop().table.stacked()[:, 2:-1]
+        for f in ("hinge", "sarcos_ball", "rigid", "tracker")
+    )
+    assert np.array_equal(hinge, ball)
+    assert np.array_equal(hinge, opened)
+    rigid[DhKind.THETA_OFF, 2] = hinge[DhKind.THETA_OFF, 2]
+    assert np.array_equal(hinge, rigid)
+    nominal = mine.table.stacked()[:, 1:-1]
+    assert np.abs(hinge - nominal)[DhKind.THETA_OFF].min() > 1e-3
+    other = scenario_of(scenario, 6, stated("hinge", mine)).true_loop().table.stacked()[:, 2:-1]
+    assert not np.isclose(hinge[DhKind.THETA_OFF], other[DhKind.THETA_OFF]).any()
+
+
 def test_a_fixture_out_of_reach_is_refused_in_words() -> None:
     far = replace(stated("hinge"), fixture=replace(load_fixture("hinge").fixture, a_0_m=2.5))
     with pytest.raises(ValueError, match="no pose near the arm's home_deg"):

@@ -58,11 +58,17 @@ class NodeIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmIdentity:
-    """The arm as found on the bus. `serial_number` is the supervisor's, e.g. ``SDA-0007``."""
+    """The arm as found on the bus. `serial_number` is the supervisor's, e.g. ``SDA-0007``.
+
+    `speaks` is what its nodes are, for people. `by_hand`: a person, or another program, moves it; `Arm.move`
+    waits until the joints are where they are wanted.
+    """
 
     model: str
     serial_number: str
     nodes: tuple[NodeIdentity, ...]
+    speaks: str = "CANopen"
+    by_hand: bool = False
 
     @property
     def simulated(self) -> bool:
@@ -176,7 +182,7 @@ class Arm(Protocol):
     """
 
     def connect(self) -> ArmIdentity:
-        """Find the eight nodes, check them against the arm file, start heartbeats and SYNC."""
+        """Find the arm's nodes, check them against the arm file, start heartbeats and SYNC."""
         ...
 
     def snapshot(self) -> ArmSnapshot:

@@ -2,7 +2,8 @@
 
 Settings use python-can's own names and sources, strongest first: command-line options
 (``-i/--interface -c/--channel -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``,
-``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``. Without any of them the interface is ``virtual``.
+``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``. Without any of them the interface is ``virtual``. An interface
+may also be an arm that another package offers (`arm_offers`): a name and a channel, and no CAN bus.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from can.interfaces import virtual
 from can.interfaces.socketcan import SocketcanBus
 from can.util import load_config, load_environment_config, load_file_config
 
+from hardware.arm_offers import offered_names
 from hardware.errors import BusError
 from hardware.loopback import DEFAULT_CHANNEL, LoopbackBus
 
@@ -82,12 +84,22 @@ def bus_settings(
         asked["bitrate"] = bitrate
     try:
         named = {**load_file_config(), **load_environment_config(), **asked}
-        if "interface" not in named and "bustype" not in named:
+        chosen_name = named.get("interface") or named.get("bustype")
+        if chosen_name is None:
             asked["interface"] = DEFAULT_INTERFACE
+        elif chosen_name not in can.VALID_INTERFACES and chosen_name in offered_names():
+            rate = named.get("bitrate")
+            return BusSettings(
+                interface=chosen_name,
+                channel=str(named.get("channel", "")),
+                bitrate=None if rate is None else int(rate),
+            )
         found: dict[str, Any] = dict(load_config(config=asked))
     except can.CanInterfaceNotImplementedError as error:
         known = ", ".join(sorted(can.VALID_INTERFACES))
-        raise BusError(f"{error}. Use one of: {known}.") from error
+        arms = ", ".join(offered_names())
+        offered = f" Arms that installed packages offer: {arms}." if arms else ""
+        raise BusError(f"{error}. Use one of: {known}.{offered}") from error
     except (ValueError, TypeError) as error:
         raise BusError(
             f"The bus settings cannot be read: {error}. Look at can.conf and at the environment "
@@ -152,6 +164,11 @@ def open_sender(settings: BusSettings) -> can.BusABC:
 
 
 def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
+    if settings.interface not in can.VALID_INTERFACES and settings.interface in offered_names():
+        raise BusError(
+            f"{settings.interface} is an arm that an installed package offers, and no CAN bus: name the arm "
+            "where an arm is wanted, and a bus of python-can's here."
+        )
     options = {**settings.options, **extra}
     if settings.bitrate is not None:
         options["bitrate"] = settings.bitrate

@@ -17,6 +17,7 @@ from itertools import count
 from pathlib import Path
 
 from fixtures.measured import Measured
+from hardware.arm_offers import ArmOffer, ArmOrder, offer
 from hardware.buses import BusSettings, bus_settings, open_bus
 from hardware.canopen_arm import CanopenArm
 from hardware.connection import BusOpeners
@@ -28,6 +29,7 @@ from hardware.description import (
 )
 from hardware.line_port import CalledLines
 from hardware.objects import HEARTBEAT_TIMEOUT_S
+from hardware.outside_arm import OutsideArm
 from hardware.priority import first_in_line
 from hardware.timing import Pace, Timing
 from hardware.virtual.attending import attending
@@ -111,10 +113,21 @@ def open_arm(
         )
     be_punctual()
     procedure = carried_procedure(opening)
+    bus = settings = _bus(opening.choices, procedure)
+    outside = offer(bus.interface)
+    if outside is not None:
+        choices = _completed(opening.choices, bus, embedded=False)
+        kept = procedure.upload and outside.keeps_parameters
+        opening = replace(opening, procedure=replace(procedure, upload=kept), choices=choices)
+        with _outside_arm(outside, opening, bus, record_to) as theirs:
+            instrument = None
+            if not procedure.fixture.fixture.holds_hand:
+                instrument = _instrument(procedure, choices, None)
+            yield Rig(arm=theirs, opening=opening, simulated=False, instrument=instrument)
+        return
     if procedure.profile.supervisor is None:
         # Nobody there keeps parameters: they are the operator's, in the session's folder.
         procedure = replace(procedure, upload=False)
-    bus = settings = _bus(opening.choices, procedure)
     embedded = settings.interface == "virtual"
     controller: VirtualController | None = None
     with ExitStack() as stack:
@@ -156,6 +169,27 @@ def open_arm(
             simulated=embedded,
             instrument=instrument,
         )
+
+
+@contextmanager
+def _outside_arm(
+    found: ArmOffer, opening: Opening, bus: BusSettings, record_to: Path | None
+) -> Iterator[OutsideArm]:
+    """Make an arm that another package offers, and leave it held in the end."""
+    if record_to is not None and not found.records:
+        raise SessionError(
+            f"the arm {bus.interface} does not record what is said on its wire",
+            "leave --record out; every pose is in the session's journal",
+        )
+    description = describe(opening.procedure.arm)
+    order = ArmOrder(
+        description=description, channel=bus.channel, bitrate=bus.bitrate, record_to=record_to
+    )
+    arm = OutsideArm(lambda: found.make(order), description, f"the arm {bus.interface}")
+    try:
+        yield arm
+    finally:
+        arm.close()
 
 
 def _say_what_is_not_recorded(arm: CanopenArm, record_to: Path | None) -> None:

@@ -7,7 +7,7 @@ import json
 import math
 import sys
 from dataclasses import asdict
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
     arm_options,
@@ -22,7 +22,6 @@ from operator_app.words_out import harmless, say
 
 if TYPE_CHECKING:
     from hardware.bench_check import Finding
-    from hardware.canopen_arm import CanopenArm
 
 STAGES = ("look", "hold", "move", "free", "silence")
 """Names of `hardware.bench_check.Stage`, here so that --help does not load the bus."""
@@ -63,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Try, and report each thing as it was found; exit 3 where something failed."""
     from hardware.bench_check import Stage, check
+    from hardware.canopen_arm import CanopenArm
     from operator_app.composition import open_arm
     from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 
@@ -80,7 +80,12 @@ def execute(args: argparse.Namespace) -> int:
                 "the embedded virtual arm is part of this program: try it on `sarcal controller -i "
                 "loopback` in another terminal, and name the bus of a real arm with -i"
             )
-        arm = cast("CanopenArm", rig.arm)  # `open_arm` makes no other
+        if not isinstance(rig.arm, CanopenArm):
+            raise UsageError(
+                f"arm-check tries CiA 402 drives on a CAN bus, and {rig.opening.choices.interface} is an arm that "
+                "an installed package offers; try that with: pytest --pyargs sarcal.arm_contract"
+            )
+        arm = rig.arm
         try:
             for finding in check(
                 arm,

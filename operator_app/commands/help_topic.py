@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
+from pathlib import Path
 
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
@@ -24,6 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "topic", nargs="?", metavar="TOPIC", help="page or command; without it, all topics"
     )
     parser.add_argument("--markdown", action="store_true", help="print the page as it is written")
+    parser.add_argument(
+        "--files",
+        type=Path,
+        metavar="FOLDER",
+        help="write the files that the page shows into a folder, and nothing over another file",
+    )
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -33,6 +40,8 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.manual.shown import as_text
 
     found = manual()
+    if args.files is not None:
+        return _write_files(found, args.topic, args.files)
     if args.topic is None:
         text = _contents(found)
     elif args.topic in COMMANDS:
@@ -48,6 +57,33 @@ def execute(args: argparse.Namespace) -> int:
         return ExitCode.ACCEPTED
     wide = shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDEST
     say(as_text(text, min(wide, WIDEST)).rstrip("\n"))
+    return ExitCode.ACCEPTED
+
+
+def _write_files(found: Manual, topic: str | None, folder: Path) -> int:
+    """Write what a page shows as whole files."""
+    from operator_app.config.atomic import write_atomically
+    from operator_app.manual.pages import NoSuchTopicError
+
+    with_files = [t for t in found.topics if not found.made_by_code(t) and found.page(t).files]
+    try:
+        shown = found.page(topic or "").files
+    except NoSuchTopicError as error:
+        raise UsageError(f"--files: {error}.") from error
+    if not shown:
+        raise UsageError(
+            f"--files: the page {topic} shows no files; these do: {', '.join(with_files)}"
+        )
+    there = [name for name in shown if (folder / name).exists()]
+    if there:
+        raise UsageError(f"--files: {folder / there[0]} exists already; name another folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--files: {folder} cannot be made: {error.strerror}") from error
+    for name, text in shown.items():
+        write_atomically(folder / name, text.encode())
+        say(f"{folder / name}")
     return ExitCode.ACCEPTED
 
 

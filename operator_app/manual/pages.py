@@ -7,6 +7,7 @@ object and exit code, is made from the code when the page is read: there is no s
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -19,6 +20,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         },
         "How to": {
             "own-arm": "describe your own arm, plan, rehearse",
+            "outside-arm": "bring in an arm that is not on CAN, as a package",
             "own-hinge": "build and describe your own hinge",
             "own-poses": "calibrate from readings that you have",
             "real-can": "go on a real CAN bus, in a safe order",
@@ -52,6 +54,9 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
 )
 """Topics by section, in the order of reading, and what each is in a line."""
 
+FILE = re.compile(r"<!-- file: ([\w.-]+) -->\n```\w+\n(.*?)```", re.DOTALL)
+"""How a page marks a block of code that is a whole file."""
+
 FOLDER = files("operator_app") / "manual" / "pages"
 
 
@@ -73,6 +78,11 @@ class Page:
     topic: str
     title: str
     markdown: str
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """Whole files that the page shows, by name."""
+        return dict(FILE.findall(self.markdown))
 
 
 class Manual:

@@ -63,6 +63,7 @@ class Operations:
         self._publisher = publisher
         self._listener = _Publishing(self, publisher)
         session.cancelled = publisher.cancelled
+        session.told = lambda text: publisher.say(Level.INFO, text)
         self._forecast: Forecast | None = None
         self._placed: Fixture | None = None
         self._live: LiveQuality | None = None
@@ -82,6 +83,9 @@ class Operations:
         if identity.simulated:
             # On whatever bus: these nodes say themselves that nothing real moves.
             self._publisher.publish(lambda s: replace(s, simulated=True))
+        if identity.by_hand:
+            # Nothing that a hardware stop could stop: whoever moves it lets go.
+            self._publisher.publish(lambda s: replace(s, stop_tested=True))
         self._publisher.say(
             Level.INFO,
             f"connected to {identity.model}, serial {identity.serial_number}, "

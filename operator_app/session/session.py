@@ -61,6 +61,7 @@ from operator_app.session.state import (
     apply,
     session_state,
 )
+from operator_app.session.wording import by_hand_words
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.estimators.least_squares import Progress
@@ -77,6 +78,8 @@ class Session:
     ----------
     cancelled
         Asked while the arm moves: True when the operator wants that ended.
+    told
+        Hears what a person is to do with an arm that is moved by hand.
     """
 
     def __init__(
@@ -100,6 +103,7 @@ class Session:
         )
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
+        self.told: Callable[[str], None] = lambda _: None
         self._same = False
         self._read_until = -1
 
@@ -316,6 +320,8 @@ class Session:
             speed = min(speed, speed_rad_per_s)
         unplanned = also is None
         in_range = range_watch(self.model, coming_to_rest_s(speed) if unplanned else 0.0)
+        if self.identity is not None and self.identity.by_hand:
+            self.told(by_hand_words(targets_rad))
 
         def watch(snapshot: ArmSnapshot) -> str | None:
             if self.cancelled():

@@ -25,6 +25,7 @@ from hardware.errors import (
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
+from operator_app.units.figure import REACH
 from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
 
 EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError, WriteError)
@@ -90,3 +91,9 @@ def summary(procedure: Procedure) -> str:
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+def by_hand_words(targets_rad: Mapping[int, float]) -> str:
+    """Say where a person is to take the joints of an arm that nothing drives."""
+    ways = " and ".join(f"J{j} to {REACH(q).with_unit}" for j, q in sorted(targets_rad.items()))
+    return f"By hand: take {ways}, then let it stand"

@@ -23,6 +23,7 @@ from solver.chain.poses import PoseSet
 
 def connect(session: Session, listener: Listener) -> ArmIdentity:
     """Find the arm; what an operator who was killed or frozen left behind is cleared and said."""
+    session.told = listener.told
     identity = session.connect()
     listener.connected(identity)
     if session.clear_lost_heartbeat():

@@ -16,6 +16,8 @@ NOT_OURS = (
     "sudo ip link ",
     "pip install ",
     "eval ",
+    "python ",
+    "CAN_INTERFACE=",
 )
 """What the pages type beside `sarcal`: the system's own commands."""
 

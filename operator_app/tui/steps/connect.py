@@ -95,12 +95,17 @@ class CheckPanel(Lines):
                     f"{len(s.identity.nodes)} nodes answer, arm {s.identity.model}, serial {s.identity.serial_number}",
                 )
             )
-            rows.append(line(" ✓ ", "no other operator on the bus"))
+            if s.identity.speaks == "CANopen":
+                rows.append(line(" ✓ ", "no other operator on the bus"))
         else:
             rows.append(line((" ○ ", "dim"), "arm not connected yet"))
         if s.simulated:
             rows.append(
                 line((" ✓ ", "text"), ("hardware stop: none needed, nothing real moves", "dim"))
+            )
+        elif s.identity is not None and s.identity.by_hand:
+            rows.append(
+                line((" ✓ ", "text"), ("hardware stop: none needed, a person moves it", "dim"))
             )
         elif s.stop_tested:
             rows.append(line(" ✓ ", "hardware stop tested in this run"))

@@ -1,0 +1,242 @@
+"""What a package needs that offers an arm of its own to ``sarcal``: the `Arm` protocol and what it speaks of.
+
+``sarcal help outside-arm`` shows a whole package. Its entry point, group ``sarcal.arm``, names an `ArmOffer`;
+``-i NAME -c CHANNEL`` makes `sarcal` order that arm with an `ArmOrder`. Angles are sensor readings, rad.
+
+`identity_of`, `snapshot_of` and `reading_of` build what an arm answers from plain angles; `SimulatedChain` is
+an arm in its fixture to try the package on. The names in ``__all__`` are under the same
+promise as those of `sarcal`; fields may be added to what `sarcal` makes, with defaults to what an arm makes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hardware.arm import (
+    SIMULATED_NAME,
+    Arm,
+    ArmIdentity,
+    ArmSnapshot,
+    DriveState,
+    Fault,
+    JointMode,
+    JointState,
+    MoveResult,
+    NodeIdentity,
+    Reading,
+    UploadReceipt,
+    Watch,
+)
+from hardware.arm_offers import GROUP, ArmOffer, ArmOrder
+from hardware.description import ArmDescription, JointDescription
+from hardware.errors import (
+    BusError,
+    CommandRefused,
+    DriveFault,
+    HardwareError,
+    ModeNotReached,
+    SensorFault,
+    Stopped,
+    UploadRefused,
+)
+from hardware.virtual.port import JointCommand
+from hardware.virtual.scenario_names import DEFAULT_SCENARIO
+from operator_app.composition import virtual_arm
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.session.opening import Choices
+from solver.arrays import FloatArray, frozen
+
+__all__ = [
+    "GROUP",
+    "SIMULATED_NAME",
+    "Arm",
+    "ArmDescription",
+    "ArmIdentity",
+    "ArmOffer",
+    "ArmOrder",
+    "ArmSnapshot",
+    "BusError",
+    "CommandRefused",
+    "DriveFault",
+    "DriveState",
+    "Fault",
+    "HardwareError",
+    "JointDescription",
+    "JointMode",
+    "JointState",
+    "ModeNotReached",
+    "MoveResult",
+    "NodeIdentity",
+    "Reading",
+    "SensorFault",
+    "SimulatedChain",
+    "Stopped",
+    "UploadReceipt",
+    "UploadRefused",
+    "Watch",
+    "identity_of",
+    "reading_of",
+    "snapshot_of",
+]
+
+
+def identity_of(
+    order: ArmOrder,
+    *,
+    serial_number: str,
+    speaks: str,
+    device_name: str = "",
+    by_hand: bool = False,
+) -> ArmIdentity:
+    """Return the identity of an arm whose joints have no more to say of themselves than all the same.
+
+    `serial_number` tells the arms of a laboratory apart: poses of two never get into one session. `speaks` is
+    how, for people, such as ``"JSON"``. One that moves nothing real has a `device_name` that begins with
+    `SIMULATED_NAME`. `by_hand`: a person moves it.
+    """
+    nodes = tuple(
+        NodeIdentity(
+            node=number,
+            role=f"joint {number}",
+            device_name=device_name,
+            vendor_id=0,
+            product_code=0,
+            revision=0,
+            serial_number=0,
+        )
+        for number in range(1, len(order.description.joints) + 1)
+    )
+    return ArmIdentity(
+        model=order.description.model,
+        serial_number=serial_number,
+        nodes=nodes,
+        speaks=speaks,
+        by_hand=by_hand,
+    )
+
+
+def snapshot_of(
+    order: ArmOrder,
+    angles_rad: ArrayLike,
+    *,
+    sample: int,
+    age_s: float,
+    modes: Sequence[JointMode | None],
+    enabled: bool,
+    torques_nm: ArrayLike | None = None,
+    moving: bool = False,
+) -> ArmSnapshot:
+    """Return the state of an arm from its latest sample, number `sample`, `age_s` old.
+
+    `angles_rad`, `torques_nm` and `modes` have one entry a joint; without torques they are zero.
+    """
+    joints = order.description.joints
+    angles = np.asarray(angles_rad, dtype=float)
+    torques = np.zeros(len(joints)) if torques_nm is None else np.asarray(torques_nm, dtype=float)
+    drive = DriveState.OPERATION_ENABLED if enabled else DriveState.SWITCH_ON_DISABLED
+    states = tuple(
+        JointState(
+            joint=number,
+            position_counts=round(joint.scale.counts_of(float(angle))),
+            position_rad=float(angle),
+            speed_rad_per_s=0.0,
+            torque_nm=float(torque),
+            drive=drive,
+            mode=mode,
+            age_s=age_s,
+        )
+        for number, (joint, angle, torque, mode) in enumerate(
+            zip(joints, angles, torques, modes, strict=True), 1
+        )
+    )
+    return ArmSnapshot(
+        sync_count=sample,
+        joints=states,
+        heartbeat_age_s={},
+        token=0,
+        faults=(),
+        stopped=False,
+        moving=moving,
+    )
+
+
+def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) -> Reading:
+    """Return the statistics of samples (k, n), the first of which was number `first_sample`."""
+    samples = np.asarray(samples_rad, dtype=float)
+    mean = samples.mean(axis=0)
+    scales = [joint.scale for joint in order.description.joints]
+    counts = [scale.counts_of(float(q)) for scale, q in zip(scales, mean, strict=True)]
+    spread = samples.std(axis=0, ddof=1) if len(samples) > 1 else np.zeros(len(mean))
+    return Reading(
+        mean_counts=frozen(counts),
+        mean_rad=frozen(mean),
+        sd_rad=frozen(spread),
+        samples=len(samples),
+        first_sync=first_sample,
+    )
+
+
+class SimulatedChain:
+    """A simulated arm, its hand in a fixture: joints in position mode drive it, free ones follow.
+
+    >>> chain = SimulatedChain(arm="sarcos_dextrous", fixture="hinge", seed=0)
+    >>> chain.step([None] * 7, chain.angles_rad).shape
+    (7,)
+
+    Parameters
+    ----------
+    arm, fixture
+        Files, or names of packaged ones.
+    seed
+        Which arm of this kind it is: the truth is drawn within what the files state.
+    scenario
+        What is wrong with it, as `sarcal --scenario`.
+
+    Attributes
+    ----------
+    angles_rad
+        Sensor readings (n,) after the last step.
+    torques_nm
+        Joint torques (n,).
+    """
+
+    def __init__(
+        self,
+        *,
+        arm: str | Path,
+        fixture: str | Path,
+        seed: int = 0,
+        scenario: str = DEFAULT_SCENARIO,
+    ) -> None:
+        model = load_arm(str(arm))
+        chosen = virtual_arm(
+            model, load_fixture(str(fixture)), Choices(scenario=scenario, seed=seed)
+        )
+        self._plant = chosen.build(model)
+        sensors = [joint.sensor for joint in chosen.arm(model).joints]
+        self._resolution = [getattr(sensor, "resolution_rad", 0.0) for sensor in sensors]
+        self.angles_rad: FloatArray = frozen([0.0] * model.joint_count)
+        self.torques_nm: FloatArray = self.angles_rad
+        self.step([None] * model.joint_count, self.angles_rad)
+
+    def step(self, modes: Sequence[JointMode | None], targets_rad: FloatArray) -> FloatArray:
+        """Advance 10 ms; return the angles.
+
+        `modes` has one entry a joint, None where the drive is off and the joint held; `targets_rad` (n,) is
+        used in position mode.
+        """
+        found = self._plant.step(
+            [
+                JointCommand(mode=mode, target_rad=float(target))
+                for mode, target in zip(modes, targets_rad, strict=True)
+            ]
+        )
+        counts = zip(found.position_counts, self._resolution, strict=True)
+        self.angles_rad = frozen([count * step for count, step in counts])
+        self.torques_nm = frozen(found.torque_nm)
+        return self.angles_rad

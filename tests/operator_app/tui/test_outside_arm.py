@@ -1,0 +1,84 @@
+"""The terminal app on an arm that another package offers: one that it moves, and one that a person moves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from hardware.timing import Pace
+from operator_app.composition import open_arm
+from operator_app.session.opening import Choices
+from operator_app.session.sessions import Sessions
+from operator_app.session.steps import Step
+from operator_app.tui.app import SarcalApp
+from oracles.toy_arm import PROCEDURE, Toy, package, toy
+from tests.operator_app.tui.conftest import Driver, running
+
+
+@asynccontextmanager
+async def app_on(name: str, arm: Toy, folder: Path) -> AsyncIterator[Driver]:
+    procedure = folder / "quick.yaml"
+    procedure.write_text(PROCEDURE)
+    source = Sessions(
+        str(procedure),
+        Choices(interface=name, channel=arm.channel),
+        root=folder / "sessions",
+        join=lambda opening: open_arm(opening, pace=Pace.REAL_TIME),
+    )
+    app = SarcalApp(lambda: source)
+    try:
+        async with running(app, (120, 36)) as pilot:
+            driver = Driver(app, pilot)
+            await driver.ready()
+            yield driver
+    finally:
+        source.close("end of the test")
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.syspath_prepend(package(tmp_path / "package"))
+    return tmp_path / "package"
+
+
+@pytest.mark.campaign
+async def test_an_arm_that_moves_is_calibrated_by_keys(installed: Path, tmp_path: Path) -> None:
+    with toy(installed) as arm:
+        async with app_on("moving_line_arm", arm, tmp_path) as d:
+            await d.to_step(Step.CAPTURE)
+            assert d.s.identity.serial_number == "TOY-0001"
+            assert d.s.simulated, "its nodes say that nothing real moves"
+            await d.press("a")
+            await d.idle()
+            assert len(d.s.state.used_poses) == 6
+            await d.to_step(Step.RESULTS)
+            assert d.s.solution.accepted, d.s.solution.reasons
+
+
+async def test_an_arm_moved_by_hand_says_where_to_take_it(installed: Path, tmp_path: Path) -> None:
+    with toy(installed, "--by-hand") as arm:
+        async with app_on("line_arm", arm, tmp_path) as d:
+            await d.to_step(Step.CAPTURE)
+            await d.press("g")
+            await d.until(lambda: "By hand: take J1" in d.s.messages[-1].text, "asked")
+            asked = re.findall(r"J(\d) to ([-+][\d.]+) deg", d.s.messages[-1].text)
+            assert [j for j, _ in asked] == ["1", "5"]
+            arm.type(" ".join(f"{j} {float(q)}" for j, q in asked))
+            await d.idle()
+            assert d.s.at_waypoint == 0
+            await d.press("c")
+            await d.idle()
+            (pose,) = d.s.state.poses
+            assert [pose.mean_rad[0], pose.mean_rad[4]] == pytest.approx(
+                [float(q) * 0.017453 for _, q in asked], abs=0.04
+            )
+            # A person does not come when told to stop; the program stops waiting.
+            await d.press("g")
+            await d.until(lambda: d.s.task is not None and d.s.task.moves, "waiting")
+            await d.press("x")
+            await d.idle()
+            assert not d.s.stopped

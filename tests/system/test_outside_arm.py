@@ -1,0 +1,163 @@
+"""An arm that another package offers: found by name, run from Connect to the files, and named when it breaks."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from operator_app.cli import main
+from operator_app.session.journal import read_journal
+from oracles.toy_arm import PROCEDURE, package, toy
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("outside") / "package"
+    package(made)
+    return made
+
+
+@pytest.fixture
+def desk(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder to work in, with the package installed."""
+    monkeypatch.syspath_prepend(folder.with_name(folder.name + "-installed"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "quick.yaml").write_text(PROCEDURE)
+    return tmp_path
+
+
+def test_it_is_calibrated_by_name(
+    desk: Path,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with toy(folder) as arm:
+        bus = ["-i", "moving_line_arm", "-c", arm.channel]
+        assert main(["run", "quick.yaml", *bus, "--json"]) == 0
+        told = capsys.readouterr()
+        assert "Connected to sarcos_dextrous, serial TOY-0001: 7 JSON nodes." in told.err
+        found = json.loads(told.out)
+        assert found["verdict"].startswith("accepted")
+        # Oracle: the truth of seed 0, as test_run has it from the design.
+        assert found["parameters"]["theta_off_2"] == pytest.approx(-122.8, abs=0.5)
+        assert found["parameters"]["s_1"] == pytest.approx(0.273, abs=0.003)
+        folder_of_it = Path(found["session"]["folder"])
+        opened = read_journal(folder_of_it).events[0].data["settings"]
+        assert (opened["interface"], opened["channel"]) == ("moving_line_arm", arm.channel)
+        # Nobody there keeps parameters: written, not uploaded.
+        assert (folder_of_it / "parameters.yaml").is_file()
+        assert found["session"]["uploaded"] is False
+        monkeypatch.setattr("operator_app.session.session.calibrate", None)
+        # The journal knows the arm by name, no option is needed; nothing is solved twice.
+        assert main(["run", "--resume", "latest", "--json"]) == 0
+        assert "serial TOY-0001" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (["-i", "line_arm"], 3, "no arm answers at ''"),
+        (["-i", "line_arm", "-c", "127.0.0.1:1"], 3, "no arm answers at '127.0.0.1:1'"),
+        (["-i", "line_arms"], 3, "Arms that installed packages offer: line_arm, moving_line_arm"),
+        (["-i", "line_arm", "-c", "here:1", "--record"], 2, "does not record"),
+    ],
+)
+def test_what_is_wrong_is_one_error(
+    desk: Path, capsys: pytest.CaptureFixture[str], options: list[str], code: int, words: str
+) -> None:
+    assert main(["run", "quick.yaml", *options]) == code
+    told = capsys.readouterr().err
+    assert words in told
+    assert "Traceback" not in told
+    assert not list(desk.glob("sessions/*")), "nothing was begun"
+
+
+def test_a_can_command_says_that_it_is_no_bus(
+    desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["monitor", "-i", "line_arm", "-c", "here:1", "--seconds", "1"]) == 3
+    assert "line_arm is an arm that an installed package offers" in capsys.readouterr().err
+
+
+def offered(folder: Path, name: str, code: str) -> None:
+    """Install another package that offers an arm."""
+    info = folder / f"{name}_pkg-1.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}-pkg\nVersion: 1\n")
+    (info / "entry_points.txt").write_text(f"[sarcal.arm]\n{name} = {name}_module:OFFER\n")
+    (folder / f"{name}_module.py").write_text(code)
+
+
+BROKEN = """\
+from sarcal.arms import ArmOffer
+from oracles.plant_arm import PlantArm
+from operator_app.config.procedure_file import load_procedure
+
+class Broken(PlantArm):
+    def capture(self, samples):
+        raise KeyError("deg")
+
+OFFER = ArmOffer(make=lambda order: Broken(load_procedure("hinge"), "exact"), says="breaks")
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "words"),
+    [
+        ("nothing", "import no_such_library\n", "No module named 'no_such_library'"),
+        ("text", "OFFER = 'an arm'\n", "is a str and no sarcal.arms.ArmOffer"),
+        ("broken", BROKEN, "the arm broken broke: KeyError: 'deg'. Tell its author"),
+    ],
+    ids=["nothing", "text", "broken"],
+)
+def test_a_package_that_is_wrong_is_named(
+    desk: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    code: str,
+    words: str,
+) -> None:
+    offered(tmp_path / "site", name, code)
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    assert main(["run", "quick.yaml", "-i", name]) == 3
+    told = capsys.readouterr().err
+    assert words in told
+    assert name in told
+
+
+def test_a_name_of_pythoncans_goes_on_meaning_its_bus(
+    desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hardware.arm_offers import offer
+
+    offered(tmp_path / "site", "socketcan", "OFFER = 1\n")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    assert offer("socketcan") is None
+
+
+def test_two_packages_of_one_name_are_named(
+    desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hardware.arm_offers import offer
+    from hardware.errors import BusError
+
+    offered(tmp_path / "site", "line_arm", "OFFER = 1\n")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    with pytest.raises(BusError, match="line_arm-pkg and sarcal-line-arm"):
+        offer("line_arm")
+
+
+def test_the_files_of_a_page_go_over_no_other_file(
+    desk: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["help", "outside-arm", "--files", str(folder)]) == 2
+    assert "pyproject.toml exists already" in capsys.readouterr().err
+    assert main(["help", "sign", "--files", str(folder)]) == 2
+    assert "these do: " in capsys.readouterr().err
+    assert len((folder / "line_arm.py").read_text().splitlines()) <= 150

@@ -1,17 +1,33 @@
-"""`sarcal new arm`: an arm file made from a URDF, for somebody to complete."""
+"""`sarcal new`: an arm, a fixture or a procedure file made from what somebody has, to be completed."""
 
 from __future__ import annotations
 
 import argparse
+import math
+import os
+import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from fixtures.base import Tolerance
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.units.figure import ANGLE, LENGTH, Figure
+from operator_app.units.figure import ANGLE, LENGTH, STRAY, Figure
 from operator_app.words_out import say
+from solver.loops.endpoint_geometry import Line
+
+if TYPE_CHECKING:
+    from fixtures.ball import Ball
+    from fixtures.hinge import Hinge
+    from operator_app.config.json_schemas import FileKind
+    from solver.arrays import FloatArray
 
 LARGEST = 16 * 1024 * 1024
 
 COMMENT = """\
+{line}
 Made from {urdf} by `sarcal new arm`. Geometry, ranges, speeds and torques are that file's.
 Look at these before use; nobody stated them there:
 - sensor of every joint: encoder of {counts} counts/rev assumed. joints: {{kind: rvdt, ...}} and
@@ -21,44 +37,109 @@ Look at these before use; nobody stated them there:
 - tolerance: how well lengths and twists are known, by default 0.5 mm and 0.1 deg.
 - offset_tolerance_deg: how well the joints' zeros are known before; without it nothing is."""
 
+OF_WHAT = {
+    "arm": ("urdf", "tip"),
+    "fixture": (
+        "arm",
+        "kind",
+        "hand_point",
+        "hand_direction",
+        "base_point",
+        "base_direction",
+        "tolerance_mm",
+        "tolerance_deg",
+    ),
+    "procedure": ("arm", "fixture"),
+}
+"""Which options belong to which file; all others to every one."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("what", choices=("arm",), help="what to make")
-    parser.add_argument("--urdf", required=True, metavar="FILE", help="the arm's URDF (not xacro)")
+    parser.add_argument("what", choices=tuple(OF_WHAT), help="what to make")
     parser.add_argument(
-        "--tip", default="", metavar="LINK", help="link that the chain ends at, e.g. the flange"
+        "--from",
+        dest="packaged",
+        metavar="NAME",
+        default="",
+        help="copy this packaged file, comments and all, to change its numbers",
     )
-    parser.add_argument("--name", default="", help="name of the arm (default: that of the robot)")
+    parser.add_argument("--name", default="", help="name of what is made")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="write it there (default: NAME.yaml)"
     )
+    urdf = parser.add_argument_group("arm")
+    urdf.add_argument("--urdf", default="", metavar="FILE", help="the arm's URDF (not xacro)")
+    urdf.add_argument(
+        "--tip", default="", metavar="LINK", help="link that the chain ends at, e.g. the flange"
+    )
+    fixture = parser.add_argument_group(
+        "fixture, measured in the base (frame 0) and the hand (frame n)"
+    )
+    fixture.add_argument(
+        "--arm", default="", help="arm file or built-in name; for a procedure, too"
+    )
+    fixture.add_argument("--kind", choices=("hinge", "ball"), help="what holds the hand")
+    for side, where in (
+        ("hand", "in the last frame of the arm's D-H table"),
+        ("base", "in its frame 0; default: where the hand has it at the arm's home_deg"),
+    ):
+        fixture.add_argument(
+            f"--{side}-point",
+            metavar="X,Y,Z",
+            help=f"a point of the hinge axis, the same one in hand and base, or the ball's centre, {where}, mm",
+        )
+        fixture.add_argument(
+            f"--{side}-direction", metavar="X,Y,Z", help=f"along the hinge axis, {where}"
+        )
+    fixture.add_argument(
+        "--tolerance-mm", type=float, metavar="MM", help="how well it was measured"
+    )
+    fixture.add_argument(
+        "--tolerance-deg", type=float, metavar="DEG", help="the same of directions"
+    )
+    procedure = parser.add_argument_group("procedure")
+    procedure.add_argument("--fixture", default="", help="fixture file or built-in name")
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Read the URDF, write the arm file, say what to look at."""
-    import re
+    """Make the file, say what to look at."""
+    of_others = {o for options in OF_WHAT.values() for o in options} - set(OF_WHAT[args.what])
+    for option in sorted(of_others):
+        if getattr(args, option):
+            raise UsageError(f"--{option.replace('_', '-')} is no option of sarcal new {args.what}")
+    match args.what:
+        case "arm":
+            return _arm(args)
+        case "fixture":
+            return _fixture(args)
+        case _:
+            return _procedure(args)
 
-    import numpy as np
 
+def _arm(args: argparse.Namespace) -> int:
     from operator_app.config.arm_file import parse_arm
-    from operator_app.config.atomic import write_atomically
+    from operator_app.config.editor import schema_line
+    from operator_app.config.new_files import copied
     from operator_app.config.resources import expanded, read_limited
     from operator_app.config.urdf import COUNTS_PER_REV, arm_file_of, parse_urdf
     from operator_app.config.yaml_writer import dump_strict
 
+    if bool(args.urdf) == bool(args.packaged):
+        raise UsageError("sarcal new arm: give --urdf FILE or --from NAME")
+    if args.packaged:
+        name = _named(args.name or f"my_{args.packaged}")
+        target = _save(args, "arm", name, copied("arm", args.packaged, name=name), parse_arm)
+        say(f"Arm         {target}: a copy of {args.packaged}; change its numbers")
+        return ExitCode.ACCEPTED
     data = read_limited(expanded(args.urdf), args.urdf, limit=LARGEST)
     chain = parse_urdf(data, args.urdf, tip=args.tip)
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", args.name or chain.name).strip("_.-")[:64]
-    if not re.match(r"[A-Za-z]", name):
-        raise UsageError(f"--name: {name!r} does not begin with a letter; name the arm")
-    target = args.output or Path(f"{name}.yaml")
-    if target.exists():
-        raise UsageError(f"{target} exists already; name another file with -o")
-    comment = COMMENT.format(urdf=Path(args.urdf).name, counts=COUNTS_PER_REV)
+    name = _named(args.name or chain.name)
+    comment = COMMENT.format(
+        line=schema_line("arm"), urdf=Path(args.urdf).name, counts=COUNTS_PER_REV
+    )
     content = dump_strict(arm_file_of(chain, name=name), comment=comment)
-    parse_arm(content, str(target))
-    write_atomically(target, content)
+    target = _save(args, "arm", name, content, parse_arm)
     say(f"Arm         {target}: {len(chain.joints)} joints")
     for T, where in (
         (chain.T_link_base, "the file's base link to frame 0"),
@@ -74,3 +155,182 @@ def execute(args: argparse.Namespace) -> int:
             )
     say("! Sensors, free entries and home pose are assumed: see the top of the file.")
     return ExitCode.ACCEPTED
+
+
+def _fixture(args: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from operator_app.config.arm_file import load_arm
+    from operator_app.config.fixture_file import load_fixture, parse_fixture
+    from operator_app.config.new_files import copied, fixture_file
+    from operator_app.planning.measured_axes import ball_between, from_home_rad, hinge_between
+
+    if args.packaged:
+        for option in OF_WHAT["fixture"]:
+            if getattr(args, option):
+                raise UsageError(f"--from copies a file: leave {_typed(option)} out")
+        name = _named(args.name or f"my_{args.packaged}")
+        target = _save(
+            args, "fixture", name, copied("fixture", args.packaged, name=name), parse_fixture
+        )
+        say(f"Fixture     {target}: a copy of {args.packaged}; change its numbers")
+        return ExitCode.ACCEPTED
+    if not (args.kind and args.arm and args.hand_point):
+        raise UsageError(
+            "sarcal new fixture: give --from NAME, or --kind, --arm and --hand-point of what was measured"
+        )
+    arm = load_arm(args.arm)
+    name = _named(args.name or f"{arm.name}_{args.kind}")
+    fixture: Ball | Hinge
+    if args.kind == "ball":
+        for option in ("hand_direction", "base_direction"):
+            if getattr(args, option):
+                raise UsageError(f"{_typed(option)}: a ball is a point")
+        base = _millimetres(args, "base_point") if args.base_point else None
+        fixture = ball_between(arm, _millimetres(args, "hand_point"), base)
+    else:
+        fixture = hinge_between(
+            arm,
+            _line(args, "hand"),
+            _line(args, "base") if args.base_point or args.base_direction else None,
+        )
+    usual = load_fixture(args.kind).fixture.tolerance
+    tolerance = Tolerance(
+        position_m=usual.position_m if args.tolerance_mm is None else args.tolerance_mm / 1e3,
+        orientation_rad=usual.orientation_rad
+        if args.tolerance_deg is None
+        else math.radians(args.tolerance_deg),
+    )
+    content = fixture_file(replace(fixture, tolerance=tolerance), name=name, arm=arm)
+    target = _save(args, "fixture", name, content, parse_fixture)
+    say(f"Fixture     {target}: {args.kind} for {arm.name}")
+    off = from_home_rad(arm, fixture)
+    if off is None:
+        say("! No pose near the arm's home_deg closes there: look at the measures, or at home_deg.")
+    else:
+        joint = int(np.argmax(np.abs(off)))
+        size = STRAY(float(abs(off[joint]))).with_unit
+        say(
+            f"From the arm's home_deg to the nearest pose that closes: {size} at most, joint {joint + 1}."
+        )
+    say("! How far it gives under load is assumed: see the top of the file.")
+    return ExitCode.ACCEPTED
+
+
+def _procedure(args: argparse.Namespace) -> int:
+    from operator_app.config.arm_file import parse_arm
+    from operator_app.config.fixture_file import parse_fixture
+    from operator_app.config.new_files import copied, procedure_file
+    from operator_app.config.procedure_file import parse_procedure
+    from operator_app.config.resources import Resource, resolve
+    from operator_app.planning.held import holds_for
+
+    def read(data: bytes, file: str) -> object:
+        return parse_procedure(Resource(file=file, folder=_target(args, name).parent, data=data))
+
+    if args.packaged:
+        name = _named(args.name or f"my_{args.packaged}")
+        instead = {
+            k: _reference(args, name, v) for k in ("arm", "fixture") if (v := getattr(args, k))
+        }
+        content = copied("procedure", args.packaged, name=name, **instead)
+        target = _save(args, "procedure", name, content, read)
+        say(f"Procedure   {target}: a copy of {args.packaged}; change its numbers")
+        return ExitCode.ACCEPTED
+    if not (args.arm and args.fixture):
+        raise UsageError("sarcal new procedure: give --arm and --fixture, or --from NAME")
+    named = {kind: resolve(kind, getattr(args, kind)) for kind in ("arm", "fixture")}
+    arm = parse_arm(named["arm"].data, named["arm"].file)
+    spec = parse_fixture(named["fixture"].data, named["fixture"].file)
+    name = _named(args.name or f"{arm.name}_in_{spec.name}")
+    held = holds_for(arm, spec.fixture)
+    content = procedure_file(
+        name=name,
+        arm=arm,
+        arm_reference=_reference(args, name, args.arm),
+        fixture_reference=_reference(args, name, args.fixture),
+        held=held,
+        closed=spec.fixture.holds_hand,
+    )
+    target = _save(args, "procedure", name, content, read)
+    say(f"Procedure   {target}: {arm.name} in {spec.name}")
+    for entry, why in held.items():
+        say(f"{entry} is held: {why}.")
+    say(f"Look it through with: sarcal check {target}")
+    return ExitCode.ACCEPTED
+
+
+def _typed(option: str) -> str:
+    return f"--{option.replace('_', '-')}"
+
+
+def _named(wanted: str) -> str:
+    """Return a name that a file may have."""
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", wanted).strip("_.-")[:64]
+    if not re.match(r"[A-Za-z]", name):
+        raise UsageError(f"--name: {name!r} does not begin with a letter; name it")
+    return name
+
+
+def _target(args: argparse.Namespace, name: str) -> Path:
+    return args.output or Path(f"{name}.yaml")
+
+
+def _save(
+    args: argparse.Namespace,
+    kind: FileKind,
+    name: str,
+    content: bytes,
+    parse: Callable[[bytes, str], object],
+) -> Path:
+    """Write a file that reads back, and its schema; never over another."""
+    from operator_app.config.editor import save_with_schema
+
+    target = _target(args, name)
+    if target.exists():
+        raise UsageError(f"{target} exists already; name another file with -o")
+    parse(content, str(target))
+    save_with_schema(target, content, kind)
+    return target
+
+
+def _reference(args: argparse.Namespace, name: str, file: str) -> str:
+    """How the procedure's file has to name another: packaged ones by name, paths from its own folder."""
+    from operator_app.config.resources import builtin_names, expanded
+
+    if file in (*builtin_names("arm"), *builtin_names("fixture")):
+        return file
+    path = expanded(file)
+    if path.is_absolute():
+        return str(path)
+    return os.path.relpath(path, _target(args, name).parent)
+
+
+def _millimetres(args: argparse.Namespace, option: str) -> FloatArray:
+    return _vector(args, option) / 1e3
+
+
+def _line(args: argparse.Namespace, side: str) -> Line:
+    direction = _vector(args, f"{side}_direction")
+    length = float(np.linalg.norm(direction))
+    if length == 0.0:
+        raise UsageError(f"{_typed(f'{side}_direction')}: a direction has a length")
+    return Line(point_m=_millimetres(args, f"{side}_point"), direction=direction / length)
+
+
+def _vector(args: argparse.Namespace, option: str) -> FloatArray:
+    """Read ``X,Y,Z``."""
+    text = getattr(args, option)
+    if not text:
+        raise UsageError(
+            f"a hinge is measured as a point and a direction along it: {_typed(option)} is missing"
+        )
+    try:
+        found = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        found = np.array([])
+    if found.shape != (3,) or not np.all(np.isfinite(found)):
+        raise UsageError(
+            f"{_typed(option)} {text!r}: write three numbers with commas, e.g. 0,30,-12.5"
+        )
+    return found

@@ -14,7 +14,7 @@ from hardware.profile import BusProfile
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import FixtureSpec, parse_fixture
-from operator_app.config.json_schemas import keys_of
+from operator_app.config.json_schemas import FILES, keys_of
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.poses_file import LIMIT_BYTES, LoadedPoses, parse_poses
@@ -27,13 +27,6 @@ from operator_app.config.text import only
 from solver.chain.arm_model import ArmModel
 
 AnyKind = Literal["arm", "fixture", "procedure", "profile", "parameters", "poses"]
-YAML_KINDS: tuple[Literal["arm", "fixture", "procedure", "profile", "parameters"], ...] = (
-    "arm",
-    "fixture",
-    "procedure",
-    "profile",
-    "parameters",
-)
 SCHEMA = re.compile(r"^schema\s*:\s*[\"']?sarcal/([a-z]+)/", re.MULTILINE)
 
 Holds = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocument | LoadedPoses
@@ -72,7 +65,7 @@ def kind_of(source: Resource) -> AnyKind | None:
     """Tell what kind of file this is: by its ``schema`` line, else by its keys or its header."""
     text = source.data.decode("utf-8", errors="replace")
     told = SCHEMA.search(text)
-    for kind in YAML_KINDS:
+    for kind in FILES:
         if told is not None and told[1] == kind:
             return kind
     lines = (line.strip() for line in text.lstrip("\ufeff").splitlines())
@@ -83,9 +76,9 @@ def kind_of(source: Resource) -> AnyKind | None:
         keys = set(load_strict(source.data, source.file).data)
     except ConfigError:
         return None
-    shared = {kind: len(keys & keys_of(kind)) for kind in YAML_KINDS}
+    shared = {kind: len(keys & keys_of(kind)) for kind in FILES}
     best = max(shared.values())
-    likely = [kind for kind in YAML_KINDS if shared[kind] == best > 1]
+    likely = [kind for kind in FILES if shared[kind] == best > 1]
     return likely[0] if len(likely) == 1 else None
 
 
@@ -128,7 +121,7 @@ class _Reader:
                 return parse_poses(data, file, joint_count=joints)
         # What keeps it from being read at all is the better complaint.
         load_strict(data, file)
-        kinds = ", ".join(YAML_KINDS)
+        kinds = ", ".join(FILES)
         raise only(
             file,
             1,

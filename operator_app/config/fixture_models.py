@@ -24,6 +24,7 @@ from operator_app.config.quantities import (
     NonNegativeNumber,
     PositiveNumber,
     Text,
+    TurnDeg,
     TwistDeg,
     Yes,
     in_si,
@@ -67,7 +68,7 @@ class CommonFields(StrictModel):
 
     def fixture(self) -> Fixture:
         """Domain object."""
-        placed = in_si(self.placement.model_dump())
+        placed = in_si(self.placement.model_dump(exclude_none=True))
         return self.makes(
             **placed, stays_on_hand=self.stays_on_hand, tolerance=self.tolerance(), **self.own()
         )
@@ -101,7 +102,11 @@ class MetalFields(CommonFields):
 
 
 class HingePlacement(StrictModel):
-    """Nominal placement of a hinge."""
+    """Nominal placement of a hinge.
+
+    The zeros of the first and the last joint are counted from the common normals to the hinge axis: the
+    last two keys say how they stand there. Without them the arm's own offsets do.
+    """
 
     a_0_mm: LengthMm
     s_0_mm: LengthMm
@@ -110,6 +115,8 @@ class HingePlacement(StrictModel):
     a_n_mm: LengthMm
     s_n_mm: LengthMm
     alpha_n_deg: TwistDeg
+    theta_off_1_deg: TurnDeg | None = None
+    theta_off_n_deg: TurnDeg | None = None
 
 
 class HingeModel(MetalFields):

@@ -17,7 +17,9 @@ from operator_app.config.procedure import ProcedureFile
 from operator_app.config.profile import ProfileFile
 from operator_app.config.schema import StrictModel, StrictRecord, adapter
 
-FILES: dict[str, tuple[type[StrictModel | StrictRecord], ...]] = {
+FileKind = Literal["arm", "fixture", "procedure", "profile", "parameters"]
+
+FILES: dict[FileKind, tuple[type[StrictModel | StrictRecord], ...]] = {
     "arm": (ArmFile,),
     "fixture": tuple(MODELS.values()),
     "procedure": (ProcedureFile,),
@@ -27,15 +29,13 @@ FILES: dict[str, tuple[type[StrictModel | StrictRecord], ...]] = {
 """Models of the whole file of each kind."""
 
 
-def keys_of(kind: str) -> frozenset[str]:
+def keys_of(kind: FileKind) -> frozenset[str]:
     """Return the keys that a file of a kind may have at its top, beside ``schema``."""
     whole = (adapter(model).json_schema() for model in FILES[kind])
     return frozenset(key for model in whole for key in model.get("properties", ()))
 
 
-def json_schema(
-    kind: Literal["arm", "fixture", "procedure", "profile", "parameters"],
-) -> dict[str, Any]:
+def json_schema(kind: FileKind) -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a kind of file, with its ``schema`` line."""
     line = {"const": f"sarcal/{kind}/1", "description": "The first line of the file."}
     models: list[tuple[Any, Literal["validation"], TypeAdapter[Any]]] = [

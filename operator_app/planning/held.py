@@ -1,10 +1,15 @@
-"""What a procedure holds by policy, said among the checks of its fixture. Knows no session."""
+"""What a procedure holds by policy, and what it had better hold: said among checks. Knows no session."""
 
 from __future__ import annotations
 
-from fixtures.base import SetupCheck, Severity
+from collections.abc import Mapping
+
+from fixtures.base import Fixture, SetupCheck, Severity
+from fixtures.dh_placement import IMMOBILE
+from fixtures.hidden_entries import HIDDEN
 from operator_app.config.procedure import Procedure
 from operator_app.units.figure import MOUNTED_LENGTH, NOMINAL_OFFSET
+from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry
 
 HELD = "HELD_"
@@ -27,3 +32,14 @@ def held_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
             )
         )
     return tuple(checks)
+
+
+def holds_for(arm: ArmModel, fixture: Fixture) -> Mapping[str, str]:
+    """Which free entries of an arm a fixture cannot show, each with the reason: for a new procedure."""
+    found = {}
+    for check in fixture.setup_checks(arm, arm.home_rad):
+        if check.code.startswith(HIDDEN):
+            found[check.code.removeprefix(HIDDEN)] = check.text
+        elif check.code.startswith(IMMOBILE):
+            found[f"theta_off_{check.code.removeprefix(IMMOBILE)}"] = check.text
+    return found

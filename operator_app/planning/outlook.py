@@ -15,13 +15,13 @@ from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.placed import as_seen
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives
+from operator_app.planning.measured_axes import from_home_rad
 from operator_app.planning.preview import named_drives
 from operator_app.planning.task import without_hidden
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.chain.poses import PoseSet
-from solver.closing import close_loops
 from solver.errors import UnidentifiableDirection
 from solver.judging.identifiability import Identifiability, identifiability
 from solver.loops.closure import ClosureModel
@@ -100,7 +100,6 @@ def outlook(
         )
     whole = fixture.model(arm)
     x = nominal_vector(whole.parameters)
-    home = close_loops(whole, x, arm.home_rad[None])
     mobility, choice, refusal, seen = None, None, None, None
     try:
         prediction = predict_drives(arm, whole, x, arm.home_rad, seed=seed)
@@ -117,7 +116,7 @@ def outlook(
         refusal = error
     return Outlook(
         parameters=parameters,
-        from_home_rad=home.q[0] - arm.home_rad if home.closed[0] else None,
+        from_home_rad=from_home_rad(arm, fixture),
         mobility=mobility,
         checks=checks,
         choice=choice,

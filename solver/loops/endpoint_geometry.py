@@ -16,6 +16,14 @@ from solver.chain.parameters import wrap_angle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """A line in space: a point of it (3,), m, and its direction, a unit vector (3,)."""
+
+    point_m: FloatArray
+    direction: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HeldAxis:
     """A line through the hand and the line in the ground with which it coincides.
 
@@ -42,13 +50,13 @@ class HeldAxis:
         # Hand: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
         off_n = _bearing(self.hand_direction) + 0.5 * np.pi
         alpha_n = _tilt(self.hand_direction)
-        t = _about_z(-off_n) @ self.hand_point_m
+        t = turn_about_z(-off_n) @ self.hand_point_m
         # How far the hand point lies along the line from the foot of the common normal with z_{n-1}.
         slide = -_quotient(t[1], np.sin(alpha_n))
         # Ground: Rz(off_1) direction = (0, sin alpha_0, cos alpha_0), z_-1 seen in frame 0.
         off_1 = 0.5 * np.pi - _bearing(self.ground_direction)
         alpha_0 = _tilt(self.ground_direction)
-        g = _about_z(off_1) @ (self.ground_point_m - slide * self.ground_direction)
+        g = turn_about_z(off_1) @ (self.ground_point_m - slide * self.ground_direction)
         s_0 = -_quotient(g[1], np.sin(alpha_0))
         return {
             "theta_off_1": float(wrap_angle(off_1)),
@@ -74,7 +82,7 @@ def held_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, floa
     )
     found = axis.entries(n)
     # R Rz(off_n) is Rz(-off_1) Rx(-alpha_0).
-    turn = _about_x(found["alpha_0"]) @ _about_z(found["theta_off_1"]) @ R
+    turn = turn_about_x(found["alpha_0"]) @ turn_about_z(found["theta_off_1"]) @ R
     kept = {name: found[name] for name in ("theta_off_1", "s_0", "a_0", "alpha_0", "s_1")}
     return kept | {f"theta_off_{n}": float(-np.arctan2(turn[1, 0], turn[0, 0]))}
 
@@ -91,11 +99,13 @@ def _quotient(numerator: float, sine: float) -> float:
     return float(numerator / sine) if abs(sine) > 1e-9 else 0.0
 
 
-def _about_z(angle: float) -> FloatArray:
+def turn_about_z(angle: float) -> FloatArray:
+    """Rotation matrix (3, 3) about z, rad."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _about_x(angle: float) -> FloatArray:
+def turn_about_x(angle: float) -> FloatArray:
+    """Rotation matrix (3, 3) about x, rad."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

@@ -1,0 +1,177 @@
+"""What `sarcal new` writes: fixture and procedure files, and packaged files under another name.
+
+Knows no command line. Everything written is read back by the same models as any other file.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fixtures.ball import Ball
+from fixtures.hinge import Hinge
+from operator_app.config.editor import schema_line
+from operator_app.config.resources import Kind, builtin_names, resolve
+from operator_app.config.strict_yaml import load_strict
+from operator_app.config.text import only
+from operator_app.config.yaml_writer import dump_strict
+from solver.chain.arm_model import ArmModel
+
+MEASURED_HINGE = """\
+{line}
+Made by `sarcal new fixture` from two measured lines, for the arm {arm} (its zeros of joints 1 and n are
+counted from this hinge: theta_off_1_deg, theta_off_n_deg). Look at these, which nobody stated:
+- give: how far hinge and mounting yield under load, one standard deviation; 0 is rigid.
+- tolerance: how well the lines were measured."""
+
+MEASURED_BALL = """\
+{line}
+Made by `sarcal new fixture` from two measured points, for the arm {arm}. Look at these, which nobody
+stated:
+- give: how far socket and mounting yield under load, one standard deviation; 0 is rigid.
+- tolerance: how well the points were measured. stays_on_hand: whether other sockets may be used."""
+
+PROCEDURE = """\
+{line}
+Made by `sarcal new procedure` for {arm} in {fixture}. Look at these:
+- bus: interface and channel of your arm; virtual is a simulated one.
+- capture: how many poses, how fast. `sarcal plan` says what they would tell.
+- held: free entries of the arm that stay as its file has them, and why."""
+
+EXPLORED_DEG = 20.0
+"""Travel of each joint of an open arm, either way from home."""
+POSES = {"planned": 12, "explore": 40}
+FASTEST_DEG_PER_S = 10.0
+SLOW = 0.1
+"""Share of its speed that no joint exceeds."""
+
+
+def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
+    """Return a packaged file under another name, with the values of some of its top keys replaced.
+
+    Raises
+    ------
+    ConfigError
+        There is no packaged file of that name.
+    """
+    source = resolve(kind, packaged)
+    if source.folder is not None:
+        remedy = f"packaged: {', '.join(builtin_names(kind))}"
+        raise only(source.file, None, None, f"is no packaged {kind}", remedy)
+    text = source.data.decode()
+    for key, value in {"name": name, **instead}.items():
+        text = re.sub(rf"^{key}: .*$", f"{key}: {value}", text, count=1, flags=re.MULTILINE)
+    head = f"# {schema_line(kind)}\n# A copy of the packaged {packaged}.\n"
+    return (head + text).encode()
+
+
+def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
+    """Return the file of a fixture that was measured for an arm."""
+    made = _hinge_placement(fixture) if isinstance(fixture, Hinge) else _ball_placement(fixture)
+    comment = MEASURED_HINGE if isinstance(fixture, Hinge) else MEASURED_BALL
+    # How far it gives and what has to be confirmed is nobody's measure: as in the packaged one.
+    packaged = load_strict(resolve("fixture", fixture.kind).data, fixture.kind).data
+    data: dict[str, Any] = {
+        "schema": "sarcal/fixture/1",
+        "name": name,
+        "kind": fixture.kind,
+        "placement": made,
+        "tolerance_mm": _millimetres(fixture.tolerance.position_m),
+        "tolerance_deg": _degrees(fixture.tolerance.orientation_rad),
+        "give": packaged["give"],
+        "checklist": packaged["checklist"],
+    }
+    return dump_strict(data, comment=comment.format(line=schema_line("fixture"), arm=arm.name))
+
+
+def _hinge_placement(hinge: Hinge) -> Mapping[str, Any]:
+    return {
+        "a_0_mm": _millimetres(hinge.a_0_m),
+        "s_0_mm": _millimetres(hinge.s_0_m),
+        "alpha_0_deg": _degrees(hinge.alpha_0_rad),
+        "s_1_mm": _millimetres(hinge.s_1_m),
+        "a_n_mm": _millimetres(hinge.a_n_m),
+        "s_n_mm": _millimetres(hinge.s_n_m),
+        "alpha_n_deg": _degrees(hinge.alpha_n_rad),
+        "theta_off_1_deg": _degrees(hinge.theta_off_1_rad or 0.0),
+        "theta_off_n_deg": _degrees(hinge.theta_off_n_rad or 0.0),
+    }
+
+
+def _ball_placement(ball: Ball) -> Mapping[str, Any]:
+    return {
+        "tip_mm": [_millimetres(v) for v in ball.tip_m],
+        "ground_mm": [_millimetres(v) for v in ball.ground_m],
+    }
+
+
+def procedure_file(
+    *,
+    name: str,
+    arm: ArmModel,
+    arm_reference: str,
+    fixture_reference: str,
+    held: Mapping[str, str],
+    closed: bool,
+) -> bytes:
+    """Return the file of a procedure that fits an arm in a fixture; `closed`: the fixture holds the hand."""
+    joints = range(1, arm.joint_count + 1)
+    slowest = min(math.degrees(j.max_speed_rad_per_s) for j in arm.joints)
+    plan = "planned" if closed else "explore"
+    capture: dict[str, Any] = {
+        "plan": plan,
+        "poses": POSES[plan],
+        **({} if closed else {"exploration": _boxes(arm)}),
+        "speed_deg_per_s": round(min(FASTEST_DEG_PER_S, max(0.05, slowest * SLOW)), 3),
+        "settle": {
+            "window_syncs": 20,
+            "spread_sigmas": 8,
+            "spread_min_deg": 0.002,
+            "timeout_syncs": 1000,
+        },
+        "samples_per_pose": 32,
+        "seed": 1,
+    }
+    data: dict[str, Any] = {
+        "schema": "sarcal/procedure/1",
+        "name": name,
+        "arm": arm_reference,
+        "fixture": fixture_reference,
+        "bus": {"interface": "virtual"},
+        "modes": "auto" if closed else {"position": list(joints)},
+        **({"held": dict(held)} if held else {}),
+        "capture": capture,
+        "estimator": "implicit",
+        "acceptance": {"scaled_condition_number": 100},
+        "export": {"upload": False},
+    }
+    comment = PROCEDURE.format(
+        line=schema_line("procedure"), arm=arm.name, fixture=fixture_reference
+    )
+    return dump_strict(data, comment=comment)
+
+
+def _boxes(arm: ArmModel) -> Sequence[Mapping[str, Any]]:
+    """Travel of every joint from home, inside its range."""
+    boxes = []
+    for k, (joint, home) in enumerate(zip(arm.joints, arm.home_rad.tolist(), strict=True), 1):
+        low, high = math.degrees(joint.lower_rad - home), math.degrees(joint.upper_rad - home)
+        boxes.append(
+            {
+                "joint": k,
+                "from_deg": round(max(-EXPLORED_DEG, 0.9 * low), 3),
+                "to_deg": round(min(EXPLORED_DEG, 0.9 * high), 3),
+            }
+        )
+    return boxes
+
+
+def _millimetres(value_m: float) -> float:
+    """To a hundredth: nobody measures a mounting better."""
+    return round(1e3 * value_m, 2)
+
+
+def _degrees(value_rad: float) -> float:
+    return round(math.degrees(value_rad), 3)

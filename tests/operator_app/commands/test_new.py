@@ -1,0 +1,166 @@
+"""`sarcal new`: files that need nothing but other numbers, with geometry counted out a second time."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from operator_app.cli import main
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.procedure_file import load_procedure
+from oracles.json_schema import complaints
+from oracles.panda import panda_columns
+
+HOME_DEG = np.array([0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0])
+S_M, A_M, ALPHA = panda_columns()
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def link(theta: float, s: float, a: float, alpha: float) -> np.ndarray:
+    """Rz(theta) Tz(s) Tx(a) Rx(alpha), written out."""
+    c, z, d, y = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+    return np.array(
+        [[c, -z * d, z * y, a * c], [z, c * d, -c * y, a * z], [0, y, d, s], [0, 0, 0, 1]]
+    )
+
+
+def hand(q_deg: np.ndarray) -> np.ndarray:
+    T = np.eye(4)
+    for row in zip(np.deg2rad(q_deg), S_M, A_M, ALPHA, strict=True):
+        T = T @ link(*row)
+    return T
+
+
+def words(vector: np.ndarray) -> str:
+    return ",".join(repr(float(v)) for v in vector)
+
+
+def off_the_hinge(file: str, q_deg: np.ndarray) -> tuple[float, float]:
+    """By how far (m) and how much (rad) the hand's axis misses the hinge: rows 0 to 7 come back to z."""
+    found = {
+        k.rpartition("_")[0]: np.deg2rad(v) if k.endswith("_deg") else v / 1e3
+        for k, v in yaml.safe_load(Path(file).read_text())["placement"].items()
+    }
+    theta, s, a, alpha = np.deg2rad(q_deg), S_M.copy(), A_M.copy(), ALPHA.copy()
+    theta[0] += found["theta_off_1"]
+    theta[6] += found["theta_off_n"]
+    s[0], s[6], a[6], alpha[6] = (found[k] for k in ("s_1", "s_n", "a_n", "alpha_n"))
+    T = link(0.0, found["s_0"], found["a_0"], found["alpha_0"])
+    for row in zip(theta, s, a, alpha, strict=True):
+        T = T @ link(*row)
+    return float(np.linalg.norm(T[:3, 3])), float(np.arccos(np.clip(T[2, 2], -1.0, 1.0)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_hinge_from_two_measured_lines_closes_where_they_coincide(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    point, along = rng.uniform(-150.0, 150.0, 3), rng.normal(size=3)
+    q_deg = HOME_DEG + rng.uniform(-8.0, 8.0, 7)
+    T = hand(q_deg)
+    # A hinge does not slide: it is one point of it. Which way its direction was read nobody knows.
+    ground = 1e3 * T[:3, 3] + T[:3, :3] @ point
+    way = T[:3, :3] @ along * rng.choice((-2.0, 0.5))
+    options = [f"--hand-point={words(point)}", f"--hand-direction={words(along)}"]
+    base = [f"--base-point={words(ground)}", f"--base-direction={words(way)}"]
+    new = ["new", "fixture", "--kind", "hinge", "--arm", "franka_panda", "--name"]
+    assert main([*new, "there", *options, *base]) == 0
+    length, angle = off_the_hinge("there.yaml", q_deg)
+    # The file's hundredths of a millimetre and thousandths of a degree.
+    assert length < 1e-4
+    assert angle < 1e-4
+    assert main([*new, "home", *options]) == 0
+    length, angle = off_the_hinge("home.yaml", HOME_DEG)
+    assert length < 1e-4
+    assert angle < 1e-4
+
+
+def test_a_ball_is_where_the_hand_has_it(capsys: pytest.CaptureFixture[str]) -> None:
+    new = ["new", "fixture", "--kind", "ball", "--arm", "franka_panda", "--hand-point=30,-20,55.5"]
+    assert main([*new, "--name", "home", "--tolerance-mm", "2"]) == 0
+    made = load_fixture("home.yaml").fixture
+    wanted = hand(HOME_DEG) @ [0.03, -0.02, 0.0555, 1.0]
+    np.testing.assert_allclose(made.ground_m, wanted[:3], atol=1e-5)  # type: ignore[attr-defined]
+    assert made.tolerance.position_m == pytest.approx(2e-3)
+    assert "0.00 deg at most" in capsys.readouterr().out
+    assert main([*new, "--name", "there", "--base-point=400,10,20"]) == 0
+    np.testing.assert_allclose(load_fixture("there.yaml").fixture.ground_m, [0.4, 0.01, 0.02])  # type: ignore[attr-defined]
+
+
+def test_every_file_names_its_schema_which_is_beside_it_and_fits(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("files").mkdir()
+    assert (
+        main(["new", "arm", "--from", "franka_panda", "--name", "mine", "-o", "files/arm.yaml"])
+        == 0
+    )
+    assert main(["new", "fixture", "--from", "ball", "-o", "files/ball.yaml"]) == 0
+    options = ["--arm", "files/arm.yaml", "--fixture", "files/ball.yaml"]
+    assert main(["new", "procedure", *options, "--name", "go", "-o", "files/run.yaml"]) == 0
+    assert (
+        main(["new", "procedure", "--from", "hinge", "--name", "copy", "-o", "files/copy.yaml"])
+        == 0
+    )
+    for file, kind, name in (
+        ("arm", "arm", "mine"),
+        ("ball", "fixture", "my_ball"),
+        ("run", "procedure", "go"),
+        ("copy", "procedure", "copy"),
+    ):
+        text = Path(f"files/{file}.yaml").read_text()
+        schema = f"sarcal-{kind}.schema.json"
+        assert text.startswith(f"# yaml-language-server: $schema={schema}\n")
+        data = yaml.safe_load(text)
+        assert data["name"] == name
+        written = json.loads(Path("files", schema).read_text())
+        assert list(complaints(data, written, written)) == []
+    made = load_procedure("files/run.yaml")
+    assert made.arm.name == "mine"
+    # Free in the arm, and hidden by a ball (paper, 2.1): held, with the reason.
+    assert set(made.held) == {"theta_off_1", "theta_off_7"}
+    assert "theta_off_7 is held: " in capsys.readouterr().out
+    before = Path("files/arm.yaml").read_bytes()
+    assert main(["new", "arm", "--from", "sarcos_dextrous", "-o", "files/arm.yaml"]) == 2
+    assert Path("files/arm.yaml").read_bytes() == before
+    assert (
+        main(
+            ["new", "procedure", "--arm", "franka_panda", "--fixture", "tracker", "--name", "open"]
+        )
+        == 0
+    )
+    assert load_procedure("open.yaml").position_joints == (1, 2, 3, 4, 5, 6, 7)
+
+
+@pytest.mark.parametrize(
+    ("typed", "says"),
+    [
+        ("arm", "give --urdf FILE or --from NAME"),
+        ("arm --from franka_panda --kind ball", "--kind is no option of sarcal new arm"),
+        ("arm --from nobody", "did you mean|is neither a built-in arm"),
+        ("fixture --kind hinge", "--kind, --arm and --hand-point"),
+        ("fixture --from hinge --kind ball", "leave --kind out"),
+        ("fixture --kind hinge --arm franka_panda --hand-point 1,2,3", "--hand-direction is missing"),
+        ("fixture --kind hinge --arm franka_panda --hand-point 1,2 --hand-direction 1,0,0", "three numbers"),
+        ("fixture --kind hinge --arm franka_panda --hand-point 1,2,3 --hand-direction 0,0,0", "has a length"),
+        ("fixture --kind ball --arm franka_panda --hand-point 1,2,nan", "three numbers"),
+        ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --hand-direction 1,0,0", "is a point"),
+        ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-mm -1", "tolerance_mm"),
+        ("procedure --arm franka_panda", "give --arm and --fixture"),
+        ("procedure --from hinge --name 7", "begin with a letter"),
+    ],
+)  # fmt: skip
+def test_what_does_not_go_together_is_refused_and_nothing_written(
+    typed: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["new", *typed.split()]) == 2
+    said = capsys.readouterr().err
+    assert any(part in said for part in says.split("|")), said
+    assert not list(Path().iterdir())

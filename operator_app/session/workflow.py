@@ -5,13 +5,14 @@ Everything here may be ended by the operator between two deeds and gone on with.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from hardware.arm import ArmIdentity
 from operator_app.calibration.placed import as_calibrated
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
 from operator_app.errors import GuardError
+from operator_app.planning.clear_ways import is_clear
 from operator_app.session.going_home import away_from_box, go_home, require_in_box
 from operator_app.session.instrument import TargetLostError
 from operator_app.session.listener import Listener
@@ -19,6 +20,9 @@ from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, St
 from operator_app.session.session import Session
 from operator_app.session.state import pose_set_of
 from solver.chain.poses import PoseSet
+
+MANY_PLACES = 4
+"""Times as many places are looked at as where every way is known to be clear."""
 
 
 def connect(session: Session, listener: Listener) -> ArmIdentity:
@@ -187,7 +191,7 @@ def verify(
     """
     require_in_box(session)
     before = len(session.state.readings)
-    for target in session.verification_plan(poses):
+    for target in _new_places(session, solution, poses):
         listener.going(None)
         if session.reach(target).reached:
             try:
@@ -206,6 +210,22 @@ def verify(
     verdict = judge_poses(session.model, fixture, taken, fixed_by(solution))
     session.record("verified", _summary(verdict, taken))
     return verdict, taken
+
+
+def _new_places(session: Session, solution: Solution, poses: int) -> Iterator[Mapping[int, float]]:
+    """Where to take new poses, elsewhere than the session did.
+
+    Drives of which the procedure does not say where they may go are taken only where the calibrated loop
+    leaves the way clear, of many places more.
+    """
+    known = {box.joint for box in session.procedure.capture.exploration}
+    if known >= set(session.position_joints):
+        yield from session.verification_plan(poses)
+        return
+    for target in session.verification_plan(MANY_PLACES * poses):
+        here = session.arm.snapshot().positions_rad
+        if is_clear(session.model, solution.model, solution.estimate.x, here, target):
+            yield target
 
 
 def _summary(verdict: Prediction, taken: PoseSet) -> Mapping[str, object]:

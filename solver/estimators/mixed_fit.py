@@ -22,18 +22,18 @@ from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.linearisation import Linearisation, State
 from solver.estimators.scoring import Ascent, Step, step, with_priors
-from solver.loops.closure import ClosureModel
+from solver.loops.closure import ClosureModel, pose_blocks
 
 MAX_ROUNDS = 40
-SETTLED, STEADY = 1e-3, 1e-2
-"""Change of every parameter and of every variance, in standard errors, that ends the iteration."""
+SETTLED, STEADY = 1e-3, 3e-3
+"""What a round may leave of every parameter and of every variance, in standard errors, and be the last."""
 
 FAR = 3.0
 """Change of a parameter, in standard errors, from which slopes of two rounds cannot be compared."""
 
-NEARLY, SIGN_IN_DOUBT = 0.1, 0.25
-"""Change of every parameter in standard errors from which the readings say whether gravity shows, where so
-much more or less of it than half is there."""
+NEARLY, ALMOST_STEADY, SIGN_IN_DOUBT = 0.1, 0.5, 0.25
+"""What may be left of every parameter and every variance, in standard errors, when the readings say whether
+gravity shows, where so much more or less of it than half is there."""
 
 FREE_ROUNDS = 20
 NOTHING_TO_GAIN = 0.1
@@ -42,8 +42,9 @@ NOTHING_TO_GAIN = 0.1
 SURPRISE = 4.0
 """chi2 per degree of freedom from which the search starts at large variances."""
 
-LINEAR = 3e-4
-"""Change of an angle or length (rad, m) that does not change the derivatives."""
+CURVED = 4.0
+"""Share of a step that the loops' curvature leaves undone, for each rad or m of its largest change: Newton's
+steps err by their square."""
 
 FOR_VARIANCES = 600
 """Poses from which variances are found: more know them no better than a few per cent matter."""
@@ -174,7 +175,7 @@ def _iterate(
             # Nothing stated explains these readings: start where much may give.
             v = np.maximum(v, [c.leap for c in design.components])
             fit = LinearFit(design, here, v)
-        state, moved = _advance(design, here, fit)
+        state, moved, left = _advance(design, here, fit)
         if not np.isfinite(moved):
             break
         if progress is not None:
@@ -186,8 +187,9 @@ def _iterate(
             if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
                 # That is no reason to go on: the parameters settle under the variances as they are.
                 free, wanted, v = False, Step.none(len(v)), fit.v
-        converged = moved < SETTLED and wanted.largest < STEADY
-        if sign_asked and (moved < NEARLY or rounds >= FREE_ROUNDS):
+        converged = left < SETTLED and wanted.largest < STEADY
+        nearly = left < NEARLY and wanted.largest < ALMOST_STEADY
+        if sign_asked and (nearly or rounds >= FREE_ROUNDS):
             surplus = gravity_share(fit) - 0.5
             sign_asked = abs(surplus) < SIGN_IN_DOUBT and not converged and rounds < FREE_ROUNDS
             if surplus < 0.0 and not sign_asked:
@@ -220,13 +222,22 @@ def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> 
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         return State(x=x, e=near.corrections, u=near.unsensed)
-    sd = np.sqrt(design.joint_variance(v).mean(axis=0))
-    u = close_loops(design.model, x, q, sigma_rad=sd, max_iterations=3).u
+    if design.model.unsensed_joints:
+        sd = np.sqrt(design.joint_variance(v).mean(axis=0))
+        u = close_loops(design.model, x, q, sigma_rad=sd, max_iterations=3).u
+    else:
+        # The fixture's own freedoms follow from the readings as well as these are known.
+        u = np.concatenate(
+            [p.initial_unsensed(x, here) for p, here in pose_blocks(design.model, q)]
+        )
     return State(x=x, e=np.zeros_like(q), u=u)
 
 
-def _advance(design: Design, at: Linearisation, fit: LinearFit) -> tuple[State, float]:
-    """Solution of one linearisation, and the largest change to it in standard errors."""
+def _advance(design: Design, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
+    """Solution of one linearisation, and in standard errors the largest change of a parameter to it.
+
+    The last figure is what that leaves undone.
+    """
     old, soft = at.state, len(design.soft_index)
     x = old.x.copy()
     x[design.hard_index] += fit.step
@@ -244,13 +255,13 @@ def _advance(design: Design, at: Linearisation, fit: LinearFit) -> tuple[State, 
     de = e - old.e
     largest = max(float(np.abs(d).max(initial=0.0)) for d in (dx, de, du))
     if not np.isfinite(largest):
-        return old, float("nan")
+        return old, float("nan"), float("nan")
     sd = np.maximum(fit.standard_deviation, 1e-150)
     moved = float(np.abs(dx / sd).max(initial=0.0))
     # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
     shrink = min(1.0, 1.0 / max(largest, 1e-300))
     new = State(x=old.x + shrink * dx, e=old.e + shrink * de, u=old.u + shrink * du)
-    return new, moved if largest < LINEAR else max(moved, 1.0)
+    return new, moved, moved * (1.0 - shrink + min(1.0, CURVED * largest))
 
 
 def expected_fit(

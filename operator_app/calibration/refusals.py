@@ -14,7 +14,7 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.errors import UnidentifiableError
-from solver.judging.identifiability import Identifiability, identifiability
+from solver.judging.identifiability import Identifiability
 from solver.loops.closure import ClosureModel
 
 
@@ -28,26 +28,22 @@ class FixtureRefusedError(FixtureError):
         super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
 
 
-def require_identifiable(
-    model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray
-) -> Identifiability:
-    """Return what `model` at `x` (P,) sees of readings `q` (m, n), rad, noisy by `sigma_rad` (n,).
+def require_identifiable(seen: Identifiability, model: ClosureModel, poses: int) -> None:
+    """Refuse what `model` cannot see of so many poses.
 
     Raises
     ------
     UnidentifiableError
         Some direction is blind.
     """
-    seen = identifiability(model, x, q, sigma_rad=sigma_rad)
     if seen.directions:
-        if len(q) * model.equations_per_pose - len(model.parameters) < FEW_DOF:
+        if poses * model.equations_per_pose - len(model.parameters) < FEW_DOF:
             raise UnidentifiableError(
                 seen.directions,
                 code="TOO_FEW_POSES",
-                note=f"{len(q)} poses are few: take at least 20",
+                note=f"{poses} poses are few: take at least 20",
             )
         raise UnidentifiableError(seen.directions)
-    return seen
 
 
 def refuse_placement(

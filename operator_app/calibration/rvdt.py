@@ -5,7 +5,7 @@ Knows arms, fixtures and pose sets; the judging itself is `solver.judging.rvdt`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,15 +18,13 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.pose_order import back_to_caller
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Rvdt
-from solver.closing import left_null_space
 from solver.estimators.component_report import Component, interval
-from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import Calibrated
-from solver.judging.identifiability import Identifiability, judge_jacobian
 from solver.judging.quiet_noise import noise_beside_quiet
 from solver.judging.rvdt import RvdtVerdict, rvdt_verdicts, undecided
 from solver.judging.rvdt_noise import SingleNoise, single_noise
+from solver.judging.seen_by_fit import seen_by_fit
 from solver.loops.closure import ClosureModel
 
 
@@ -65,10 +63,11 @@ def judge_rvdts(
     without = f"without the readings of {_joints_named(tuple(sensors))}"
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return none_decided(f"{without} these poses are too few: take more")
-    unseen = _seen_without(whole.linear, model, sensors).directions
+    names = tuple(p.name for p in model.parameters)
+    unseen = seen_by_fit(whole.linear, names, without=tuple(sensors)).directions
     if unseen:
-        names = ", ".join(dict.fromkeys(d.parameters[0] for d in unseen))
-        return none_decided(f"{without} these poses leave {names} open: judge it in the hinge")
+        blurred = ", ".join(dict.fromkeys(d.parameters[0] for d in unseen))
+        return none_decided(f"{without} these poses leave {blurred} open: judge it in the hinge")
     model, tolerance = soften(model, arm, length_tolerance_m=length_tolerance_m, held=held)
     # The loads are the same whether a joint's reading is used or not.
     errors = replace(
@@ -84,20 +83,6 @@ def judge_rvdts(
         samples=samples_of(poses)[distinct],
         x0=in_order(model, whole.linear.design.model, whole.estimate.x),
         near=_beside(whole, model, q),
-    )
-
-
-def _seen_without(fit: LinearFit, model: ClosureModel, joints: Collection[int]) -> Identifiability:
-    """What is left to see of the unknowns of `model` when some joints' readings are taken from a fit."""
-    system = fit.whole
-    unsensed = fit.design.model.unsensed_joints
-    K = left_null_space(system.B[..., [j - 1 for j in joints if j not in unsensed]])
-    names = [p.name for p in fit.design.model.parameters]
-    asked = tuple(p.name for p in model.parameters)
-    J = np.swapaxes(K, -1, -2) @ system.A[..., [names.index(name) for name in asked]]
-    q = fit.design.q
-    return judge_jacobian(
-        J.reshape(-1, len(asked)), asked, poses=len(q), spans_rad=np.ptp(q, axis=0)
     )
 
 

@@ -67,8 +67,13 @@ from solver.estimators.variance_components import (
     VarianceComponents,
 )
 from solver.judging.dropping import drop_unidentifiable
-from solver.judging.identifiability import Identifiability, condition_at_readings
+from solver.judging.identifiability import (
+    Identifiability,
+    condition_at_readings,
+    identifiability,
+)
 from solver.judging.ranges import Fault, RangeFinding, range_findings
+from solver.judging.seen_by_fit import seen_by_fit
 from solver.loops.closure import ClosureModel
 from solver.search.global_start import global_start
 
@@ -158,18 +163,19 @@ def calibrate(
 
     hard = model
 
-    def seen_at(x: FloatArray) -> Identifiability:
+    def require(seen: Identifiability) -> Identifiability:
         try:
-            return require_identifiable(hard, x, q, sigma)
+            require_identifiable(seen, hard, len(q))
         except UnidentifiableError as error:
             used = pick(poses, np.flatnonzero(kept))
             raise _why_blind(
                 error, arm, fixture, used, unsensed_joints, paper, _saturated(out_of_range, poses)
             ) from error
+        return seen
 
     if paper is not None:
         # Before anything is weighted: an estimate along a blind direction is worth nothing.
-        seen_at(paper.x)
+        seen = require(identifiability(hard, paper.x, q, sigma_rad=sigma))
         x0 = paper.x
     # The paper's estimate is judged by what weighing every reading by its noise gives beside it.
     model, tolerance = soften(hard, arm, length_tolerance_m=length_tolerance_m, held=held)
@@ -210,14 +216,21 @@ def calibrate(
     if len(which) != len(distinct):
         estimate, components = estimate.at_poses(which), components.at_poses(which)
     judged, some = whole.few(JUDGED)
+    unknowns = tuple(p.name for p in hard.parameters)
     outliers = _outliers(whole, distinct)
     judged_paper = paper if estimator == "paper" else None
     implicit = None
     if judged_paper is not None:
         implicit = estimate.without(tuple(tolerance))
         estimate, components, model, tolerance = judged_paper, None, hard, {}
+    else:
+        # What is blind at all was seen at the first estimate, if there was one.
+        seen = require(
+            seen_by_fit(judged.linear, unknowns)
+            if paper is not None
+            else identifiability(hard, in_order(hard, model, estimate.x), q, sigma_rad=sigma)
+        )
     x = in_order(hard, model, estimate.x)
-    seen = seen_at(x)
     checks = placement_checks(fixture, arm, model, estimate.x, unsensed_joints)
     rvdt = (
         judge_rvdts(
@@ -239,7 +252,7 @@ def calibrate(
         fixture,
         poses,
         distinct[some],
-        judged=tuple(p.name for p in hard.parameters),
+        judged=unknowns,
         known=Known(
             out_of_range=out_of_range,
             flipped=flipped,

@@ -162,8 +162,8 @@ class Entries:
     def of(cls, kinds: Sequence[int], rows: Sequence[int]) -> Entries:
         """Entries `kinds` (`DhKind`) of links `rows`, 0 the first of the chain."""
         kind = np.array(kinds, dtype=np.int64)
-        of_x = np.isin(kind, (DhKind.A, DhKind.ALPHA))
-        turns = np.isin(kind, (DhKind.THETA_OFF, DhKind.ALPHA))
+        of_x = (kind == DhKind.A) | (kind == DhKind.ALPHA)
+        turns = (kind == DhKind.THETA_OFF) | (kind == DhKind.ALPHA)
         return cls(
             frame=np.array(rows, dtype=np.int64) + of_x,
             axis=np.where(of_x, 0, 2),

@@ -26,12 +26,15 @@ class DhKind(IntEnum):
     @property
     def symbol(self) -> str:
         """The paper's symbol, as used in parameter names."""
-        return self.name.lower()
+        return _SYMBOLS[self]
 
     @property
     def is_angle(self) -> bool:
         """Whether the entry is an angle (rad) rather than a length (m)."""
         return self in (DhKind.THETA_OFF, DhKind.ALPHA)
+
+
+_SYMBOLS = tuple(kind.name.lower() for kind in DhKind)
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -79,8 +79,9 @@ def covariance(one: list[Half], two: list[Half], s: FloatArray) -> FloatArray:
         C = G + G.transpose(0, 3, 2, 1) / nu
         C[:, range(k), :, range(k)] += trace / nu
         C *= s[:, None, None] * s
-        C = here.turn[:, None] @ C.transpose(0, 2, 1, 3) @ np.swapaxes(there.turn, -1, -2)
-        total += C.transpose(0, 2, 1, 3).reshape(a * k, b * k)
+        # One product for all of a pose's columns, first along the rows and then along the columns.
+        half_turned = (here.turn @ C.reshape(a, k, b * k)).reshape(a * k, b, k).transpose(1, 2, 0)
+        total += (there.turn @ half_turned).reshape(b * k, a * k).T
     return total
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray
 from solver.chain.sensor_curve import rms_per_amplitude
 from solver.estimators.effects import Design
 from solver.estimators.linear_fit import LinearFit
@@ -65,6 +65,9 @@ class FlexureTest:
     gives: bool
 
 
+LEAST_LEFT = 1e-12
+"""Share of what is known of a variance below which the others' blur leaves nothing of it."""
+
 MOST_CERTAIN = 1e6
 """No standard deviation is known better than to this share of itself."""
 
@@ -112,19 +115,16 @@ def flexure_test(stated: LinearFit, design: Design) -> FlexureTest | None:
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Standard errors (K,); a component at its floor does not blur the others and takes their blur."""
-    inner = np.flatnonzero(v > floor * (1.0 + 1e-9))
-    error = np.zeros(len(v))
-    error[inner] = _errors(information, inner)
-    for k in np.setdiff1d(np.arange(len(v)), inner):
-        error[k] = _errors(information, np.append(inner, k))[-1]
-    return error
-
-
-def _errors(information: FloatArray, use: IntArray) -> FloatArray:
-    """Standard errors of the components `use`, all others known."""
-    block = information[np.ix_(use, use)]
-    size = np.sqrt(np.maximum(np.diagonal(block), 1e-300))
-    own = np.diagonal(np.linalg.pinv(block / np.outer(size, size), rcond=1e-12))
+    inner = v > floor * (1.0 + 1e-9)
+    size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
+    scaled = information / np.outer(size, size)
+    inverse = np.linalg.pinv(scaled[np.ix_(inner, inner)], rcond=1e-12)
+    across = scaled[np.ix_(~inner, inner)]
+    own = np.empty(len(v))
+    own[inner] = np.diagonal(inverse)
+    # What the inner ones leave of what is known of each of the others (Schur).
+    left = 1.0 - ((across @ inverse) * across).sum(-1)
+    own[~inner] = np.where(left > LEAST_LEFT, 1.0 / np.maximum(left, LEAST_LEFT), 0.0)
     # A variance that a few poses leave to rounding has no error that could be told.
     return np.where(own > 0.0, np.sqrt(np.maximum(own, 0.0)), np.inf) / size
 

@@ -83,20 +83,20 @@ class LinearFit:
         slices = list(design.parts())
         keep = len(slices) == 1 if keep is None else keep
         self._kept: list[Whitened] = []
-        gram = np.zeros((design.width, design.width))
+        gram: FloatArray | None = None
         right = np.zeros(design.width)
         square, logdet = 0.0, 0.0
         for poses in slices:
             part = self._whiten(poses)
             M = part.M.reshape(-1, design.width)
-            gram += M.T @ M
+            gram = M.T @ M if gram is None else gram + M.T @ M
             right += part.w.reshape(-1) @ M
             square += float((part.w**2).sum())
             logdet -= float(np.log(np.diagonal(part.L_inverse, axis1=-2, axis2=-1)).sum())
             if keep:
                 self._kept.append(part)
-        self.gram = gram
-        H = gram.copy()
+        self.gram = np.zeros((design.width, design.width)) if gram is None else gram
+        H = self.gram.copy()
         H[np.arange(hard, design.width), np.arange(hard, design.width)] += 1.0
         self.half, determinant = _inverse_root(H)
         self.H_inverse = self.half @ self.half.T
@@ -170,7 +170,8 @@ class LinearFit:
     @property
     def repeatability(self) -> FloatArray:
         """Covariance (P, P) by noise alone: what the same poses taken again would give."""
-        return self._of_parameters(self.H_inverse @ self.gram @ self.H_inverse)
+        gain = self.H_inverse[: self.design.hard + len(self.design.soft_index)]
+        return self._of_parameters(gain @ self.gram @ gain.T)
 
     def _of_parameters(self, whole: FloatArray) -> FloatArray:
         index, size = self._parameter_columns()

@@ -15,7 +15,7 @@ from solver.closing import close_loops, unsensed_step
 from solver.estimators.implicit import LinearisedPoses, NoiseModel, linearise
 from solver.loops.closure import ClosureModel, LoopError
 
-STEP_TOLERANCE = 1e-12
+STEP_TOLERANCE = 1e-9
 MAX_ITERATIONS = 40
 
 
@@ -75,5 +75,5 @@ def adjust_poses(
         shrink = np.minimum(1.0, 0.5 / np.maximum(moved, 1e-300))[:, None]
         e, u = e + shrink * (e_new - e), u + shrink * du
     return AdjustedPoses(
-        error=error, system=system, corrections=e, unsensed=u, converged=moved < 1e-9
+        error=error, system=system, corrections=e, unsensed=u, converged=moved < STEP_TOLERANCE
     )

@@ -161,7 +161,11 @@ def _largest(
 
 def _from_here_on(values: FloatArray) -> FloatArray:
     """Sum over each pose and all that follow it (m, ...)."""
-    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
+    sums = values.copy()
+    # Pose by pose, whole rows at a time: several times as fast as `cumsum` along the first axis.
+    for k in range(len(sums) - 2, -1, -1):
+        sums[k] += sums[k + 1]
+    return sums
 
 
 @lru_cache(maxsize=256)

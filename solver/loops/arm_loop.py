@@ -139,11 +139,15 @@ class ArmLoop(ClosureModel):
 
     def with_all_joints_sensed(self) -> Self:
         """Return the same loop with every joint's reading used and its offset an unknown."""
+        if not self.unsensed_joints:
+            return self
         offsets = tuple(DhEntry(DhKind.THETA_OFF, j) for j in self.unsensed_joints)
         return replace(self, entries=self.entries + offsets, unsensed_joints=())
 
     def without(self, names: Collection[str]) -> Self:
         """Return the same loop with the named unknowns held at their nominal values."""
+        if not names:
+            return self
         return replace(
             self,
             entries=tuple(e for e in self.entries if e.name not in names),

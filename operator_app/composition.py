@@ -262,7 +262,9 @@ def _timing(procedure: Procedure, *, speed: float, embedded: bool) -> Timing:
 def carried_procedure(opening: Opening) -> Procedure:
     """Return the procedure with the arm that is really there: a virtual one may carry other sensors."""
     procedure, choices = opening.procedure, opening.choices
-    if _bus(choices, procedure).interface != "virtual" and choices.scenario is None:
+    # A session says which bus it had; whether that can be opened here is nothing to a report of it.
+    interface = choices.interface or _bus(choices, procedure).interface
+    if interface != "virtual" and choices.scenario is None:
         return procedure
     return replace(procedure, arm=_named(choices).arm(procedure.arm))
 

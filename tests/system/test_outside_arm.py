@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -55,6 +56,11 @@ def test_it_is_calibrated_by_name(
         # The journal knows the arm by name, no option is needed; nothing is solved twice.
         assert main(["run", "--resume", "latest", "--json"]) == 0
         assert "serial TOY-0001" in capsys.readouterr().err
+    # A report needs no arm, nor the package it came from.
+    monkeypatch.setattr("sys.path", [p for p in sys.path if not p.endswith("-installed")])
+    assert main(["report", "latest"]) == 0
+    assert main(["run", "--resume", "latest"]) == 3
+    assert 'Unknown interface type "moving_line_arm"' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

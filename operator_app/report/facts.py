@@ -39,6 +39,7 @@ from operator_app.report.quality_facts import (
     hand_table,
     observability_table,
     tests_table,
+    trend_table,
 )
 from operator_app.report.table import Headline, Table, keyed
 from operator_app.units.figure import CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
@@ -123,6 +124,7 @@ def facts_of(
             hand_table(solution),
             accuracy_table(solution),
             determined_table(solution, headlines),
+            trend_table(solution),
             closure_table(solution, beside, checks),
             estimators_table(estimate, beside),
             jackknife_table(estimate, None if checks is None else checks.jackknife_sd),

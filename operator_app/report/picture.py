@@ -71,6 +71,31 @@ def axis(
     return Axis(label=label, unit=unit, low=low, high=high, ticks=marks)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogAxis(Axis):
+    """A logarithmic axis; its ticks are powers of ten and, where there are few, 2 and 5 times them."""
+
+    def place(self, value: float, start: float, end: float) -> float:
+        """Where a positive value lies between `start` (of low) and `end` (of high)."""
+        share = math.log(value / self.low) / math.log(self.high / self.low)
+        return start + share * (end - start)
+
+    @property
+    def tick_texts(self) -> tuple[str, ...]:
+        """Each with as many digits as it needs."""
+        return tuple(f"{t:,.0f}" if t >= 1.0 else f"{t:g}" for t in self.ticks)
+
+
+def log_axis(label: str, values: Iterable[float], *, unit: str = "") -> LogAxis:
+    """Return a logarithmic axis that holds all finite positive `values` with a little room."""
+    positive = [v for v in values if math.isfinite(v) and v > 0.0] or [1.0]
+    low, high = min(positive) / 1.2, max(positive) * 1.2
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    steps = (1.0, 2.0, 5.0) if len(decades) <= 4 else (1.0,)
+    ticks = tuple(m * 10.0**k for k in decades for m in steps if low <= m * 10.0**k <= high)
+    return LogAxis(label=label, unit=unit, low=low, high=high, ticks=ticks)
+
+
 def _round_step(rough: float, *, whole: bool) -> float:
     """Return the 1, 2 or 5 times a power of ten next above `rough`."""
     if whole and rough <= 1.0:

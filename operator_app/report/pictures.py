@@ -7,9 +7,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from operator_app.report.picture import Axis, Band, Layer, Line, Marks, Picture, Shape, axis
+from operator_app.report.picture import (
+    Axis,
+    Band,
+    Layer,
+    Line,
+    Marks,
+    Picture,
+    Shape,
+    axis,
+    log_axis,
+)
 from operator_app.report.subject import Subject
-from operator_app.units.figure import ANGLE, CLOSURE_ANGLE, CLOSURE_LENGTH, LSB, Figure, Quantity
+from operator_app.units.figure import (
+    ANGLE,
+    CLOSURE_ANGLE,
+    CLOSURE_LENGTH,
+    CONDITION,
+    LSB,
+    Figure,
+    Quantity,
+)
 from operator_app.units.numbers import plural, significant
 from solver.arrays import FloatArray
 from solver.chain.sensors import Rvdt
@@ -39,6 +57,26 @@ def costs(steps: Sequence[tuple[int, float]]) -> Picture:
         x=axis("iteration", numbers, whole=True),
         y=axis("cost, power of ten", powers),
         layers=[Marks(x=numbers, y=powers)],
+    )
+
+
+def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture:
+    """Return the scaled condition number of the first so many poses, on a log scale, with the limit."""
+    numbers, values = [float(n) for n, _ in trend], [value for _, value in trend]
+    x = axis("poses", numbers, whole=True)
+    tips = [f"{n} poses: {CONDITION(value).shown}" for n, value in trend]
+    return Picture(
+        ident="condition-trend",
+        title="Condition number as the poses came",
+        description=f"Scaled condition number of the first {trend[0][0]} to {trend[-1][0]} poses, log scale: "
+        f"from {CONDITION(values[0]).shown} to {CONDITION(values[-1]).shown}; lower is better.",
+        x=x,
+        y=log_axis("scaled condition number", [*values, limit]),
+        layers=[
+            Line(x=(x.low, x.high), y=(limit, limit), class_="dashed", label=f"limit {limit:g}"),
+            Line(x=numbers, y=values),
+            Marks(x=numbers, y=values, tips=tips, label="first poses"),
+        ],
     )
 
 

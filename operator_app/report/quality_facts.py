@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -32,6 +33,8 @@ from solver.estimators.variance_components import VarianceComponents
 
 SMALLEST_P = 1e-12
 LARGEST = 3
+BAR_PER_DECADE, BAR_DECADES = 10, 4
+"""Of a bar that stands for a condition number: 100 is twenty characters, 10,000 and more forty."""
 """Sources of error that are named where there is no room for all."""
 OBSERVABILITY = (
     "geometric mean of the singular values over root m",
@@ -82,6 +85,32 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table
         columns=(*words("figure"), *figures("value"), *words("")),
         rows=tuple(rows),
         note=f"Weakest direction: {weights}.",
+    )
+
+
+def trend_table(solution: Solution) -> Table | None:
+    """Return how the condition number fell as the poses came; None where nothing tells."""
+    trend = solution.seen.trend
+    if len(trend) < 2:
+        return None
+    rows: list[tuple[Cell, ...]] = []
+    for k, (poses, value) in enumerate(trend):
+        decades = min(max(math.log10(value), 0.0), BAR_DECADES)
+        rows.append(
+            (
+                Figure(poses, places=0, key=("condition_trend", k, 0)),
+                CONDITION(value, key=("condition_trend", k, 1)),
+                "#" * round(decades * BAR_PER_DECADE),
+            )
+        )
+    return Table(
+        ident="trend",
+        title="Condition number as the poses came (no unit)",
+        columns=(
+            *figures("first poses", "scaled"),
+            Column("log scale: ten # are a factor of ten", words=True, summary=True),
+        ),
+        rows=tuple(rows),
     )
 
 

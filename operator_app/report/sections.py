@@ -107,6 +107,10 @@ def _of_table(subject: Subject, estimate: Estimate, table: Table) -> Section:
     match table.ident:
         case "parameters":
             content.append(remark(_about_sigmas(subject, estimate)))
+        case "trend" if subject.solution is not None:
+            limit = subject.procedure.acceptance.scaled_condition_number
+            trend = pictures.condition_trend(subject.solution.seen.trend, limit)
+            content = [plots([table_html(table), figures.drawn(trend)])]
         case "closure":
             shown = (
                 *pictures.closure_by_pose(subject, estimate),

@@ -61,7 +61,7 @@ html{{-webkit-text-size-adjust:100%;text-size-adjust:100%}}
 body{{margin:0;background:var(--page);color:var(--text);
  font:15px/1.45 system-ui,-apple-system,"Segoe UI",Roboto,"Noto Sans","DejaVu Sans",sans-serif;
  font-variant-numeric:tabular-nums lining-nums}}
-main,header,footer{{max-width:1120px;margin:0 auto;padding:0 20px}}
+main,header,footer{{max-width:1760px;margin:0 auto;padding:0 20px}}
 header{{padding-top:20px}}
 h1{{font-size:1.65rem;line-height:1.2;margin:0;font-weight:650}}
 h2{{font-size:1.1rem;margin:34px 0 6px;padding-top:10px;border-top:1px solid var(--rule);font-weight:650}}
@@ -105,7 +105,7 @@ table{{border-collapse:collapse;font-size:.88rem;line-height:1.3}}
 caption{{text-align:left;font-size:.85rem;padding:2px 0 5px}}
 caption span{{display:inline-block;position:sticky;left:0;max-width:calc(100vw - 30px)}}
 .whole{{white-space:nowrap}}
-th,td{{padding:3px 10px;border-bottom:1px solid var(--rule);text-align:left;white-space:nowrap;font-weight:400}}
+th,td{{padding:3px 9px;border-bottom:1px solid var(--rule);text-align:left;white-space:nowrap;font-weight:400}}
 thead th{{font-weight:600;white-space:normal;min-width:4.2em;vertical-align:bottom;border-bottom-color:var(--muted)}}
 thead th.group{{text-align:center;color:var(--muted);font-weight:600}}
 .n{{text-align:right}}
@@ -115,6 +115,7 @@ tbody tr:hover>*{{background:var(--panel)}}
 .remark{{display:block;white-space:normal;min-width:13em;max-width:40em;overflow-wrap:anywhere}}
 tr.out>*{{color:var(--muted)}}
 .found{{font-weight:600}}
+table.pose-table th,table.pose-table td,table.budget th,table.budget td{{padding:3px 6px}}
 table.correlations td{{text-align:right;padding:2px 5px;font-size:.8rem}}
 table.correlations th{{padding:2px 6px;font-size:.8rem}}
 table.correlations thead th{{min-width:0;white-space:nowrap;

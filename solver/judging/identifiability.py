@@ -28,6 +28,11 @@ IMMOBILE_RAD = np.deg2rad(1.0)
 """A joint whose readings span less than this over the whole pose set does not move."""
 
 
+TREND_POINTS = 10
+TREND_FLOOR = 1e-12
+"""Of eigenvalues: a condition number of 1e6."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identifiability:
     """Facts about one Jacobian.
@@ -47,6 +52,9 @@ class Identifiability:
         The unidentifiable directions, by name. Empty when the rank is full.
     weakest
         The weakest direction that is still determined, by name.
+    trend
+        (poses, scaled condition number) of the first so many poses, at the same parameters; only where the
+        rank is full.
     """
 
     rank: int
@@ -55,6 +63,7 @@ class Identifiability:
     observability: tuple[float, float, float, float, float]
     directions: tuple[UnidentifiableDirection, ...]
     weakest: UnidentifiableDirection
+    trend: tuple[tuple[int, float], ...] = ()
 
 
 def identifiability(
@@ -75,6 +84,27 @@ def identifiability(
     return judge_jacobian(
         A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
     )
+
+
+def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
+    """Scaled condition number of the first poses of `J` (m, r, P), at about `TREND_POINTS` numbers of them."""
+    m, r, P = J.shape
+    fewest = -(-P // max(r, 1))
+    if m < fewest or not r:
+        return ()
+    counts = np.unique(np.geomspace(fewest, m, TREND_POINTS).round().astype(int)).tolist()
+    found = []
+    # Of normal equations: they square the condition, which is as good as infinite long before that matters.
+    N, done = np.zeros((P, P)), 0
+    for count in counts:
+        rows = J[done:count].reshape(-1, P)
+        N, done = N + rows.T @ rows, count
+        size = np.sqrt(np.diag(N))
+        if np.all(size > 0.0):
+            low, high = np.linalg.eigvalsh(N / np.outer(size, size))[[0, -1]]
+            if low > TREND_FLOOR * high:
+                found.append((int(count), float(np.sqrt(high / low))))
+    return tuple(found)
 
 
 def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> float | None:
@@ -129,6 +159,7 @@ def judge_jacobian(
         observability=_observability(s, poses),
         directions=directions,
         weakest=_direction(Vt[max(rank - 1, 0)], names, spans_rad),
+        trend=_trend(J.reshape(poses, -1, J.shape[1])) if len(J) % poses == 0 else (),
     )
 
 

@@ -166,7 +166,8 @@ class QualityPanel(Lines):
 
     TITLE = "What the poses tell"
     HELP = (
-        "Scaled condition number: below 100 is acceptable, the paper reached 28; lower is better. "
+        "Scaled condition number: below 100 is acceptable, the paper reached 28; lower is better. Its trend "
+        "is on a log scale: lowest bars 10, half high 100, full 1000 and more. "
         "Weak: the parameters the poses tell least about. Coverage: which part of each joint's "
         "range the poses span. Best next: the planned pose that would tell most."
     )

@@ -84,10 +84,9 @@ SPARKS = "▁▂▃▄▅▆▇█"
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:
-    """A row of bars, logarithmic, the newest at the right."""
-    recent = [math.log10(max(v, 1.0)) if math.isfinite(v) else 4.0 for v in values[-width:]]
-    if not recent:
-        return ("", "dim")
-    low, high = min(recent), max(*recent, min(recent) + 0.3)
-    bars = "".join(SPARKS[int((v - low) / (high - low) * 7.99)] for v in recent)
-    return (bars, "dim")
+    """A row of bars on a log scale from 10 to 1000, the newest at the right: the first do not flatten the rest."""
+    shares = [
+        min(max(math.log10(max(v, 1.0)) - 1.0, 0.0), 2.0) / 2.0 if math.isfinite(v) else 1.0
+        for v in values[-width:]
+    ]
+    return ("".join(SPARKS[int(share * 7.99)] for share in shares), "dim")

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
+import shutil
+import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -50,6 +54,23 @@ def subject_of(events: Sequence[Event], **options: Any) -> Subject:
     return subject_of_session(
         "session", events, procedure(16), checked(found, state, procedure(16))
     )
+
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
+LOOK = """
+<iframe id="f"></iframe><pre id="r"></pre><script>
+const frame = document.getElementById('f'), said = [];
+frame.srcdoc = PAGE;
+frame.onload = () => {
+  for (const width of [1280, 1920]) {
+    frame.style.width = width + 'px';
+    for (const region of frame.contentDocument.querySelectorAll('.scroll'))
+      said.push([width, region.firstElementChild.className, region.scrollWidth - region.clientWidth]);
+  }
+  document.getElementById('r').textContent = said.map(s => s.join(' ')).join(';');
+};
+</script>
+"""
 
 
 @pytest.fixture(scope="module")
@@ -330,3 +351,24 @@ def test_what_cannot_be_identified_is_reported_without_numbers(
     assert "joint 4 does not move" in page.text
     assert "condition" not in page.text
     assert len(page.rows("Captured poses")) == 16
+
+
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+def test_no_table_is_cut_on_a_laptop_or_a_screen(subject: Subject, tmp_path: Path) -> None:
+    page = report_html(subject).decode()
+    page = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page)
+    page = page.replace("</html>", "").replace("</script>", "")
+    html = "<!DOCTYPE html>" + LOOK.replace("PAGE", json.dumps(page).replace("</", "<\\/"))
+    (tmp_path / "look.html").write_text(html)
+    found = subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=2000",
+         f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", f"file://{tmp_path}/look.html"],
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    said = re.search(r'<pre id="r">([^<]+)</pre>', found)
+    assert said is not None, found[-2000:]
+    regions = [entry.split() for entry in said[1].split(";")]
+    seen = {(width, name) for width, name, _ in regions}
+    for name in ("parameters", "budget", "pose-table", "estimators", "correlations"):
+        assert {("1280", name), ("1920", name)} <= seen
+    assert [r for r in regions if int(r[-1]) > 0] == []

@@ -67,8 +67,12 @@ def bus_settings(
     interface: str | None = None,
     channel: str | None = None,
     bitrate: int | None = None,
+    *,
+    otherwise: BusSettings | None = None,
 ) -> BusSettings:
     """Settings from options, completed from the environment and ``can.conf``.
+
+    Where none of them names an interface it is `otherwise`, by default the virtual bus.
 
     Raises
     ------
@@ -85,6 +89,12 @@ def bus_settings(
     try:
         named = {**load_file_config(), **load_environment_config(), **asked}
         chosen_name = named.get("interface") or named.get("bustype")
+        if chosen_name is None and otherwise is not None:
+            return bus_settings(
+                otherwise.interface,
+                channel or named.get("channel") or otherwise.channel or None,
+                bitrate or (None if "bitrate" in named else otherwise.bitrate),
+            )
         if chosen_name is None:
             asked["interface"] = DEFAULT_INTERFACE
         elif chosen_name not in can.VALID_INTERFACES and chosen_name in offered_names():

@@ -46,6 +46,7 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import FixtureSpec, load_fixture
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
+from operator_app.config.user_settings import usual_bus
 from operator_app.errors import SessionError
 from operator_app.session.instrument import Instrument, port_of
 from operator_app.session.opening import Choices, Opening, Rig, open_session, remove_if_empty
@@ -423,11 +424,15 @@ def _sensor(name: str, sensor: Encoder | Rvdt | NoSensor) -> EncoderDescription 
 
 
 def _bus(choices: Choices, procedure: Procedure) -> BusSettings:
-    """Command line over procedure file over environment and can.conf."""
+    """Command line over procedure file over environment and can.conf over the user's settings."""
     from_file = procedure.bus
     interface = choices.interface
     if interface is None and from_file.interface != "virtual":
         interface = from_file.interface
     return bus_settings(
-        interface, choices.channel or from_file.channel, choices.bitrate or from_file.bitrate
+        interface,
+        choices.channel or from_file.channel,
+        choices.bitrate or from_file.bitrate,
+        # Who names a virtual arm means one.
+        otherwise=None if choices.scenario or choices.seed is not None else usual_bus(),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 import hypothesis
@@ -31,6 +32,9 @@ SEARCH_PATH = os.pathsep.join(
 # each other. Must come before numpy is imported, which reads it once.
 for _library in ("OPENBLAS", "OMP", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+# Whoever runs the tests may have settings of their own; they are not the tests'.
+os.environ["XDG_CONFIG_HOME"] = f"{tempfile.gettempdir()}/sarcal-no-settings-{os.getpid()}"
 
 # The programs that tests start, again and again, compile themselves once.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

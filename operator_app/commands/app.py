@@ -106,12 +106,14 @@ def _tell(text: str) -> None:
 
 
 def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) -> str:
+    from operator_app.config.user_settings import load_settings
     from operator_app.tui.app import run
-    from operator_app.tui.look import DARK, LIGHT
+    from operator_app.tui.look import DARK, LIGHT, NO_COLOUR
 
+    usual = {"dark": DARK, "light": LIGHT, "none": NO_COLOUR}[load_settings().theme or "dark"]
     return run(
         make_source,
-        theme=LIGHT if args.light else DARK,
+        theme=LIGHT if args.light else usual,
         ascii_only=args.ascii,
         resume=args.resume,
         manual=manual(),

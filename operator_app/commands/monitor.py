@@ -33,11 +33,12 @@ def execute(args: argparse.Namespace) -> int:
     from hardware.wire import Wire
     from operator_app.config.procedure import DEFAULT_PROFILE
     from operator_app.config.profile_file import load_profile
+    from operator_app.config.user_settings import usual_bus
     from operator_app.signals import ending_signals_interrupt
 
     if args.seconds is not None and not 0.0 < args.seconds <= 1e7:
         raise UsageError("--seconds: more than 0 and at most 1e7")
-    settings = bus_settings(args.interface, args.channel, args.bitrate)
+    settings = bus_settings(args.interface, args.channel, args.bitrate, otherwise=usual_bus())
     if settings.interface == "virtual":
         raise UsageError(
             "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"

@@ -207,6 +207,7 @@ def record_option(parser: argparse.ArgumentParser) -> None:
 
 def choices_from(args: argparse.Namespace) -> Choices:
     """Return what these options chose; None where they chose nothing."""
+    from operator_app.config.user_settings import load_settings
     from operator_app.session.opening import Choices
 
     if args.seed is not None and args.seed < 0:
@@ -227,6 +228,7 @@ def choices_from(args: argparse.Namespace) -> Choices:
         scenario=args.scenario,
         seed=args.seed,
         tracker=getattr(args, "tracker", None),
+        operator=load_settings().operator,
     )
 
 

@@ -46,9 +46,10 @@ def execute(args: argparse.Namespace) -> int:
     from hardware.probing import probe
     from operator_app.config.procedure import DEFAULT_PROFILE
     from operator_app.config.profile_file import load_profile
+    from operator_app.config.user_settings import usual_bus
     from operator_app.report.text import aligned
 
-    settings = bus_settings(args.interface, args.channel, args.bitrate)
+    settings = bus_settings(args.interface, args.channel, args.bitrate, otherwise=usual_bus())
     if settings.interface == "virtual":
         raise UsageError(
             "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"

@@ -22,6 +22,7 @@ COMMANDS = {
     "arm-check": "check an arm on the bench in a safe order; asks before anything moves",
     "monitor": "watch a bus beside a running session; sends nothing",
     "reset": "clear tripped drives and a STOP; moves nothing",
+    "settings": "show or change what you always want: bus, theme, operator",
     "eds": "write the EDS files of joint drive and supervisor",
     "controller": "run the virtual controller as its own process",
     "help": "show a page of the manual",

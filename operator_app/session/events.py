@@ -234,6 +234,7 @@ SETTINGS = fields(
     scenario_0=nothing_or(one_of(*SCENARIOS)),
     seed_0=nothing_or(whole(0)),
     tracker_0=nothing_or(text),
+    operator_0=nothing_or(text),
     verifies_0=text,
     drop_unidentifiable_0=nothing_or(yes_or_no),
 )

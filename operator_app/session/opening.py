@@ -45,7 +45,7 @@ class Choices:
 
     `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` name the bus, `profile` how
     the arm is set up on it; `scenario` and `seed` the virtual arm; `tracker` where measured endpoints come
-    from.
+    from; `operator` who works there.
     """
 
     poses: int | None = None
@@ -61,6 +61,7 @@ class Choices:
     scenario: str | None = None
     seed: int | None = None
     tracker: str | None = None
+    operator: str | None = None
 
     def over(self, earlier: Choices) -> Choices:
         """Return these choices where they are made, else the earlier ones."""

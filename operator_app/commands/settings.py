@@ -1,0 +1,64 @@
+"""`sarcal settings`: what this user always wants, shown or changed. Opens no bus."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from operator_app.commands.options import json_option
+from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
+
+MEANING = {
+    "interface": "the bus, as -i",
+    "channel": "as -c, with that interface",
+    "bitrate": "as -b, with that interface",
+    "theme": "of the terminal app: dark, light, none",
+    "operator": "kept in the journal of every session",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "settings",
+        nargs="*",
+        metavar="KEY=VALUE",
+        help="set it; KEY= takes it away. Keys: " + ", ".join(MEANING),
+    )
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Change what is named, then show what there is."""
+    from operator_app.config.user_settings import (
+        KEYS,
+        changed,
+        load_settings,
+        save_settings,
+        settings_path,
+    )
+
+    words: dict[str, str] = {}
+    for text in args.settings:
+        key, equals, value = text.partition("=")
+        if not equals or key not in KEYS:
+            raise UsageError(f"{text!r}: write KEY=VALUE, with KEY one of {', '.join(KEYS)}")
+        words[key] = value.strip()
+    path, found = settings_path(), load_settings()
+    if words:
+        found = changed(found, words)
+        try:
+            path = save_settings(found)
+        except OSError as error:
+            raise UsageError(f"{path} cannot be written: {error.strerror}") from error
+    if args.json:
+        say(json.dumps({"file": str(path), "settings": found.stated}, indent=2))
+        return ExitCode.ACCEPTED
+    say(f"File       {path}{'' if path.exists() else ' (there is none)'}")
+    for key, meaning in MEANING.items():
+        say(f"{key:<10} {found.stated.get(key, '-')!s:<20} {meaning}")
+    say(
+        "Stronger, in this order: command line, session, procedure, environment (CAN_INTERFACE), can.conf."
+    )
+    return ExitCode.ACCEPTED

@@ -1,0 +1,123 @@
+"""The user's settings: shown, changed, weaker than everything else, and one clear error where they are wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from hardware.buses import BusSettings, bus_settings
+from operator_app.cli import main
+from operator_app.commands.options import choices_from
+from operator_app.commands.table import parser_of
+from operator_app.composition import carried_procedure
+from operator_app.config.user_settings import load_settings, usual_bus
+from operator_app.session.journal import read_journal
+from operator_app.session.opening import begin
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.chdir(tmp_path)
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE"):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path / "config" / "sarcal" / "settings.yaml"
+
+
+def test_they_are_set_shown_and_taken_away(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["settings"]) == 0
+    assert "there is none" in capsys.readouterr().out
+    words = ["interface=socketcan", "channel=can3", "bitrate=500000", "operator=R. Hand"]
+    assert main(["settings", *words]) == 0
+    capsys.readouterr()
+    assert main(["settings", "bitrate=", "theme=light", "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["file"] == str(file)
+    assert shown["settings"]["operator"] == "R. Hand"
+    assert load_settings().stated == {
+        "interface": "socketcan",
+        "channel": "can3",
+        "theme": "light",
+        "operator": "R. Hand",
+    }
+    assert file.read_text().startswith("schema: sarcal/settings/1\n")
+
+
+def test_everything_else_is_stronger(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    main(["settings", "interface=socketcan", "channel=can3", "bitrate=500000"])
+    usual = usual_bus()
+    assert bus_settings(otherwise=usual) == BusSettings(
+        interface="socketcan", channel="can3", bitrate=500000
+    )
+    assert bus_settings("virtual", otherwise=usual).interface == "virtual"
+    assert bus_settings("loopback", otherwise=usual).channel == "sarcal"
+    assert bus_settings(channel="can1", otherwise=usual).channel == "can1"
+    monkeypatch.setenv("CAN_CHANNEL", "can2")
+    assert bus_settings(otherwise=usual).channel == "can2"
+    monkeypatch.setenv("CAN_INTERFACE", "loopback")
+    assert bus_settings(otherwise=usual).interface == "loopback"
+
+
+@pytest.mark.parametrize(
+    ("options", "virtual"), [([], False), (["--seed", "0"], True), (["-i", "virtual"], True)]
+)
+def test_who_names_a_virtual_arm_means_one(
+    file: Path, tmp_path: Path, options: list[str], virtual: bool
+) -> None:
+    from operator_app.composition import _bus
+
+    main(["settings", "interface=socketcan", "channel=can3", "operator=R. Hand"])
+    choices = choices_from(parser_of("run").parse_args(["hinge", *options]))
+    assert choices.operator == "R. Hand"
+    opening = begin("hinge", choices, root=tmp_path)
+    assert (_bus(choices, opening.procedure).interface == "virtual") is virtual
+    assert carried_procedure(opening).arm.joint_count == 7
+
+
+def test_the_operator_is_in_the_journal(file: Path, tmp_path: Path) -> None:
+    from operator_app.composition import unattended
+
+    main(["settings", "operator=R. Hand"])
+    choices = choices_from(parser_of("run").parse_args(["hinge", "--scenario", "exact"]))
+    opening = begin("hinge", choices, root=tmp_path)
+    with unattended(opening) as session:
+        session.connect()
+        settings = read_journal(opening.folder).events[0].data["settings"]
+    assert settings["operator"] == "R. Hand"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("schema: sarcal/settings/1\nintreface: socketcan\n", "did you mean interface?"),
+        ("schema: sarcal/settings/1\ntheme: pink\n", "one of: dark, light, none"),
+        ("schema: sarcal/settings/1\nbitrate: fast\n", "bitrate"),
+        ("schema: sarcal/arm/1\n", "sarcal/settings/1"),
+        ("- socketcan\n", "settings.yaml"),
+        ("", "settings.yaml"),
+    ],
+)
+def test_a_file_that_is_wrong_is_one_clear_error(
+    file: Path, capsys: pytest.CaptureFixture[str], text: str, words: str
+) -> None:
+    file.parent.mkdir(parents=True)
+    file.write_text(text)
+    for command in (["settings"], ["run", "hinge"], ["probe"]):
+        assert main(command) == 2
+        told = capsys.readouterr().err
+        assert str(file) in told
+        assert words in told
+        assert "Traceback" not in told
+    assert not Path("sessions").exists()
+
+
+@pytest.mark.parametrize("word", ["interface", "colour=red", "=x"])
+def test_a_word_that_is_no_setting_says_which_there_are(
+    file: Path, capsys: pytest.CaptureFixture[str], word: str
+) -> None:
+    assert main(["settings", word]) == 2
+    assert "interface, channel, bitrate, theme, operator" in capsys.readouterr().err
+    assert main(["settings", "theme=pink"]) == 2
+    assert not file.exists()

@@ -33,7 +33,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "exit-codes": "what a command says to the shell",
             "poses-file": "columns of a poses file",
             "instrument-port": "how a tracker tells where the hand is",
-            "settings": "what you always want: bus, theme, your name",
+            "user-settings": "what you always want: bus, theme, your name",
             "session-folder": "what a session leaves on disk",
             "arm-file": "keys of an arm file",
             "fixture-file": "keys of a fixture file",

@@ -15,6 +15,7 @@ COMMANDS = {
     "export": "write, show or upload the parameters of a session",
     "report": "write an HTML report of a session",
     "compare": "say what drifted between two calibrations",
+    "reproduce": "reproduce the paper: its tables, its figures, its sources of error, its remedies",
     "new": "make an arm, fixture or procedure file",
     "check": "say all that is wrong with files, or what would be done with them",
     "session": "list sessions, show one, or repair the journal of one that is damaged",

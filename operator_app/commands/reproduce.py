@@ -1,0 +1,36 @@
+"""`sarcal reproduce`: the paper's experiment and discussion, on a specimen of its arm. Writes no file."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from operator_app.commands.options import json_option, pose_count
+from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.words_out import say
+
+FEWEST, MOST = 8, 120
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "--poses", type=pose_count, default=40, metavar="N", help="how many (default 40)"
+    )
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Reproduce, and print."""
+    from operator_app.planning.published import published
+    from operator_app.report.published_result import published_json, published_text
+
+    if not FEWEST <= args.poses <= MOST:
+        raise UsageError(f"--poses: between {FEWEST} and {MOST}")
+    say("Taking six sets of poses and calibrating ten times; that takes half a minute.", err=True)
+    found = published(poses=args.poses)
+    if args.json:
+        say(json.dumps(published_json(found), indent=2, allow_nan=False))
+    else:
+        say(published_text(found))
+    return ExitCode.ACCEPTED

@@ -141,6 +141,7 @@ def open_arm(
                     opening.choices,
                     settings,
                     fixture=opening.procedure.fixture,
+                    placement=opening.placement,
                     heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
                     attended=True,
                 )
@@ -282,8 +283,10 @@ def _named(choices: Choices) -> Scenario:
     return scenario(choices.scenario or DEFAULT_SCENARIO, choices.seed or 0)
 
 
-def virtual_arm(arm: ArmModel, fixture: FixtureSpec, choices: Choices) -> Scenario:
-    """Return the virtual arm that stands in for these files.
+def virtual_arm(
+    arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int = 1
+) -> Scenario:
+    """Return the virtual arm that stands in for these files, its fixture mounted for the n-th time.
 
     Raises
     ------
@@ -298,7 +301,7 @@ def virtual_arm(arm: ArmModel, fixture: FixtureSpec, choices: Choices) -> Scenar
     )
     named = _named(choices)
     try:
-        return scenario_of(named.name, named.seed, stated)
+        return scenario_of(named.name, named.seed, stated, placement)
     except ValueError as error:
         raise SessionError(
             f"no virtual arm can be built of {arm.name} in {fixture.name}: {error}",
@@ -336,6 +339,7 @@ def run_controller(
     settings: BusSettings,
     *,
     fixture: FixtureSpec | None = None,
+    placement: int = 1,
     slots: Path | None = None,
     heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
     script: Sequence[ScriptedFault] = (),
@@ -343,11 +347,12 @@ def run_controller(
 ) -> Iterator[VirtualController]:
     """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory.
 
-    The plant is of this arm in this `fixture` (default: the packaged hinge). `script` are faults that
-    happen at given SYNCs. An `attended` controller is waited for by `VirtualController.attend`.
+    The plant is of this arm in this `fixture` (default: the packaged hinge), mounted for the n-th time
+    (`placement`). `script` are faults that happen at given SYNCs. An `attended` controller is waited for by
+    `VirtualController.attend`.
     """
     fixture = load_fixture("hinge") if fixture is None else fixture
-    chosen = virtual_arm(arm, fixture, choices)
+    chosen = virtual_arm(arm, fixture, choices, placement)
     carried = chosen.arm(arm)
     try:
         plant, axes = chosen.build(arm), arm_axes(carried)

@@ -202,6 +202,61 @@ def opened(stated: Stated, truth: Truth, rng: np.random.Generator) -> OpenTruth:
     return found
 
 
+def mounted_anew(stated: Stated, truth: Truth, rng: np.random.Generator) -> Truth:
+    """The same arm in the same fixture, taken off and mounted anew within the tolerance of its file.
+
+    Both its sides are new, but for that of the hand where it stays there; theta_off of the first and the
+    last joint go with them, since they count from the fixture.
+
+    Raises
+    ------
+    ValueError
+        In no placement that was drawn does this arm close near its home.
+    """
+    arm, model = stated.arm, stated.fixture.model(stated.arm)
+    if not isinstance(model, DhLoop | PointClosure):
+        raise ValueError(f"a {stated.fixture.kind} fixture is not mounted anew")  # noqa: TRY004
+    sides = {*model.ground_side, *(() if stated.fixture.stays_on_hand else model.hand_side)}
+    rows = truth.table.stacked()[:, -arm.joint_count :]
+    nominal, true = nominal_vector(model.parameters), _true_vector(model, truth)
+    size = np.array(
+        [stated.tolerance_rad if p.is_angle else stated.tolerance_m for p in model.parameters]
+    )
+    offset = np.array([p.name.startswith("theta_off_") for p in model.parameters])
+    centre = np.where(offset, true, nominal)
+    here = _pose(truth, arm, arm.home_rad)
+    if here is None:
+        raise ValueError("as first mounted, this arm does not close near its home_deg")
+    seen = _seen(stated, model, nominal, here) > 0.0
+    new = seen & np.array([p.name in sides for p in model.parameters])
+    for _ in range(TRIES):
+        drawn = centre + size * _thirds(rng, (len(size),))
+        found = _truth(model, np.where(new, drawn, true), rows)
+        pose = _pose(found, arm, arm.home_rad)
+        if pose is not None and np.abs(pose - here).max() < NEAR_HOME_RAD:
+            return found
+    raise ValueError(
+        f"mounted anew within the tolerance of its file, in none of {TRIES} placements does this arm close "
+        "near its home_deg: state the placement more narrowly"
+    )
+
+
+def _true_vector(model: DhLoop | PointClosure, truth: Truth) -> FloatArray:
+    """What the unknowns of a loop really are (P,)."""
+    stacked, own = truth.table.stacked(), dict[str, float]()
+    if isinstance(truth, BallTruth):
+        for name, point in (("tip", truth.tip_m), ("ground", truth.ground_m)):
+            own |= {f"{name}_{axis}": float(v) for axis, v in zip("xyz", point, strict=True)}
+    found = []
+    for p in model.parameters:
+        if p.name in own:
+            found.append(own[p.name])
+        else:
+            entry = DhEntry.parse(p.name)
+            found.append(float(stacked[entry.kind, entry.row]))
+    return np.array(found)
+
+
 def _placed(model: ArmLoop, stated: Stated, rng: np.random.Generator) -> FloatArray:
     """By how much the fixture's unknowns of a loop are off (P,); 0 for those of the arm."""
     offsets = {entry.name for entry in model.entries if entry.kind is DhKind.THETA_OFF}

@@ -16,7 +16,7 @@ from enum import IntEnum
 import numpy as np
 
 from fixtures.measured import Measured
-from hardware.virtual.drawn import Stated, drawn_truth, may_be, opened
+from hardware.virtual.drawn import Stated, drawn_truth, may_be, mounted_anew, opened
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
 from hardware.virtual.scenario_names import SCENARIOS
 from hardware.virtual.sensors import RvdtCurve, SensorBank, joint_sensor
@@ -54,6 +54,7 @@ class _Stream(IntEnum):
     WILD = 3
     SPECIMEN = 4
     TRACKER = 5
+    MOUNTING = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,6 +147,8 @@ class Scenario:
         Errors of the fixed lengths; None is off.
     loads
         Fixture stiffness and loads.
+    placement
+        For which time the fixture is mounted; each has noise of its own.
     """
 
     name: str
@@ -157,6 +160,7 @@ class Scenario:
     curve_of_full_scale: float = 0.0
     lengths: LengthErrors | None = None
     loads: Loads = STIFF
+    placement: int = 1
 
     def arm(self, arm: ArmModel) -> ArmModel:
         """Return `arm` with the sensors that this virtual arm really carries."""
@@ -244,7 +248,8 @@ class Scenario:
     def _rng(self, stream: _Stream) -> np.random.Generator:
         measures = stream in (_Stream.NOISE, _Stream.TRACKER)
         seed = self.seed if measures or self.specimen is None else self.specimen
-        return np.random.default_rng([seed, int(stream)])
+        again = [self.placement] if measures and self.placement > 1 else []
+        return np.random.default_rng([seed, int(stream), *again])
 
 
 def scenario(name: str, seed: int = 0) -> Scenario:
@@ -285,8 +290,11 @@ def scenario(name: str, seed: int = 0) -> Scenario:
             raise ValueError(f"no scenario {name!r}; there are {', '.join(SCENARIOS)}")
 
 
-def scenario_of(name: str, seed: int, stated: Stated) -> Scenario:
+def scenario_of(name: str, seed: int, stated: Stated, placement: int = 1) -> Scenario:
     """Return a scenario for an arm and a fixture: the paper's own where the files may mean it.
+
+    From its second `placement` on the fixture is somewhere else, drawn by seed within its file's tolerance; the
+    arm is the same.
 
     Of all others the truth is drawn by seed within what the files state; lengths and twists that
     nothing identifies are off as well, but in ``exact``. What scenarios have beside their truth
@@ -297,6 +305,15 @@ def scenario_of(name: str, seed: int, stated: Stated) -> Scenario:
     ValueError
         There is no such scenario, or no plant can be built of these files; says why.
     """
+    found = _first_mounted(name, seed, stated)
+    if placement == 1:
+        return found
+    rng = np.random.default_rng([seed, int(_Stream.MOUNTING), placement])
+    truth = mounted_anew(stated, found.truth, rng)
+    return replace(found, truth=truth, placement=placement)
+
+
+def _first_mounted(name: str, seed: int, stated: Stated) -> Scenario:
     of_paper = scenario(name, seed)
     rng = np.random.default_rng([seed, int(_Stream.SPECIMEN)])
     if may_be(stated, paper_loop(), PAPER_HOME_RAD):

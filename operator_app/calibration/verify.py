@@ -26,6 +26,7 @@ from solver.estimators.implicit import NoiseModel
 from solver.judging.holdout import Verification, verify
 from solver.judging.statistics import chi2_test
 from solver.loops.closure import ClosureModel
+from solver.loops.placements import Placements
 
 STEPS = 3
 """Of Newton's iteration to where a ball's socket stands, in which the loop is linear."""
@@ -91,13 +92,24 @@ class Prediction:
         return bool(found.closed.all()) and found.chi2.per_dof <= found.chi2.high
 
 
-def fixed_by(solution: Solution) -> Fixed:
-    """Take the parameters of a calibration with everything that was found beside them."""
+def fixed_by(solution: Solution, placement: int | None = None) -> Fixed:
+    """Take the parameters of a calibration with everything that was found beside them.
+
+    Parameters
+    ----------
+    placement
+        Of several that were calibrated, the one that new poses are of: its parameters without its number.
+        None: all of them.
+    """
     estimate, components = solution.estimate, solution.components
     found = () if components is None else components.components
+    names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
+    if placement is not None and isinstance(solution.model, Placements):
+        part, columns = solution.model.of(placement)
+        names = [p.name for p in part.parameters]
     return Fixed(
-        values={p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)},
-        covariance=estimate.covariance,
+        values=dict(zip(names, estimate.x[columns].tolist(), strict=True)),
+        covariance=estimate.covariance[np.ix_(columns, columns)],
         rvdt_sd_rad=_rvdt_sd(found),
         fixture_variance=None if components is None else components.noise.fixture_variance,
         unsensed_joints=solution.model.unsensed_joints,

@@ -11,7 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hardware.virtual.fault_words import FAULTS
-from operator_app.commands.options import bus_options, choices_from, scenario_options
+from operator_app.commands.options import (
+    bus_options,
+    choices_from,
+    placement_count,
+    scenario_options,
+)
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
@@ -31,6 +36,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--procedure",
         metavar="P",
         help="arm and fixture of this procedure, instead of the two above; the arm stands at its home",
+    )
+    parser.add_argument(
+        "--placement",
+        type=placement_count,
+        default=1,
+        metavar="K",
+        help="for which time the fixture is mounted (default 1): from 2 on it stands somewhere else within its "
+        "file's tolerance, for a session with `run --placements`",
     )
     parser.add_argument(
         "--state",
@@ -113,13 +126,20 @@ def execute(args: argparse.Namespace) -> int:
         ending_signals_interrupt(),
         first_in_line(),
         run_controller(
-            arm, choices, settings, fixture=fixture, slots=args.state, script=script
+            arm,
+            choices,
+            settings,
+            fixture=fixture,
+            placement=args.placement,
+            slots=args.state,
+            script=script,
         ) as controller,
         _tracker(controller.tracker, args.tracker_port) as tracker,
     ):
-        chosen = virtual_arm(arm, fixture, choices)
+        chosen = virtual_arm(arm, fixture, choices, args.placement)
+        again = f", placement {args.placement}" if args.placement > 1 else ""
         say(
-            f"Virtual {arm.name} in {fixture.name} (scenario {chosen.name}, seed {chosen.seed}) on "
+            f"Virtual {arm.name} in {fixture.name} (scenario {chosen.name}, seed {chosen.seed}{again}) on "
             f"{settings}. "
             f"In another terminal: sarcal run {run} "
             f"-i {settings.interface} -c {settings.channel}"

@@ -128,6 +128,14 @@ def scenario_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--seed", type=int, help="of the virtual arm (default 0)")
 
 
+def placement_count(text: str) -> int:
+    """Read the value of ``--placements`` and ``--placement``."""
+    found = int(text) if re.fullmatch(r"\d{1,4}", text) else 0
+    if found < 1:
+        raise argparse.ArgumentTypeError(f"{text} is no whole number from 1")
+    return found
+
+
 def tracker_option(parser: argparse.ArgumentParser) -> None:
     """``--tracker``: the port of the instrument that measures endpoints."""
     parser.add_argument(
@@ -229,6 +237,7 @@ def choices_from(args: argparse.Namespace) -> Choices:
         seed=args.seed,
         tracker=getattr(args, "tracker", None),
         operator=load_settings().operator,
+        placements=getattr(args, "placements", None),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
@@ -14,6 +15,7 @@ from operator_app.commands.options import (
     force_option,
     homing_option,
     json_option,
+    placement_count,
     plan_option,
     pose_count,
     recording,
@@ -40,6 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--poses", type=pose_count, metavar="N", help="how many poses to capture")
     parser.add_argument(
+        "--placements",
+        type=placement_count,
+        metavar="N",
+        help="mount the fixture N times, and take --poses in each: the arm's offsets are shared, the fixture's "
+        "entries are each placement's own. Between two of them you are asked to take it off and mount it anew",
+    )
+    parser.add_argument(
         "--resume", metavar="SESSION", help="go on with a session: its folder, its name or latest"
     )
     parser.add_argument(
@@ -62,6 +71,7 @@ def execute(args: argparse.Namespace) -> int:
     """Run, report, and leave the arm held whatever happens."""
     from operator_app.composition import unattended
     from operator_app.headless.console import ConsoleListener
+    from operator_app.headless.remounting import next_placement
     from operator_app.headless.runner import run
     from operator_app.session.opening import begin, resume
     from solver.errors import UnidentifiableError
@@ -73,21 +83,28 @@ def execute(args: argparse.Namespace) -> int:
         else begin(args.procedure, choices, root=args.sessions)
     )
     listener = ConsoleListener()
-    record_to = recording(args, opening)
+    result = None
     try:
-        with (
-            unattended(opening, record_to=record_to, cut_short=listener.cut_short) as session,
-            _solver_beside(session) as solver,
-        ):
-            if opening.resumed:
-                listener.resumed(session)
-            result = run(
-                session,
-                listener,
-                forced=args.force.strip(),
-                homing=args.go_home,
-                solver=solver,
-            )
+        while result is None:
+            if opening.next_due:
+                opening = next_placement(opening, listener, root=args.sessions)
+            with (
+                unattended(
+                    opening, record_to=recording(args, opening), cut_short=listener.cut_short
+                ) as session,
+                _solver_beside(session) as solver,
+            ):
+                if opening.resumed:
+                    listener.resumed(session)
+                result = run(
+                    session,
+                    listener,
+                    forced=args.force.strip(),
+                    homing=args.go_home,
+                    solver=solver,
+                )
+            if result is None:
+                opening = replace(opening, next_due=True)
     except UnidentifiableError as error:
         # Only an open session calibrates.
         _report_unidentifiable(args, session, error)

@@ -114,9 +114,12 @@ def execute(args: argparse.Namespace) -> int:
                 "--open-loop they judge the calibration; without, take the columns out"
             )
         if len(poses.placements) > 1:
-            raise UsageError("new poses must be of one placement, the one that was calibrated")
+            raise UsageError("new poses must be of one placement, one that was calibrated")
+        known, (placement,) = state.pose_set().placements, poses.placements
+        if len(known) > 1 and placement not in known:
+            raise UsageError(f"{args.csv} is of placement {placement}, which was not calibrated")
         placed = as_calibrated(fixture, solution.model)
-        verdict = judge_poses(arm, placed, poses, fixed_by(solution))
+        verdict = judge_poses(arm, placed, poses, fixed_by(solution, placement))
     else:
         count = NEW_POSES if wanted is None else wanted
         verdict, poses = _on_the_arm(

@@ -255,6 +255,8 @@ class Procedure:
         Whether the parameters go to the controller.
     length_tolerance_m
         How well the maker's link lengths are known (standard deviation); None: exact.
+    placements
+        How often the fixture is mounted, the capture's poses taken each time.
     """
 
     name: str
@@ -273,3 +275,4 @@ class Procedure:
     trial: bool = False
     held: Mapping[str, str] = field(default_factory=dict)
     tracker: str | None = None
+    placements: int = 1

@@ -42,8 +42,10 @@ def run(
     forced: str = "",
     homing: bool = False,
     solver: Solver = solve_here,
-) -> RunResult:
+) -> RunResult | None:
     """Go from Connect to Export; every refusal is raised with its reason.
+
+    None: the present placement of the fixture has its poses, and it has to be mounted anew for the next.
 
     `forced` says why a calibration is exported even if it is not accepted; empty: it is not.
     `homing`: the operator agrees that an arm outside its box goes home by itself. `solver` calibrates
@@ -59,6 +61,8 @@ def run(
     if end is not None:
         listener.told(f"Capture {'complete' if end.complete else 'ended'}: {end.text}.")
     session.arm.hold()
+    if session.state.placement < session.procedure.placements:
+        return None
     known = session.calibrated()
     solution = session.calibrate(solver=solver) if known is None else known.solution
     listener.solved(solution)

@@ -235,6 +235,7 @@ SETTINGS = fields(
     seed_0=nothing_or(whole(0)),
     tracker_0=nothing_or(text),
     operator_0=nothing_or(text),
+    placements_0=nothing_or(COUNT),
     verifies_0=text,
     drop_unidentifiable_0=nothing_or(yes_or_no),
 )
@@ -255,6 +256,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "standing": {"told?": text, "probability?": nothing_or(number(0.0, 1.0))},
     "control": {"start_rad": ANGLES, "home_rad?": ANGLES},
     "modes": {"modes": of_joints(one_of("position", "free"))},
+    "remounted": {"placement": whole(2)},
     "went_home": {"joints": JOINTS, "q_rad": ANGLES, "stopped?": text},
     "waypoint_skipped": {"waypoint": whole(0), "reason?": text},
     "pose": {
@@ -277,6 +279,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
         "sd_rad": SPREADS,
         "samples": COUNT,
         "of?": whole(0),
+        "placement?": COUNT,
         "endpoint?": measured,
     },
     "pose_undone": {"number": COUNT},

@@ -28,9 +28,12 @@ from operator_app.config.parameters_from_table import joints_from_table, rows_fr
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.session.state import SessionState
+from solver.arrays import FloatArray, IntArray
 from solver.chain.kinematics import DhTable
 from solver.estimators.goodness import TwoReadings
 from solver.loops.arm_loop import ArmLoop
+from solver.loops.closure import ClosureModel
+from solver.loops.placements import Placements
 
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"
@@ -59,13 +62,13 @@ def document_of(
     `forced` says why one that was not accepted is used all the same: the first of its warnings.
     """
     arm, fixture = procedure.arm, procedure.fixture
-    estimate, model = solution.estimate, solution.model
-    turned = estimate.sigmas.orientation_rad
-    table = _table_of(solution, fixture.kind)
+    estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
+    model, columns = _mounted(solution.model, state)
+    table = _table_of(model, estimate.x[columns], fixture.kind)
     own = model.own if isinstance(model, ArmLoop) else ()
     calibrated = tuple(
         CalibratedEntry.of(p.name, math.degrees(s) if p.is_angle else float(s))
-        for p, s in zip(estimate.parameters, estimate.standard_deviation, strict=True)
+        for p, s in zip(model.parameters, estimate.standard_deviation[columns], strict=True)
         if p.name not in own
     )
     return ParametersDocument(
@@ -84,6 +87,7 @@ def document_of(
         ),
         warnings=(
             *_in_spite_of(solution, forced),
+            *_several(solution.model, state),
             *(DocumentWarning(code=n.code, text=n.text) for n in solution.warnings),
         ),
         estimator=estimate.estimator,
@@ -93,7 +97,29 @@ def document_of(
     )
 
 
-def _table_of(solution: Solution, kind: str) -> DhTable:
+def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
+    """The loop that the document describes and its parameters: of several placements that of the last."""
+    if isinstance(model, Placements) and not state.imported:
+        return model.of(_last(model, state))
+    return model, np.arange(len(model.parameters))
+
+
+def _last(model: Placements, state: SessionState) -> int:
+    """The placement that the fixture is in, or the last one whose poses count."""
+    return state.placement if state.placement in model.numbers else model.numbers[-1]
+
+
+def _several(model: ClosureModel, state: SessionState) -> tuple[DocumentWarning, ...]:
+    if not isinstance(model, Placements) or state.imported:
+        return ()
+    text = (
+        f"calibrated in {len(model.numbers)} placements of the fixture; what belongs to its mounting is of "
+        f"placement {_last(model, state)}, the last"
+    )
+    return (DocumentWarning(code="PLACEMENTS", text=text),)
+
+
+def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
     """D-H rows 0..n as found; row 0 is nothing where the fixture is no D-H link.
 
     Raises
@@ -101,7 +127,6 @@ def _table_of(solution: Solution, kind: str) -> DhTable:
     SessionError
         Several placements have no table in common.
     """
-    model, x = solution.model, solution.estimate.x
     table = model.dh_table(x)
     if table is not None:
         return table

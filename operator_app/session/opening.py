@@ -24,13 +24,15 @@ from operator_app.session.instrument import Instrument
 from operator_app.session.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.session import Session
-from operator_app.session.state import session_state
+from operator_app.session.state import SessionState, session_state
 from solver.estimators.estimate import require_enough_poses
 
 KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Order of `Procedure.sources`."""
 LATER: frozenset[Kind] = frozenset({"profile"})
 """Kinds that journals of earlier versions do not have: what the procedure names is what it was then."""
+
+MOST_PLACEMENTS = 20
 
 MOST_POSES = 100_000
 """As in a procedure file."""
@@ -45,7 +47,7 @@ class Choices:
 
     `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` name the bus, `profile` how
     the arm is set up on it; `scenario` and `seed` the virtual arm; `tracker` where measured endpoints come
-    from; `operator` who works there.
+    from; `placements` how often the fixture is mounted; `operator` who works there.
     """
 
     poses: int | None = None
@@ -62,6 +64,7 @@ class Choices:
     seed: int | None = None
     tracker: str | None = None
     operator: str | None = None
+    placements: int | None = None
 
     def over(self, earlier: Choices) -> Choices:
         """Return these choices where they are made, else the earlier ones."""
@@ -78,7 +81,8 @@ class Choices:
 class Opening:
     """A session that is about to begin or go on, before anything was written.
 
-    `imported` is the file that its poses were read from; empty where an arm took them.
+    `imported` is the file that its poses were read from; empty where an arm took them. `placement` is the
+    mounting of the fixture that the arm is in, and `next_due`: it has all its poses, and another is wanted.
     """
 
     folder: Path
@@ -87,6 +91,8 @@ class Opening:
     choices: Choices
     sources: Mapping[str, str]
     imported: str = ""
+    placement: int = 1
+    next_due: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,14 +220,35 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
                     "leave the option out, or start a new session",
                 )
     merged = choices.over(before)
+    procedure = _with_choices(procedure, merged)
     return Opening(
         folder=folder,
         resumed=True,
-        procedure=_with_choices(procedure, merged),
+        procedure=procedure,
         choices=merged,
         sources=state.sources,
         imported=state.imported,
+        placement=state.placement,
+        next_due=next_due(state, procedure),
     )
+
+
+def next_due(state: SessionState, procedure: Procedure) -> bool:
+    """Whether the present placement has all its poses, its first one read again, and another is wanted."""
+    return (
+        state.placement < procedure.placements
+        and len(state.poses_here) >= procedure.capture.poses
+        and any(r.again.after == state.captured for r in state.returns)
+    )
+
+
+def mounted_anew(opening: Opening) -> None:
+    """Keep in a session's journal that its fixture was taken off and mounted anew; no arm is connected."""
+    journal = Journal.resume(opening.folder)
+    try:
+        journal.append("remounted", {"placement": opening.placement + 1})
+    finally:
+        journal.close()
 
 
 def _require_profile(procedure: Procedure, choices: Choices) -> None:
@@ -262,8 +289,29 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
         procedure = replace(procedure, length_tolerance_m=choices.length_tolerance_m)
     if choices.upload is not None:
         procedure = replace(procedure, upload=choices.upload)
+    if choices.placements is not None:
+        procedure = replace(procedure, placements=_placements(procedure, choices.placements))
     _require_solvable(procedure)
     return procedure
+
+
+def _placements(procedure: Procedure, wanted: int) -> int:
+    """Refuse what cannot be mounted so often."""
+    if not 1 <= wanted <= MOST_PLACEMENTS:
+        raise SessionError(
+            f"{wanted} placements were asked for", f"ask for 1 to {MOST_PLACEMENTS} of them"
+        )
+    if wanted > 1 and not procedure.fixture.fixture.holds_hand:
+        raise SessionError(
+            f"{procedure.fixture.name} holds no hand: there is nothing to take off and mount anew",
+            "leave --placements out",
+        )
+    if wanted > 1 and procedure.capture.strategy == "planned":
+        raise SessionError(
+            "a plan is made for one placement of the fixture",
+            "capture explored poses (--plan explore) with --placements",
+        )
+    return wanted
 
 
 def _planned_or_not(capture: CapturePlan, plan: str | None) -> CapturePlan:

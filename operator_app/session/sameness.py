@@ -135,6 +135,7 @@ def check_standing(
     GuardError
         It does not close there: something is another than it was.
     """
+    state = state.here
     fixed = _fixed(state, procedure)
     if fixed is None:
         return Standing(
@@ -196,6 +197,7 @@ def check_return(state: SessionState, procedure: Procedure) -> str:
     """
     from scipy.special import chdtri
 
+    state = state.here
     if not procedure.fixture.fixture.holds_hand:
         return _check_seen_again(state, procedure)
     last = state.returns[-1]
@@ -298,10 +300,10 @@ def require_moving(state: SessionState, procedure: Procedure, reading: Reading) 
     ------
     SensorFault
     """
-    if not state.used_poses or not procedure.fixture.fixture.holds_hand:
+    if not state.poses_here or not procedure.fixture.fixture.holds_hand:
         # Where every joint is driven, its drive sees that it does not move.
         return
-    last, arm = state.used_poses[-1], procedure.arm
+    last, arm = state.poses_here[-1], procedure.arm
     moved = reading.mean_rad - last.mean_rad
     still = [j for j in range(1, arm.joint_count + 1) if _stands_still(arm, j, moved, reading)]
     if not still or np.abs(moved).max() < TURNED_RAD:

@@ -251,7 +251,7 @@ class Session:
             return
         here = self.arm.capture(self.procedure.capture.samples_per_pose)
         check_counters(self.model, here.mean_counts)
-        if self.state.used_poses:
+        if self.state.poses_here:
             endpoint = self._measured({"kind": "standing", "number": self.state.captured}, here)
             found = check_standing(self.state, self.procedure, here, endpoint)
             self.record("standing", {"told": found.told, "probability": found.probability})
@@ -411,6 +411,7 @@ class Session:
             name,
             {
                 **data,
+                **({"placement": self.state.placement} if self.state.placement > 1 else {}),
                 **({} if endpoint is None else {"endpoint": endpoint.tolist()}),
                 # The angles a poses file can hold, so that poses.csv is these very poses.
                 "mean_rad": np.deg2rad(degrees_for_file(reading.mean_rad)).tolist(),

@@ -24,7 +24,7 @@ class CapturedPose:
 
     `number` counts captures from 1 and is never used twice; `waypoint` is the index in the plan it
     was taken for, -1 for none; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates. `placement`
-    is of poses that came out of a file; `endpoint` what an instrument measured (m and rad; else empty).
+    counts how often the fixture was mounted, from 1; `endpoint` what an instrument measured (m and rad; else empty).
     """
 
     number: int
@@ -57,6 +57,7 @@ class CheckReading:
     note: str = ""
     of: int = 0
     after: int = 0
+    placement: int = 1
     endpoint: tuple[float, ...] = ()
 
 
@@ -121,6 +122,9 @@ class SessionState:
     resumed
         Whether the session was resumed, or the arm found again, since the last of them: something may
         have slipped meanwhile.
+    placement
+        Which mounting of the fixture the arm is in, from 1. Where it started, its waypoints and its modes
+        are of this one.
     slipped
         What a joint's reading did that no motion explains: no pose counts until the first one, read
         again, reads as it did. Empty: nothing.
@@ -154,6 +158,7 @@ class SessionState:
     drive_sets: tuple[tuple[int, ...], ...] = ()
     readings: tuple[CheckReading, ...] = ()
     resumed: bool = False
+    placement: int = 1
     slipped: str = ""
     verifications: int = 0
     campaign: CampaignLog = field(default_factory=CampaignLog)
@@ -172,6 +177,21 @@ class SessionState:
     def used_poses(self) -> tuple[CapturedPose, ...]:
         """Poses that count: captured, not undone, not excluded."""
         return tuple(p for p in self.poses if not p.excluded)
+
+    @property
+    def poses_here(self) -> tuple[CapturedPose, ...]:
+        """Those of them that were taken in the present placement of the fixture."""
+        return tuple(p for p in self.used_poses if p.placement == self.placement)
+
+    @property
+    def here(self) -> SessionState:
+        """What is known of the present placement alone: the others say nothing of where the arm stands."""
+        if all(p.placement == self.placement == 1 for p in self.poses):
+            return self
+        number = self.placement
+        poses = tuple(replace(p, placement=1) for p in self.poses if p.placement == number)
+        readings = tuple(replace(r, placement=1) for r in self.readings if r.placement == number)
+        return replace(self, poses=poses, readings=readings, placement=1, **_UNSOLVED)
 
     @property
     def returns(self) -> tuple[Return, ...]:
@@ -202,7 +222,8 @@ class SessionState:
         """How many poses the procedure asks for; a plan's come beside those of its exploration."""
         used = self.used_poses
         if capture.strategy != "planned":
-            return capture.poses
+            # As many in every placement.
+            return capture.poses + len(used) - len(self.poses_here)
         if self.campaign.ended.get("complete"):
             return len(used)
         return capture.poses + sum(not p.planned for p in used)
@@ -320,8 +341,10 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
 def _apply_planning(
     state: SessionState, name: str, data: Mapping[str, Any], utc: str
 ) -> SessionState:
-    """State after an event of a planned capture, beside its poses."""
+    """State after an event of a planned capture, or of another mounting, beside its poses."""
     match name:
+        case "remounted":
+            return _elsewhere(state, data["placement"])
         case "drives_chosen":
             sets = tuple(tuple(drives) for drives in data["sets"])
             return replace(state, drives=tuple(data["drives"]), drive_sets=sets)
@@ -358,6 +381,7 @@ def _apply_results(
                 utc=utc,
                 of=data.get("of", 0),
                 after=state.captured,
+                placement=data.get("placement", 1),
                 endpoint=tuple(data.get("endpoint", ())),
             )
             return replace(state, readings=(*state.readings, reading), resumed=False)
@@ -377,6 +401,21 @@ def _apply_results(
 def _another_try(state: SessionState) -> SessionState:
     """State in which waypoints that were passed over are tried again."""
     return replace(state, visited=state.visited - state.passed_over, passed_over=frozenset())
+
+
+def _elsewhere(state: SessionState, placement: int) -> SessionState:
+    """State after the fixture was mounted anew: what was known of where the arm stands is gone."""
+    return replace(
+        state,
+        placement=placement,
+        start_rad=None,
+        home_rad=None,
+        modes=(),
+        visited=frozenset(),
+        passed_over=frozenset(),
+        resumed=False,
+        slipped="",
+    )
 
 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:

@@ -20,6 +20,7 @@ from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, St
 from operator_app.session.session import Session
 from operator_app.session.state import pose_set_of
 from solver.chain.poses import PoseSet
+from solver.loops.placements import Placements
 
 MANY_PLACES = 4
 """Times as many places are looked at as where every way is known to be clear."""
@@ -74,7 +75,7 @@ def take_poses(
         listener.modes_set(wanted)
     if homing and planned is None:
         home_if_away(session, listener)
-    if session.state.resumed and session.state.used_poses and _is_going_on(session, planned):
+    if session.state.resumed and session.state.poses_here and _is_going_on(session, planned):
         _there_and_back(session, listener, planned)
     end = None
     if planned is None:
@@ -82,7 +83,7 @@ def take_poses(
     else:
         end = planned.run()
     state = session.state
-    if state.used_poses and not any(r.again.after == state.captured for r in state.returns):
+    if state.poses_here and not any(r.again.after == state.captured for r in state.returns):
         _return_to_first(session, listener, planned)
     return end
 
@@ -100,7 +101,7 @@ def _is_going_on(session: Session, planned: PlannedCapture | None) -> bool:
     """Whether poses are still to come: what slips after the last one has no part in a calibration."""
     if planned is not None:
         return not planned.complete
-    return len(session.state.used_poses) < session.procedure.capture.poses
+    return len(session.state.poses_here) < session.procedure.capture.poses
 
 
 def _return_to_first(
@@ -116,7 +117,7 @@ def _return_to_first(
     -------
     The way a planned session came.
     """
-    first = session.state.used_poses[0]
+    first = session.state.poses_here[0]
     listener.told(f"Back to pose {first.number}: to read it once more shows what slipped since.")
     listener.going(None)
     way: tuple[Stop, ...] = ()
@@ -161,7 +162,7 @@ def _there_and_back(session: Session, listener: Listener, planned: PlannedCaptur
 def _explore(session: Session, listener: Listener) -> None:
     """Visit waypoints in turn until there are enough poses."""
     plan, wanted = session.plan(), session.procedure.capture.poses
-    while (taken := len(session.state.used_poses)) < wanted:
+    while (taken := len(session.state.poses_here)) < wanted:
         waypoint = session.state.next_waypoint
         if waypoint >= len(plan):
             raise GuardError(
@@ -178,7 +179,9 @@ def _explore(session: Session, listener: Listener) -> None:
                 session.record("waypoint_skipped", {"waypoint": waypoint, "reason": lost.happened})
                 listener.told(f"Passed over: {lost.happened}.")
                 continue
-            listener.pose_captured(session.state, wanted)
+            listener.pose_captured(
+                session.state, session.state.wanted_poses(session.procedure.capture)
+            )
 
 
 def verify(
@@ -189,6 +192,11 @@ def verify(
     The modes are set. Readings and verdict are in the journal; the poses are no part of the
     calibration.
     """
+    if not session.state.poses_here:
+        raise GuardError(
+            f"the fixture was mounted anew since: of placement {session.state.placement} no pose was calibrated",
+            "go on with the session (sarcal run --resume), then verify",
+        )
     require_in_box(session)
     before = len(session.state.readings)
     for target in _new_places(session, solution, poses):
@@ -207,7 +215,8 @@ def verify(
         )
     taken = pose_set_of(session.state.readings[before:])
     fixture = as_calibrated(session.fixture, solution.model)
-    verdict = judge_poses(session.model, fixture, taken, fixed_by(solution))
+    here = fixed_by(solution, session.state.placement)
+    verdict = judge_poses(session.model, fixture, taken, here)
     session.record("verified", _summary(verdict, taken))
     return verdict, taken
 
@@ -219,12 +228,16 @@ def _new_places(session: Session, solution: Solution, poses: int) -> Iterator[Ma
     leaves the way clear, of many places more.
     """
     known = {box.joint for box in session.procedure.capture.exploration}
+    model, x = solution.model, solution.estimate.x
+    if isinstance(model, Placements):
+        model, columns = model.of(session.state.placement)
+        x = x[columns]
     if known >= set(session.position_joints):
         yield from session.verification_plan(poses)
         return
     for target in session.verification_plan(MANY_PLACES * poses):
         here = session.arm.snapshot().positions_rad
-        if is_clear(session.model, solution.model, solution.estimate.x, here, target):
+        if is_clear(session.model, model, x, here, target):
             yield target
 
 

@@ -101,6 +101,10 @@ class Placements(ClosureModel):
         """Where the parameters of one placement's own model are in the whole vector (P_own,)."""
         return self._columns[self.numbers.index(number)]
 
+    def of(self, number: int) -> tuple[ClosureModel, IntArray]:
+        """One placement's own model and where its parameters are in the whole vector; ValueError if none."""
+        return self.models[self.numbers.index(number)], self.columns(number)
+
     def poses_of(self, number: int) -> IntArray:
         """Indices of the poses taken in one placement."""
         return np.flatnonzero(self.placement == number)

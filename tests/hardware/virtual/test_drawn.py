@@ -9,7 +9,7 @@ import pytest
 
 from hardware.virtual.drawn import Stated, drawn_truth, may_be
 from hardware.virtual.scenarios import scenario_of
-from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, Truth, paper_loop
+from hardware.virtual.truth import PAPER_HOME_RAD, BallTruth, LoopTruth, Truth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.arm_model import ArmModel
@@ -41,6 +41,30 @@ def test_a_specimen_closes_and_is_the_same_for_a_seed(fixture: str) -> None:
     assert closes(one, pose, hinge) < 1e-9
     assert np.array_equal(one.table.stacked(), same.table.stacked())
     assert not np.array_equal(one.table.stacked(), other.table.stacked())
+
+
+@pytest.mark.parametrize("fixture", ["hinge", "rigid", "sarcos_ball"])
+def test_mounted_anew_the_arm_is_the_same_and_its_fixture_is_not(fixture: str) -> None:
+    what = stated(fixture)
+    one, two, same, three = (scenario_of("datasheet", 3, what, k).true_loop() for k in (1, 2, 2, 3))
+    pose, hinge = two.closed_near(what.arm.home_rad)
+    assert closes(two, pose, hinge) < 1e-9
+    model = what.fixture.model(what.arm)
+    own = {*model.ground_side, *(() if what.fixture.stays_on_hand else model.hand_side)}
+    off = two.table.stacked() - one.table.stacked()
+    assert np.array_equal(two.table.stacked(), same.table.stacked())
+    assert closes(three, *three.closed_near(what.arm.home_rad)) < 1e-9
+    for kind in DhKind:
+        for row in range(8):
+            name = DhEntry(kind, row).name
+            limit = 2.0 * (what.tolerance_rad if kind.is_angle else what.tolerance_m)
+            moved = abs(float(off[kind, row]))
+            assert moved <= limit if name in own else moved == 0.0, name
+    if isinstance(one, BallTruth) and isinstance(two, BallTruth):
+        assert np.array_equal(one.tip_m, two.tip_m)
+        assert 1e-4 < np.abs(one.ground_m - two.ground_m).max() < 2.0 * what.tolerance_m
+    else:
+        assert np.abs(off[DhKind.S]).max() > 1e-4
 
 
 def test_everything_is_off_within_what_is_stated_and_nothing_else_is() -> None:

@@ -1,0 +1,64 @@
+"""Between two placements of the fixture: what the operator has to do, and that it was done. Knows no bus.
+
+The arm was let go: its drives are off, and nobody commands them. That the fixture was mounted anew goes
+into the journal before the arm is connected again, so that a session goes on in the right placement whatever
+happens in between.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from operator_app.errors import SessionError
+from operator_app.headless.console import ConsoleListener
+from operator_app.session.opening import Choices, Opening, mounted_anew, resume
+
+
+def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -> Opening:
+    """Ask for the next placement, keep that it is there, and return how the session goes on.
+
+    Where the arm is simulated by this very program nobody has to do anything.
+
+    Raises
+    ------
+    SessionError
+        Nobody confirmed it.
+    """
+    listener.close()
+    number, wanted = opening.placement + 1, opening.procedure.placements
+    if opening.choices.interface in (None, "virtual"):
+        listener.say(f"Placement {number} of {wanted}: the virtual fixture is mounted anew.")
+    else:
+        for line in words(opening):
+            listener.say(line)
+        if not sys.stdin.readline():
+            raise SessionError(
+                f"nobody confirmed that the fixture is mounted for placement {number}",
+                f"when it is, go on with: sarcal run --resume {opening.folder}",
+            )
+    mounted_anew(opening)
+    return resume(str(opening.folder), Choices(), root=root)
+
+
+def words(opening: Opening) -> tuple[str, ...]:
+    """Say what to do between two placements."""
+    number, name = opening.placement + 1, opening.procedure.fixture.name
+    kept = opening.procedure.fixture.fixture.stays_on_hand
+    part = "; its part on the hand stays" if kept else " and off the hand"
+    lines = [
+        f"Placement {opening.placement} of {opening.procedure.placements} has its poses.",
+        "Nobody commands the arm any more: its drives are off. Leave its controller on: its counters count.",
+        "1. Secure the arm against falling, by hand or by a strap. Somebody has a hand on the hardware stop.",
+        f"2. Take the {name} off the table{part}.",
+        "3. Mount it anew, turned and shifted within the tolerance that its file states.",
+        "4. Bring the arm by hand to its home, close the loop, and go through the check list again.",
+    ]
+    if opening.choices.interface == "loopback":
+        again = f"its controller and start it again with --placement {number}"
+        lines.append(f"(Of a virtual arm: end {again}.)")
+    lines.append(
+        f"Press Enter when placement {number} is mounted and nobody is within reach. Ctrl-C leaves; then "
+        f"sarcal run --resume {opening.folder} asks again."
+    )
+    return tuple(lines)

@@ -1,0 +1,132 @@
+"""Several mountings in one journal: what each says of where the arm stands, what is asked between them."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from operator_app.cli import main
+from operator_app.errors import SessionError
+from operator_app.headless.console import ConsoleListener
+from operator_app.headless.remounting import next_placement, words
+from operator_app.session.journal import Journal, read_journal
+from operator_app.session.opening import Choices, begin, resume
+from operator_app.session.state import SessionState, replay
+from oracles.journals import POSE, sources
+
+Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
+SETTINGS = {"poses": 12, "placements": 2, "interface": "loopback", "channel": "bench"}
+READING = {"mean_rad": Q, "sd_rad": [0.0] * 7, "samples": 8}
+Named = tuple[str, dict[str, Any]]
+
+
+def first_placement(poses: int = 12) -> list[Named]:
+    return [
+        ("opened", {"sources": sources(), "settings": SETTINGS}),
+        ("control", {"start_rad": Q, "home_rad": Q}),
+        ("modes", {"modes": ["position"] * 7}),
+        *(("pose", {**POSE, "number": k, "mean_rad": Q, "waypoint": k - 1}) for k in range(1, poses + 1)),
+        ("reading", {"number": 1, "kind": "return", "of": 1, **READING}),
+    ]  # fmt: skip
+
+
+def of(events: list[Named]) -> SessionState:
+    return replay((name, data, "2026-11-22T10:00:00Z") for name, data in events)
+
+
+def written(folder: Path, events: list[Named]) -> Path:
+    journal = Journal.create(folder)
+    for name, data in events:
+        journal.append(name, data)
+    journal.close()
+    return folder
+
+
+def test_a_new_mounting_begins_anew_and_keeps_the_poses() -> None:
+    before = of(first_placement())
+    state = of([*first_placement(), ("remounted", {"placement": 2})])
+    assert (state.placement, len(state.used_poses), state.poses_here) == (2, 12, ())
+    assert state.start_rad is None
+    assert (state.modes, state.next_waypoint) == ((), 0)
+    assert before.here is before
+    # Of where the arm stands in the new one, the others' poses and solution say nothing.
+    assert state.here.used_poses == ()
+    assert state.here.returns == ()
+    procedure = begin("hinge", Choices(poses=12, placements=2), root=Path()).procedure
+    assert before.wanted_poses(procedure.capture) == 12
+    assert state.wanted_poses(procedure.capture) == 24
+
+
+def test_poses_of_the_second_mounting_are_told_apart() -> None:
+    second = {**POSE, "number": 13, "mean_rad": Q, "waypoint": 0, "placement": 2}
+    again = {"number": 2, "kind": "return", "of": 13, "placement": 2, **READING}
+    events = [
+        *first_placement(),
+        ("remounted", {"placement": 2}),
+        ("pose", second),
+        ("reading", again),
+    ]
+    state = of(events)
+    assert state.pose_set().placements == (1, 2)
+    assert [p.number for p in state.poses_here] == [13]
+    assert state.next_waypoint == 1
+    here = state.here
+    assert here.pose_set().placements == (1,)
+    assert [r.first.number for r in here.returns] == [13]
+    assert len(state.returns) == 2
+
+
+def test_the_next_is_due_once_the_first_has_all_its_poses(tmp_path: Path) -> None:
+    unread, short = first_placement()[:-1], first_placement(11)
+    for k, (events, due) in enumerate(((first_placement(), True), (unread, False), (short, False))):
+        folder = written(tmp_path / str(k), events)
+        opening = resume(str(folder), Choices(), root=tmp_path)
+        assert (opening.placement, opening.next_due) == (1, due)
+    more = [*first_placement(), ("remounted", {"placement": 2})]
+    opening = resume(str(written(tmp_path / "second", more)), Choices(), root=tmp_path)
+    assert (opening.placement, opening.next_due) == (2, False)
+
+
+def test_the_operator_is_told_what_to_do_and_has_to_confirm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = written(tmp_path / "a", first_placement())
+    opening = resume(str(folder), Choices(), root=tmp_path)
+    said = " ".join(words(opening))
+    for what in ("drives are off", "Secure the arm", "Take the hinge off the table and off the hand",
+                 "Mount it anew", "close the loop", "--placement 2", "Press Enter"):  # fmt: skip
+        assert what in said
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    with pytest.raises(SessionError, match="nobody confirmed") as refused:
+        next_placement(opening, ConsoleListener(), root=tmp_path)
+    assert f"sarcal run --resume {folder}" in refused.value.remedy
+    assert resume(str(folder), Choices(), root=tmp_path).next_due
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
+    going_on = next_placement(opening, ConsoleListener(), root=tmp_path)
+    assert (going_on.placement, going_on.next_due, going_on.procedure.placements) == (2, False, 2)
+    assert read_journal(folder).events[-1].name == "remounted"
+    assert "Secure the arm" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words_said"),
+    [
+        (["hinge_planned", "--placements", "2"], "one placement"),
+        (["open_loop", "--placements", "2"], "nothing to take off"),
+        (["hinge", "--placements", "21"], "ask for 1 to 20"),
+        (["hinge", "--placements", "0"], "no whole number from 1"),
+    ],
+)
+def test_what_cannot_be_mounted_so_often_is_refused_before_anything(
+    arguments: list[str], words_said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code = main(["run", *arguments, "--sessions", str(tmp_path)])
+    except SystemExit as usage:
+        code = usage.code
+    assert code == 2
+    assert words_said in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

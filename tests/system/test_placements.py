@@ -1,0 +1,123 @@
+"""One session, several mountings of its fixture: shared offsets, entries of each, and no death loses a pose.
+
+The virtual arm's truth in every placement is asked of the controller's side.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.cli import main
+from operator_app.composition import virtual_arm
+from operator_app.config.parameters_file import load_parameters
+from operator_app.session.folder import read_session
+from operator_app.session.journal import read_journal
+from operator_app.session.opening import Choices, begin
+from solver.chain.parameters import DhEntry
+
+SARCAL = [sys.executable, "-m", "operator_app.cli"]
+POSES = 10
+
+
+def killed_after(folder: Path, poses: int, *arguments: str) -> None:
+    """Run a program and kill it as soon as its session has so many poses."""
+    process = subprocess.Popen(
+        [*SARCAL, *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    while not any(
+        journal.read_bytes().count(b'"event":"pose"') >= poses
+        for journal in folder.glob("sessions/*/journal.jsonl")
+    ):
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(0.02)
+            raise AssertionError(process.communicate()[0])
+    process.kill()
+    process.communicate()
+
+
+def truth(placement: int) -> dict[str, float]:
+    """What is planted, by name: deg and m, as JSON has it."""
+    procedure = begin("hinge", Choices(), root=Path()).procedure
+    table = virtual_arm(procedure.arm, procedure.fixture, Choices(), placement).true_loop().table
+    found = {}
+    for row in range(8):
+        for kind in ("theta_off", "a", "s", "alpha"):
+            entry = DhEntry.parse(f"{kind}_{row}")
+            value = float(table.stacked()[entry.kind, entry.row])
+            found[entry.name] = float(np.rad2deg(value)) if entry.kind.is_angle else value
+    return found
+
+
+@pytest.mark.campaign
+def test_two_placements_are_one_calibration_though_killed_in_either(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sessions = ["--sessions", str(tmp_path / "sessions")]
+    new = ["run", "hinge", "--placements", "2", "--poses", str(POSES)]
+    killed_after(tmp_path, 4, *new)
+    killed_after(tmp_path, POSES + 4, "run", "--resume", "latest")
+    (folder,) = (tmp_path / "sessions").iterdir()
+    before = [e.data for e in read_journal(folder).events if e.name == "pose"]
+    capsys.readouterr()
+    assert main(["run", "--resume", "latest", *sessions, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"] in ("accepted", "accepted_with_warnings")
+    assert found["poses"] == 2 * POSES
+
+    # Nothing was taken twice or lost; each pose says in which placement it was taken.
+    poses = [e.data for e in read_journal(folder).events if e.name == "pose"]
+    assert poses[: len(before)] == before
+    with (folder / "poses.csv").open(newline="") as file:
+        assert [row["placement"] for row in csv.DictReader(file)] == ["1"] * POSES + ["2"] * POSES
+
+    # One arm, two mountings: every value within 4 sigma of what was planted, which differ between them.
+    planted = {k: truth(k) for k in (1, 2)}
+    assert planted[1]["theta_off_3"] == planted[2]["theta_off_3"]
+    assert abs(planted[1]["s_0"] - planted[2]["s_0"]) > 0.0005
+    own = {name for name in found["parameters"] if "[" in name}
+    assert {re.sub(r"\[.\]", "", name) for name in own} == {
+        "theta_off_1", "a_0", "s_0", "alpha_0", "s_1", "theta_off_7", "a_7", "s_7", "alpha_7",
+    }  # fmt: skip
+    for name, value in found["parameters"].items():
+        plain, _, number = name.rstrip("]").partition("[")
+        wanted = planted[int(number or 1)][plain]
+        assert abs(value - wanted) < 4.0 * found["sigma"][name], name
+
+    # The file says what is mounted now.
+    document = load_parameters(folder / "parameters.yaml")
+    here = found["parameters"]
+    assert document.table.a_m[0] == pytest.approx(here["a_0[2]"], abs=1e-15)
+    assert np.rad2deg(document.theta_off_rad[0]) == pytest.approx(here["theta_off_1[2]"])
+    assert "PLACEMENTS" in {w.code for w in document.warnings}
+
+    # And so do new poses: on the arm in the second placement, and as a file of the first.
+    assert main(["verify", "latest", "--poses", "3", *sessions, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] == "holds"
+    state = read_session(folder).state
+    assert state is not None
+    assert [r.placement for r in state.readings if r.kind == "verification"] == [2, 2, 2]
+    rows = list(csv.reader((folder / "poses.csv").read_text().splitlines()))
+    few = tmp_path / "few.csv"
+    for placement, code in (("1", 0), ("2", 4), ("3", 2)):
+        # Poses of the first placement, said to be of each.
+        few.write_text(
+            "\n".join(
+                ",".join(r if k == 0 else [placement, *r[1:]]) for k, r in enumerate(rows[:5])
+            )
+        )
+        assert main(["verify", "latest", str(few), *sessions]) == code

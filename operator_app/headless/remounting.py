@@ -26,8 +26,10 @@ def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -
         Nobody confirmed it.
     """
     listener.close()
+    # Which bus it really was the journal says: the choices may have left that to the environment.
+    opening = resume(str(opening.folder), Choices(), root=root)
     number, wanted = opening.placement + 1, opening.procedure.placements
-    if opening.choices.interface in (None, "virtual"):
+    if opening.choices.interface == "virtual":
         listener.say(f"Placement {number} of {wanted}: the virtual fixture is mounted anew.")
     else:
         for line in words(opening):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -104,6 +105,9 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
         next_placement(opening, ConsoleListener(), root=tmp_path)
     assert f"sarcal run --resume {folder}" in refused.value.remedy
     assert resume(str(folder), Choices(), root=tmp_path).next_due
+    # Nobody named the bus on the command line: what it was, the journal knows.
+    with pytest.raises(SessionError, match="nobody confirmed"):
+        next_placement(replace(opening, choices=Choices()), ConsoleListener(), root=tmp_path)
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
     going_on = next_placement(opening, ConsoleListener(), root=tmp_path)
     assert (going_on.placement, going_on.next_due, going_on.procedure.placements) == (2, False, 2)

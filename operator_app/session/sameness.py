@@ -20,6 +20,7 @@ from hardware.errors import SensorFault
 from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.placed import as_calibrated, as_seen
 from operator_app.calibration.repeats import compare_readings
+from operator_app.calibration.stuck import turns_unread
 from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
@@ -30,11 +31,8 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
-from solver.closing import close_loops
-from solver.design.motion import chain_motion
 from solver.errors import SolverError
 from solver.estimators.implicit import estimate_implicit
-from solver.loops.closure import ClosureModel
 
 AT_ZERO_COUNTS = 2.5
 """A counter that has just begun anew, and the noise of its last bit."""
@@ -310,7 +308,7 @@ def require_moving(state: SessionState, procedure: Procedure, reading: Reading) 
         return
     model = procedure.fixture.fixture.model(arm)
     x: FloatArray = np.array([p.nominal for p in model.parameters])
-    turns = [_turn(model, x, q, moved, still) for q in (last.mean_rad, reading.mean_rad)]
+    turns = [turns_unread(model, x, q, moved, still) for q in (last.mean_rad, reading.mean_rad)]
     for k, joint in enumerate(still):
         least = min((float(turn[k]) for turn in turns), key=abs)
         if abs(least) > TURNED_RAD and all(turn[k] * least > 0.0 for turn in turns):
@@ -334,18 +332,6 @@ def _stands_still(arm: ArmModel, joint: int, moved: FloatArray, reading: Reading
             reading.sd_rad[joint - 1] == 0.0 and abs(moved[joint - 1]) < sensor.resolution_rad
         )
     return bool(abs(moved[joint - 1]) <= sensor.resolution_rad)
-
-
-def _turn(
-    model: ClosureModel, x: FloatArray, q_rad: FloatArray, moved: FloatArray, still: list[int]
-) -> FloatArray:
-    """Turns of joints (still,) that go with those of all others, by the chain's motions at a pose."""
-    closed = close_loops(model, x, q_rad[None])
-    tangent = chain_motion(model, x, closed.q, closed.u).tangent[0]
-    columns = [j - 1 for j in still]
-    others = np.setdiff1d(np.arange(len(moved)), columns)
-    found = np.linalg.lstsq(tangent[others], moved[others], rcond=None)[0]
-    return np.asarray(tangent[columns] @ found)
 
 
 def _fixed(state: SessionState, procedure: Procedure) -> Fixed | None:

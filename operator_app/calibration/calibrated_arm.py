@@ -119,6 +119,12 @@ def hand_accuracy(found: CalibratedArm, arm: ArmModel) -> HandAccuracy:
     )
 
 
+def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
+    """Whose an unknown of a loop is: the arm's outlives the mounting, the ground's and the hand's do not."""
+    part, plain = model.parts()[0][0], name.partition("[")[0]
+    return "ground" if plain in part.ground_side else "hand" if plain in part.hand_side else "arm"
+
+
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
     """Take the arm out of a calibration of it."""
     estimate, model = solution.estimate, solution.model

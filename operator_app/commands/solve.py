@@ -20,6 +20,8 @@ from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from fixtures.base import Fixture
+    from operator_app.calibration.remedy import ReadingTable
+    from solver.chain.arm_model import ArmModel
     from solver.chain.poses import PoseSet
 
 
@@ -52,6 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="judge the result by poses that took no part, of the same placement or, with a ball that "
         "stays on the hand, of others too; exit 4 if it fails",
     )
+    parser.add_argument(
+        "--rvdt-table",
+        metavar="FILE",
+        help="correct the readings of RVDTs by the tables of this parameters file (an earlier calibration's)",
+    )
     estimator_options(parser)
     tolerance_option(parser)
     json_option(parser)
@@ -62,6 +69,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.calibration.checks import check
     from operator_app.calibration.judgement import Notice
     from operator_app.calibration.loop import loop_of_poses, pick_placements
+    from operator_app.calibration.remedy import corrected_poses
     from operator_app.calibration.solve import calibrate
     from operator_app.calibration.verify import fixed_by, judge_poses
     from operator_app.config.arm_file import load_arm
@@ -84,6 +92,9 @@ def execute(args: argparse.Namespace) -> int:
             poses = pick_placements(poses, parse_numbers(args.placements, "--placements"))
         except ValueError as error:
             raise UsageError(f"--placements: {error}") from error
+    tables = _tables(args, arm)
+    as_read, poses = poses, corrected_poses(poses, tables)
+    _say_corrected(as_read, poses, tables)
     estimator = args.estimator or "implicit"
     if estimator == "paper" and unsensed:
         raise UsageError(
@@ -122,7 +133,7 @@ def execute(args: argparse.Namespace) -> int:
     facts = facts_of(solution, checks=checks)
     tested = None
     if args.test:
-        new = _test_poses(args, fixture, poses)
+        new = corrected_poses(_test_poses(args, fixture, as_read), tables)
         calibrated = poses.placements if _stays_on_hand(fixture) else None
         tested = judge_poses(arm, fixture, new, fixed_by(solution), calibrated=calibrated)
     if args.json:
@@ -154,6 +165,39 @@ def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> P
     if new.sha256() == poses.sha256():
         raise UsageError("--test: these are the poses the calibration is made from")
     return new
+
+
+def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[ReadingTable, ...]:
+    """Read the corrections of ``--rvdt-table``, none without it."""
+    from operator_app.calibration.remedy import tables_of
+    from operator_app.config.parameters_file import load_parameters
+    from solver.chain.sensors import Rvdt
+
+    if not args.rvdt_table:
+        return ()
+    document, given = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"
+    tables = tables_of(document)
+    if document.arm.model != arm.name:
+        raise UsageError(f"{given}: is of {document.arm.model}, these poses are of {arm.name}")
+    if not tables:
+        raise UsageError(
+            f"{given}: holds no table of an RVDT; there is one where a calibration in the hinge could judge it"
+        )
+    for table in tables:
+        if not isinstance(arm.joints[table.joint - 1].sensor, Rvdt):
+            raise UsageError(f"{given}: joint {table.joint} of {arm.name} has no RVDT")
+    return tables
+
+
+def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTable, ...]) -> None:
+    from operator_app.units.figure import ANGLE, Figure
+
+    for table in tables:
+        read, now = (p.q_rad[:, table.joint - 1] for p in (poses, corrected))
+        largest = Figure(float(abs(now - read).max()), ANGLE, places=3).with_unit
+        beyond = table.beyond(read)
+        outside = f"; {beyond} of {len(poses)} lie beyond the table" if beyond else ""
+        say(f"Readings of joint {table.joint} corrected by up to {largest}{outside}.", err=True)
 
 
 def _stays_on_hand(fixture: Fixture) -> bool:

@@ -15,7 +15,7 @@ from operator_app.config.fixture_models import MODELS
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.procedure import ProcedureFile
 from operator_app.config.profile import ProfileFile
-from operator_app.config.schema import StrictModel, StrictRecord, adapter
+from operator_app.config.schema import VERSIONS, StrictModel, StrictRecord, adapter
 
 FileKind = Literal["arm", "fixture", "procedure", "profile", "parameters"]
 
@@ -37,7 +37,9 @@ def keys_of(kind: FileKind) -> frozenset[str]:
 
 def json_schema(kind: FileKind) -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a kind of file, with its ``schema`` line."""
-    line = {"const": f"sarcal/{kind}/1", "description": "The first line of the file."}
+    versions = [f"sarcal/{kind}/{version}" for version in VERSIONS.get(kind, (1,))]
+    line: dict[str, Any] = {"description": "The first line of the file."}
+    line |= {"const": versions[0]} if len(versions) == 1 else {"enum": versions}
     models: list[tuple[Any, Literal["validation"], TypeAdapter[Any]]] = [
         (model, "validation", adapter(model)) for model in FILES[kind]
     ]

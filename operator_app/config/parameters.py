@@ -1,8 +1,9 @@
-"""The result of a calibration (``sarcal/parameters/1``): what the controller is given. Knows no YAML.
+"""The result of a calibration (``sarcal/parameters/2``): what the controller is given. Knows no YAML.
 
 The document is what its file holds, in the units of the file (degrees, metres, millimetres,
 milliradians), so that writing and reading it changes no bit. `ParametersDocument.table` gives SI.
-What is made here in a program is checked as it is written, what is read as it is read.
+What is made here in a program is checked as it is written, what is read as it is read. Version 1 had no `side`,
+no `rvdt` and no `forced`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -25,11 +27,13 @@ from pydantic import (
 )
 
 from operator_app.config.quantities import (
+    AngleDeg,
     Count,
     ExactText,
     LengthM,
     NonNegativeNumber,
     Number,
+    PositiveNumber,
     TurnDeg,
     Whole,
     refuse,
@@ -59,6 +63,7 @@ def _time_in_text(value: datetime) -> str:
 
 Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
 Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+Side = Literal["arm", "ground", "hand"]
 Sha256 = Annotated[str, StringConstraints(strict=True, pattern=r"^[0-9a-f]{64}$")]
 UtcTime = Annotated[
     datetime,
@@ -121,18 +126,23 @@ class DhRow(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibratedEntry(StrictRecord):
-    """An entry that was calibrated, with its standard deviation: an angle's in deg, a length's in m."""
+    """An entry that was calibrated, with its standard deviation: an angle's in deg, a length's in m.
+
+    `side` says whose it is: the arm's outlives the mounting, the ground's and the hand's do not. None in
+    files of version 1.
+    """
 
     entry: ExactText
+    side: Side | None = None
     sigma_deg: NonNegativeNumber | None = None
     sigma_m: NonNegativeNumber | None = None
 
     @classmethod
-    def of(cls, entry: str, sigma: float) -> CalibratedEntry:
+    def of(cls, entry: str, sigma: float, side: Side | None = None) -> CalibratedEntry:
         """Entry with `sigma` in its unit, deg or m."""
         if DhEntry.parse(entry).kind.is_angle:
-            return cls(entry=entry, sigma_deg=sigma)
-        return cls(entry=entry, sigma_m=sigma)
+            return cls(entry=entry, side=side, sigma_deg=sigma)
+        return cls(entry=entry, side=side, sigma_m=sigma)
 
     @property
     def sigma(self) -> float:
@@ -148,6 +158,46 @@ class CalibratedEntry(StrictRecord):
             raise refuse(str(error), "write for example theta_off_1") from error
         if entry.name != value:
             raise refuse(f"{value} has a leading zero", f"write {entry.name}")
+        return value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Correction(StrictRecord):
+    """What to add to one reading of an RVDT, and how well that is known (one standard deviation)."""
+
+    reading_deg: AngleDeg
+    add_deg: Number
+    sigma_deg: NonNegativeNumber
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RvdtRemedy(StrictRecord):
+    """What the closed loop says of one RVDT, its own readings taking no part.
+
+    Attributes
+    ----------
+    theta_off_deg
+        Offset that belongs to corrected readings.
+    gain
+        Reading per angle; 1 is right. Its line is in the table as well.
+    table
+        By rising reading, over the range that the poses cover; linear in between.
+    """
+
+    joint: Count
+    theta_off_deg: TurnDeg
+    gain: PositiveNumber
+    table: Annotated[tuple[Correction, ...], Field(min_length=2, max_length=1000)]
+
+    @field_validator("table")
+    @classmethod
+    def _rises(cls, value: tuple[Correction, ...]) -> tuple[Correction, ...]:
+        for before, after in pairwise(value):
+            if after.reading_deg <= before.reading_deg:
+                raise refuse(
+                    f"{after.reading_deg:g} deg stands after {before.reading_deg:g} deg",
+                    "list the readings from the lowest to the highest",
+                )
         return value
 
 
@@ -192,6 +242,10 @@ class ParametersDocument(StrictRecord):
         fixture's where that is a D-H link (hinge, rigid), and all zero where it is none (ball).
     pose_set_sha256
         `solver.chain.poses.PoseSet.sha256` of the poses.
+    rvdt
+        Of each RVDT that the poses could judge: what to correct its readings by.
+    forced
+        Why it is used though it was not accepted; None where it was.
     """
 
     arm: WhichArm
@@ -205,6 +259,8 @@ class ParametersDocument(StrictRecord):
     quality: Quality
     warnings: tuple[DocumentWarning, ...]
     pose_set_sha256: Sha256
+    rvdt: tuple[RvdtRemedy, ...] = ()
+    forced: ExactText | None = None
 
     def __post_init__(self) -> None:
         if len(self.dh) != len(self.joints) + 1:
@@ -272,6 +328,20 @@ class ParametersDocument(StrictRecord):
                     f"theta_off_{joint.joint} is not listed as calibrated",
                     "an entry that was not calibrated has no sigma: write null",
                 )
+        return value
+
+    @field_validator("rvdt")
+    @classmethod
+    def _rvdt_fits(
+        cls, value: tuple[RvdtRemedy, ...], info: ValidationInfo
+    ) -> tuple[RvdtRemedy, ...]:
+        joints = info.data.get("joints")
+        for k, remedy in enumerate(value):
+            if joints is not None and remedy.joint > len(joints):
+                text = f"there is no joint {remedy.joint}"
+                report(info, ("rvdt", k, "joint"), text, f"joints are 1 to {len(joints)}")
+            if remedy.joint in [earlier.joint for earlier in value[:k]]:
+                report(info, ("rvdt", k, "joint"), "is listed twice", "keep one of them")
         return value
 
     @field_validator("quality")

@@ -1,4 +1,4 @@
-"""The parameters file (``sarcal/parameters/1``), written and read strictly. Knows no controller."""
+"""The parameters file (``sarcal/parameters/2``; 1 is still read), written and read strictly. Knows no controller."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.resources import YAML_LIMIT_BYTES, expanded, read_limited
-from operator_app.config.schema import adapter, read_model
+from operator_app.config.schema import adapter, read_model, schema_name
 from operator_app.config.yaml_writer import dump_strict
 
 COMMENT = "Written by sarcal. A controller checks it against this schema; edit it only on purpose."
@@ -46,7 +46,7 @@ def format_parameters(document: ParametersDocument) -> bytes:
     # Of the two sigmas of an entry, the one that it does not have is left out.
     body = adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
     try:
-        data = dump_strict({"schema": "sarcal/parameters/1", **body}, comment=COMMENT)
+        data = dump_strict({"schema": schema_name("parameters"), **body}, comment=COMMENT)
     except ValueError as error:
         problem = Problem(file=RESULT, text=str(error), remedy=REMEDY)
         raise ConfigError((problem,)) from error

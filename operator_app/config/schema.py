@@ -22,6 +22,9 @@ from operator_app.config.schema_words import is_near_option, value_in_words, wor
 from operator_app.config.strict_yaml import load_strict
 from operator_app.config.yaml_document import Path, YamlDocument
 
+VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2)}
+"""Which versions of a kind of file are read, the one that is written last; 1 alone where nothing is said."""
+
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 
 
@@ -118,14 +121,20 @@ def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -
     return checked
 
 
+def schema_name(kind: str) -> str:
+    """Return what the first line of a file of this kind says when it is written."""
+    return f"sarcal/{kind}/{VERSIONS.get(kind, (1,))[-1]}"
+
+
 def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
-    wanted = f"sarcal/{kind}/1"
+    versions = VERSIONS.get(kind, (1,))
+    wanted = schema_name(kind)
     line = f"the first line must be `schema: {wanted}`"
     if "schema" not in document.data:
         yield document.problem((), "has no schema", line)
         return
     found = document.data["schema"]
-    if found != wanted:
+    if found not in [f"sarcal/{kind}/{version}" for version in versions]:
         match = re.fullmatch(r"sarcal/([a-z]+)/(\d{1,9})", str(found))
         problem = document.problem(
             ("schema",), f"{found!r} is not a schema this program knows", line
@@ -138,7 +147,7 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
             problem = document.problem(
                 ("schema",),
                 f"version {match[2]} of the {kind} file",
-                "this program reads version 1",
+                f"this program reads version {' and '.join(map(str, versions))}",
             )
         # Every other complaint would only follow from this one.
         raise ConfigError((problem,))

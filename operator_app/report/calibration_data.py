@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.checks import Checks
 from operator_app.calibration.halving import halvings
 from operator_app.calibration.judgement import Notice
@@ -31,6 +32,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
     return {
         **estimate_data(solution.identified),
         **_components_data(solution.components),
+        "side": {p.name: side_of(solution.model, p.name) for p in solution.identified.parameters},
         "rvdt": [_rvdt_data(verdict) for verdict in solution.rvdt],
         "outlier_poses": list(solution.outliers),
         "held": list(solution.held),

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.calibration.calibrated_arm import CalibratedArm, calibrated_arm
+from operator_app.calibration.calibrated_arm import CalibratedArm, calibrated_arm, side_of
 from operator_app.calibration.checks import Checks
 from operator_app.calibration.solution import Solution
 from operator_app.config.csv_table import write_records
@@ -23,7 +23,7 @@ from operator_app.config.urdf import format_urdf
 from operator_app.report.facts import facts_of
 from operator_app.units.figure import quantity_of
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import DhKind, Parameter
+from solver.chain.parameters import DhKind
 from solver.chain.poses import PoseSet
 
 FILES = {
@@ -72,7 +72,6 @@ def _json(found: Calibration) -> bytes:
         "schema": "sarcal/result/1",
         "arm": {"model": found.arm.name, "serial": found.serial_number},
         **said,
-        "side": {p.name: _side(found.solution, p) for p in found.solution.identified.parameters},
         "dh_arm": _rows(found),
         "forced": found.forced,
         "pose_set_sha256": found.poses.sha256(),
@@ -105,7 +104,7 @@ def _csv(found: Calibration) -> bytes:
     """One row a parameter, angles in deg, lengths in mm."""
     estimate = found.solution.identified
     rows = [
-        (p.name, _side(found.solution, p), quantity_of(p).unit,
+        (p.name, side_of(found.solution.model, p.name), quantity_of(p).unit,
          *(repr(quantity_of(p).per_si * float(v)) for v in (p.nominal, value, sigma)))
         for p, value, sigma in zip(
             estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
@@ -151,7 +150,9 @@ def _mat(found: Calibration) -> bytes:
             "arm_serial": found.serial_number,
             "verdict": found.solution.verdict.value,
             "names": names,
-            "side": np.array([_side(found.solution, p) for p in estimate.parameters], dtype=object),
+            "side": np.array(
+                [side_of(found.solution.model, p.name) for p in estimate.parameters], dtype=object
+            ),
             "is_angle": np.array([p.is_angle for p in estimate.parameters]),
             "value_rad_or_m": estimate.x,
             "nominal_rad_or_m": np.array([p.nominal for p in estimate.parameters]),
@@ -168,10 +169,3 @@ def _mat(found: Calibration) -> bytes:
         oned_as="column",
     )
     return buffer.getvalue()
-
-
-def _side(solution: Solution, parameter: Parameter) -> str:
-    """``arm``, ``ground`` or ``hand``."""
-    name = parameter.name.partition("[")[0]
-    part = solution.model.parts()[0][0]
-    return "ground" if name in part.ground_side else "hand" if name in part.hand_side else "arm"

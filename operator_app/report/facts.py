@@ -41,6 +41,7 @@ from operator_app.report.quality_facts import (
     tests_table,
     trend_table,
 )
+from operator_app.report.remedy_facts import remedy_table, side_note
 from operator_app.report.table import Headline, Table, keyed
 from operator_app.units.figure import CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
 from solver.arrays import FloatArray
@@ -118,6 +119,7 @@ def facts_of(
                 estimate,
                 beside=beside,
                 repeatability=_repeatability(solution),
+                note=side_note(solution),
             ),
             causes_table(solution),
             dh_table(solution),
@@ -129,6 +131,7 @@ def facts_of(
             estimators_table(estimate, beside),
             jackknife_table(estimate, None if checks is None else checks.jackknife_sd),
             components_table(solution.components),
+            remedy_table(solution),
             budget_table(solution),
             halving_table(solution),
             tolerated_table(solution),

@@ -58,6 +58,7 @@ def parameter_table(
     beside: Estimate | None = None,
     repeatability: FloatArray | None = None,
     nominal_key: bool = True,
+    note: str = "",
 ) -> Table:
     """Nominal, identified, change, sigma and interval, what the other estimator identified beside them."""
     own = f"{estimate.estimator} (chosen)"
@@ -112,7 +113,8 @@ def parameter_table(
             if repeatability is None
             else " Sigma holds every stated source of error, type A what "
             "the same poses taken again would scatter."
-        ),
+        )
+        + (f" {note}" if note else ""),
     )
 
 

@@ -6,7 +6,8 @@ Everything written here can be made again from the journal. Prints nothing.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -14,12 +15,16 @@ from pathlib import Path
 import numpy as np
 
 from hardware.arm import Arm, UploadReceipt
+from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.remedy import ReadingTable, measured_offsets, reading_tables
 from operator_app.calibration.solution import Solution
 from operator_app.config.parameters import (
     CalibratedEntry,
+    Correction,
     DocumentWarning,
     ParametersDocument,
     Quality,
+    RvdtRemedy,
     TwoFigures,
     WhichArm,
     WhichFixture,
@@ -64,10 +69,13 @@ def document_of(
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
     model, columns = _mounted(solution.model, state)
-    table = _table_of(model, estimate.x[columns], fixture.kind)
+    offsets = measured_offsets(solution, arm, state.pose_set())
+    table = _with_measured(_table_of(model, estimate.x[columns], fixture.kind), offsets)
     own = model.own if isinstance(model, ArmLoop) else ()
     calibrated = tuple(
-        CalibratedEntry.of(p.name, math.degrees(s) if p.is_angle else float(s))
+        CalibratedEntry.of(
+            p.name, math.degrees(s) if p.is_angle else float(s), side_of(model, p.name)
+        )
         for p, s in zip(model.parameters, estimate.standard_deviation[columns], strict=True)
         if p.name not in own
     )
@@ -92,6 +100,8 @@ def document_of(
         ),
         estimator=estimate.estimator,
         pose_set_sha256=state.pose_set().sha256(),
+        rvdt=tuple(map(_remedy, reading_tables(solution))),
+        forced=" ".join(forced.split()) or None,
         software_version=version("sarcal"),
         utc=utc,
     )
@@ -137,6 +147,27 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
         )
     theta_off, s, a, alpha = np.concatenate((np.zeros((4, 1)), model.tables(x)), axis=1)
     return DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
+
+
+def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
+    """Put in what the loop measured of joints whose readings took no part, by joint."""
+    theta_off = np.array(table.theta_off_rad)
+    for joint, offset in offsets_rad.items():
+        theta_off[joint] = offset
+    return replace(table, theta_off_rad=theta_off)
+
+
+def _remedy(found: ReadingTable) -> RvdtRemedy:
+    columns = (found.reading_rad, found.add_rad, found.sigma_rad)
+    return RvdtRemedy(
+        joint=found.joint,
+        theta_off_deg=math.degrees(found.theta_off_rad),
+        gain=found.gain,
+        table=tuple(
+            Correction(reading_deg=reading, add_deg=add, sigma_deg=sigma)
+            for reading, add, sigma in np.rad2deg(columns).T.tolist()
+        ),
+    )
 
 
 def upload(arm: Arm, document: bytes, expected_counts: tuple[int | None, ...]) -> UploadReceipt:

@@ -21,11 +21,14 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters import (
     CalibratedEntry,
+    Correction,
     DhRow,
     DocumentWarning,
     JointParameters,
     ParametersDocument,
     Quality,
+    RvdtRemedy,
+    Side,
     TwoFigures,
     WhichArm,
     WhichFixture,
@@ -214,7 +217,8 @@ BAD = [
     ("scaled_condition_number: 33.1", "scaled_condition_number: .inf",
      "quality.scaled_condition_number", "not a finite number"),
     ("code: RVDT_LINEARITY", "code: r v", "warnings[1].code", "right form"),
-    ("schema: sarcal/parameters/1", "schema: sarcal/arm/1", "schema", "this is a file of kind arm"),
+    ("schema: sarcal/parameters/2", "schema: sarcal/arm/1", "schema", "this is a file of kind arm"),
+    ("schema: sarcal/parameters/2", "schema: sarcal/parameters/3", "schema", "reads version 1 and 2"),
 ]  # fmt: skip
 
 
@@ -227,6 +231,56 @@ def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, says: str
     (problem,) = caught.value.problems
     assert says in str(problem)
     assert problem.line is not None
+
+
+def test_version_1_is_still_read_and_has_neither_side_nor_correction() -> None:
+    found = parse_parameters(GOOD.replace("sarcal/parameters/2", "sarcal/parameters/1", 1).encode())
+    assert found == document()
+    assert {entry.side for entry in found.calibrated} == {None}
+    assert found.rvdt == ()
+
+
+def with_a_remedy() -> ParametersDocument:
+    rows = ((-260.0, 0.1, 0.01), (-230.5, 1.0 / 3.0, 0.01), (-200.0, -0.2, 0.02))
+    table = tuple(Correction(reading_deg=r, add_deg=a, sigma_deg=s) for r, a, s in rows)
+    remedy = RvdtRemedy(joint=6, theta_off_deg=116.3, gain=0.98, table=table)
+    sides: tuple[Side, ...] = ("arm", "ground", "hand")
+    listed = tuple(
+        replace(entry, side=sides[k % 3]) for k, entry in enumerate(document().calibrated)
+    )
+    return replace(document(), rvdt=(remedy,), calibrated=listed, forced="the wrist is new")
+
+
+def test_what_version_2_brings_reads_back_the_same() -> None:
+    written = format_parameters(with_a_remedy())
+    assert parse_parameters(written) == with_a_remedy()
+    data = yaml.safe_load(written)
+    assert data["schema"] == "sarcal/parameters/2"
+    assert data["rvdt"][0]["table"][1] == {
+        "reading_deg": -230.5, "add_deg": 1.0 / 3.0, "sigma_deg": 0.01,
+    }  # fmt: skip
+    assert data["calibrated"][1]["side"] == "ground"
+    assert data["forced"] == "the wrist is new"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "says"),
+    [
+        ("reading_deg: -230.5", "reading_deg: -270.5", "rvdt[joint 6].table", "from the lowest to the highest"),
+        ("joint: 6\n", "joint: 8\n", "rvdt[joint 8].joint", "there is no joint 8"),
+        ("gain: 0.98", "gain: 0", "rvdt[joint 6].gain", "greater than 0"),
+        ("side: ground", "side: table", "calibrated[theta_off_2].side", "arm, ground, hand"),
+    ],
+)  # fmt: skip
+def test_one_mistake_in_a_remedy_gives_one_complaint(
+    old: str, new: str, key: str, says: str
+) -> None:
+    good = format_parameters(with_a_remedy()).decode()
+    assert old in good
+    with pytest.raises(ConfigError) as caught:
+        parse_parameters(good.replace(old, new, 1).encode())
+    assert [p.key for p in caught.value.problems] == [key], str(caught.value)
+    assert says in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ from solver.errors import UnidentifiableError
 
 MakeSession = Callable[..., Session]
 HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
-DIMENSIONLESS = {"times noise", "gain, reading per angle", "chi2"}
+DIMENSIONLESS = {"times noise", "gain, reading per angle", "gain", "chi2"}
 
 
 def procedure(poses: int) -> Procedure:

@@ -25,6 +25,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "own-poses": "calibrate from readings that you have",
             "real-can": "go on a real CAN bus, in a safe order",
             "wrist-repair": "see which offsets moved",
+            "notebooks": "two notebooks, for readings of your own",
             "scripting": "use it from a shell or from Python",
             "recording": "keep the frames of a bus",
         },
@@ -58,6 +59,8 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
 FILE = re.compile(r"<!-- file: ([\w.-]+) -->\n```\w+\n(.*?)```", re.DOTALL)
 """How a page marks a block of code that is a whole file."""
 
+NOTEBOOK = re.compile(r"<!-- notebook: ([\w.-]+) -->")
+NOTEBOOKS = files("operator_app") / "manual" / "notebooks"
 FOLDER = files("operator_app") / "manual" / "pages"
 
 
@@ -82,8 +85,11 @@ class Page:
 
     @property
     def files(self) -> Mapping[str, str]:
-        """Whole files that the page shows, by name."""
-        return dict(FILE.findall(self.markdown))
+        """Whole files that the page shows, or brings along, by name."""
+        shown: dict[str, str] = dict(FILE.findall(self.markdown))
+        for name in NOTEBOOK.findall(self.markdown):
+            shown[name] = (NOTEBOOKS / name).read_text(encoding="utf-8")
+        return shown
 
 
 class Manual:

@@ -1,0 +1,75 @@
+"""The notebooks' cells run from top to bottom, by the plain interpreter: no Jupyter is in the test extra."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from operator_app.cli import main
+from operator_app.manual.pages import NOTEBOOKS
+
+NAMES = sorted(f.name for f in NOTEBOOKS.iterdir() if f.name.endswith(".ipynb"))
+
+
+def shown_by(source: str, names: dict[str, Any]) -> Any:
+    """Run a cell; the value of its last line, where that is an expression, as a notebook shows it."""
+    tree = ast.parse(source)
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    exec(compile(tree, "cell", "exec"), names)  # noqa: S102 - the notebook
+    if last is None:
+        return None
+    assert isinstance(last, ast.Expr)
+    return eval(compile(ast.Expression(last.value), "cell", "eval"), names)  # noqa: S307
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_its_cells_run_in_order(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    shown = []
+    for cell in json.loads((NOTEBOOKS / name).read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            shown.append(shown_by("".join(cell["source"]), names))
+    said = capsys.readouterr().out
+    match name:
+        case "own_readings.ipynb":
+            result = names["result"]
+            assert result.accepted
+            tables = [s._repr_html_() for s in shown if hasattr(s, "_repr_html_")]
+            assert any("<table" in table for table in tables)
+            off = abs(result.values["theta_off_2_deg"] - names["made"].truth["theta_off_2_deg"])
+            assert off < 4 * result.sigmas["theta_off_2_deg"]
+            assert "theta_off_2_deg" in said
+            assert main(["report", "my_calibration", "--text"]) == 0
+        case "what_moved.ipynb":
+            assert "theta_off_3" in str(names["found"].drifted)
+            moved, sigma = (float(n) for n in re.findall(r"-?\d\.\d+", said))
+            assert moved == pytest.approx(-0.5, abs=3 * sigma)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_a_notebook_without_results(name: str) -> None:
+    """As nbformat 4.5 has it: ids, and nothing run."""
+    found = json.loads((NOTEBOOKS / name).read_text())
+    assert (found["nbformat"], found["nbformat_minor"]) == (4, 5)
+    assert len({cell["id"] for cell in found["cells"]}) == len(found["cells"])
+    for cell in found["cells"]:
+        assert cell["cell_type"] in ("code", "markdown")
+        assert cell.get("outputs", []) == []
+
+
+def test_they_are_written_where_somebody_wants_them(tmp_path: Path) -> None:
+    code = "import sys; from operator_app.cli import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, "help", "notebooks", "--files", str(tmp_path / "here")]
+    subprocess.run(words, check=True, capture_output=True, env=os.environ)
+    assert sorted(p.name for p in (tmp_path / "here").iterdir()) == NAMES

@@ -30,7 +30,9 @@ class Masses:
     @classmethod
     def drawn(cls, chain: Chain, rng: np.random.Generator) -> Masses:
         """An upper arm, a forearm, a hand with its half of the hinge, and small parts between."""
-        mass = np.array([0.0, 1.5, 1.0, 4.0, 0.8, 2.5, 0.5, 1.6]) * rng.uniform(0.8, 1.2, LINKS)
+        mass = np.array([0.0, 1.5, 1.0, 4.0, 0.8, 2.5, 0.5, 1.6]) * np.maximum(
+            1.0 + 0.2 * rng.normal(size=LINKS), 0.4
+        )
         centre = rng.normal(size=(LINKS, 3)) * 0.015
         for link, share in ((3, 0.5), (5, 0.55), (7, 0.5)):
             tilt = chain.alpha[link]
@@ -99,7 +101,10 @@ class Load:
         give_rad: float,
         give_m: float,
     ) -> Load:
-        """Masses and compliances scaled so that `workspace` (k, 8) sees the stated rms sizes."""
+        """Masses and compliances as `workspace` (k, 8) sees the stated sizes.
+
+        Give is that large, root mean square; each joint's sag is drawn half-normal with this second moment.
+        """
         masses = Masses.drawn(chain, rng)
         down = np.array([-1.0, 0.0, 0.0]) + 0.05 * rng.normal(size=3)
         bare = cls(
@@ -113,8 +118,9 @@ class Load:
         T = frames(chain, workspace)
         torque = np.sqrt(np.mean(bare.torque(T) ** 2, axis=0))
         sag = np.zeros(LINKS)
-        sag[1:] = sag_rad / np.maximum(torque[1:], 1e-9)
         scale = _give_scale(bare, T, workspace, np.array([give_rad, give_m]))
+        # One joint is stiffer than another of the same statement: drawn last, so that all else stays.
+        sag[1:] = sag_rad * np.abs(rng.normal(size=LINKS - 1)) / np.maximum(torque[1:], 1e-9)
         return replace(
             bare, sag=sag, ground=scale @ bare.ground @ scale, hand=scale @ bare.hand @ scale
         )

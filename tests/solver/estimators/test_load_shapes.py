@@ -54,7 +54,7 @@ def test_all_that_is_stated_is_there_and_hardly_more(model, q, errors):
     assert joint_variance_by_source(design, "sag").mean(0) == pytest.approx(np.ones(7), rel=1e-6)
     play = joint_variance_by_source(design, "joint_play")
     np.testing.assert_allclose(play, 1.0)
-    assert floors["joint_play"] == 0.25
+    assert floors["joint_play"] == pytest.approx(0.4**2)
     total = design.smooth_give_variance(np.array([c.floor for c in design.components]))
     noise = design.fixture_variance(np.array([c.floor for c in design.components])).mean(0)
     for rows, stated in ((slice(0, 3), GIVE[0]), (slice(3, 6), GIVE[1])):
@@ -96,7 +96,7 @@ def test_without_masses_all_is_as_it_was(model, q, errors):
     bare = Design(model, q, replace(errors, loads=None, approach=None))
     np.testing.assert_array_equal(bare.play.columns, 1.0)
     assert bare.loaded is None
-    assert {c.name: c.floor for c in bare.components}["joint_play"] == 0.25
+    assert {c.name: c.floor for c in bare.components}["joint_play"] == pytest.approx(0.4**2)
 
 
 def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):

@@ -103,10 +103,15 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
         case Cause.LENGTH | Cause.TWIST:
             return _entry(candidate, found, scene)
         case Cause.GIVES:
+            size = _rms_displacement(candidate, found, scene)
+            stated = (scene.design.errors.give_rad or 0.0, scene.design.errors.give_m or 0.0)
+            more = any(one > np.sqrt(3.0) * known for one, known in zip(size, stated, strict=True))
             return Words(
                 "FIXTURE_GIVES",
-                f"the fixture gives about {_displacement(_rms_displacement(candidate, found, scene))}, "
-                "more than its file states",
+                f"the fixture gives about {_displacement(size)}, "
+                + (
+                    "more than its file states" if more else "and not as load or pose would have it"
+                ),
                 "tighten its bolts and look for play; else state its give in the fixture file",
             )
         case _:

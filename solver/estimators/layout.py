@@ -40,12 +40,12 @@ FIRST_GIVE = 5e-4
 UNIT_DISCREPANCY = 1e-3
 """Discrepancy is counted in mm and mrad."""
 
-GIVE_ANEW, PLAY_ANEW = 0.3, 0.4
-"""Share of a stated give and of a stated play that is at least taken to be new in every pose. All of it
-enters as what is the same again besides (smooth in the pose, or on one side of every joint), so that no
-source enters below its statement; how much is new the data tell well, and what is the same they hardly do.
-Play changes sides where no load and no approach foretells it, in few poses and then by all of it: with
-less, such a pose is an outlier."""
+ANEW = 0.4
+"""Share of a stated give or play that is at least taken to be new in every pose. All of it enters as
+what is the same again besides (smooth in the pose, or on one side of every joint), so that no source
+enters below its statement; how much is new the data tell well, and what is the same they hardly do.
+Play changes sides where neither load nor approach foretells it, in few poses and then by all of it: with
+less than this such a pose is an outlier."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 """Smooth functions of the pose for what twists under load (a joint) and what gives (a placement)."""
@@ -176,15 +176,15 @@ class Layout:
             self.fixture_components[key] = self._component(
                 Component(
                     name=key,
-                    start=max(GIVE_ANEW * stated, LEAST_GIVE) ** 2,
-                    floor=max(GIVE_ANEW * stated, LEAST_GIVE) ** 2,
+                    start=max(ANEW * stated, LEAST_GIVE) ** 2,
+                    floor=max(ANEW * stated, LEAST_GIVE) ** 2,
                     leap=FIRST_GIVE**2,
                 )
             )
         self.play_component: int | None = None
         if self.backlash.any():
             self.play_component = self._component(
-                Component(name="joint_play", start=PLAY_ANEW**2, floor=PLAY_ANEW**2)
+                Component(name="joint_play", start=ANEW**2, floor=ANEW**2)
             )
         soft = [self.model.parameters[k] for k in self.soft_index]
         for source in _SOFT:

@@ -100,7 +100,7 @@ def _nobody(found: Probe, bus: str) -> bool:
 
 def _draft(args: argparse.Namespace, found: Probe) -> int:
     from hardware.drafting import NoDraft, draft
-    from operator_app.config.atomic import write_atomically
+    from operator_app.config.editor import save_with_schema, schema_line
     from operator_app.config.profile_file import format_profile
 
     if _nobody(found, "this bus"):
@@ -115,7 +115,8 @@ def _draft(args: argparse.Namespace, found: Probe) -> int:
             say(f"sarcal: {reason}", err=True)
         say("sarcal: no profile was written: set these up first, then probe again.", err=True)
         return ExitCode.ARM_FAULT
-    write_atomically(args.draft, format_profile(made, comment=CHECK))
+    content = format_profile(made, comment=f"{schema_line('profile')}\n{CHECK}")
+    save_with_schema(args.draft, content, "profile")
     if args.json:
         say(json.dumps({**asdict(found), "draft": str(args.draft)}, indent=2))
         return ExitCode.ACCEPTED

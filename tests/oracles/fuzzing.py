@@ -80,14 +80,15 @@ ENDLESS = ("run", "plan", "controller", "monitor", "probe")
 TAKES_SESSIONS = ("export", "report", "compare", "run", "session", "import")
 ARGUMENTS: Mapping[str, tuple[str, ...]] = {
     "solve": (str(DATA), "--arm", "--fixture", "--estimator", "paper", "--unsensed", "--global-start",
-              "--length-tolerance", "--json"),
+              "--length-tolerance", "--rvdt-table", "--json"),
     "verify": (str(DATA), "--poses", "--arm", "--fixture", "--session", "--open-loop", "--json"),
     "export": ("--upload", "--force", "--show", "--output", "--json"),
     "report": ("--output", "--json", "-o"),
     "compare": ("--json", "--remounted"),
     "session": ("list", "show", "repair", "--json"),
     "import": (str(DATA), "--rad", "--deg", "--columns", "1-7", "--arm", "--fixture", "--serial", "--json"),
-    "new": ("arm", "--urdf", "--tip", "--name", str(DATA)),
+    "new": ("arm", "fixture", "procedure", "--urdf", "--tip", "--name", "--from", "--kind", "--arm", "--fixture",
+            "--hand-point", "--base-point", "--hand-direction", "--tolerance-mm", "ball", "1,2,3", str(DATA)),
     "check": (str(DATA), "--arm", "--fixture", "--procedure", "--json", "README.md"),
     "reset": ("--json", "-i", "-b", "--scenario"),
     "run": ("--poses", "--resume", "--force", "--plan", "--estimator", "--unsensed", "-i", "-b", "--seed"),

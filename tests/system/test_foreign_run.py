@@ -74,6 +74,8 @@ def test_a_foreign_arm_is_refused_then_probed_then_calibrated(
         assert main(["probe", *bus, "--draft", "acme.yaml"]) == 0
         assert "joint 3 = node 24" in capsys.readouterr().out
         drafted = Path("acme.yaml").read_text()
+        assert drafted.startswith("# yaml-language-server: $schema=sarcal-profile.schema.json\n")
+        assert Path("sarcal-profile.schema.json").is_file()
         assert main(["probe", *bus, "--profile", "acme.yaml"]) == 0
         assert main(["probe", *bus, "--draft", "acme.yaml"]) == 2
         assert Path("acme.yaml").read_text() == drafted

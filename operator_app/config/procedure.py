@@ -32,6 +32,9 @@ from operator_app.config.schema import StrictRecord
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
 
+MOST_PLACEMENTS = 20
+"""How often a session may mount its fixture."""
+
 DEFAULT_PROFILE = "sarcos"
 
 

@@ -226,6 +226,8 @@ class Plain:
         try:
             self.runner = make()
         except EXPECTED as error:
+            if not self.sessions.is_open:
+                raise
             said = words(error)
             self.refuse(f"{said.happened}. {said.remedy}")
             return

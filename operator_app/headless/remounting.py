@@ -13,6 +13,7 @@ from pathlib import Path
 from operator_app.errors import SessionError
 from operator_app.headless.console import ConsoleListener
 from operator_app.session.opening import Choices, Opening, mounted_anew, resume
+from operator_app.session.wording import remounting_steps
 
 
 def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -> Opening:
@@ -39,22 +40,16 @@ def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -
                 f"nobody confirmed that the fixture is mounted for placement {number}",
                 f"when it is, go on with: sarcal run --resume {opening.folder}",
             )
-    mounted_anew(opening)
+    mounted_anew(opening.folder, number)
     return resume(str(opening.folder), Choices(), root=root)
 
 
 def words(opening: Opening) -> tuple[str, ...]:
     """Say what to do between two placements."""
-    number, name = opening.placement + 1, opening.procedure.fixture.name
-    kept = opening.procedure.fixture.fixture.stays_on_hand
-    part = "; its part on the hand stays" if kept else " and off the hand"
+    number = opening.placement + 1
     lines = [
         f"Placement {opening.placement} of {opening.procedure.placements} has its poses.",
-        "Nobody commands the arm any more: its drives are off. Leave its controller on: its counters count.",
-        "1. Secure the arm against falling, by hand or by a strap. Somebody has a hand on the hardware stop.",
-        f"2. Take the {name} off the table{part}.",
-        "3. Mount it anew, turned and shifted within the tolerance that its file states.",
-        "4. Bring the arm by hand to its home, close the loop, and go through the check list again.",
+        *remounting_steps(opening.procedure),
     ]
     if opening.choices.interface == "loopback":
         again = f"its controller and start it again with --placement {number}"

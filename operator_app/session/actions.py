@@ -119,6 +119,11 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            prompt="Exclude a pose, or let it count again",
            help="Leave the marked pose out of the calibration, or let it count again.",
            steps=_at(Step.CAPTURE), guard=guards.may_edit_pose, work=works.exclude),
+    Action(name="remount", keys=("M",), shown="M", label="Mount anew",
+           prompt="Mount the fixture anew, for poses in another placement",
+           help="Let go of the arm, after a question that says what to do, and go on with this session in "
+           "another placement of its fixture: the arm's offsets are shared.",
+           steps=_at(Step.CAPTURE), guard=guards.may_remount, work=works.remount),
     Action(name="calibrate", keys=("s",), shown="s", label="Solve",
            prompt=lambda s: f"Calibrate, estimator {s.estimator}",
            help="Calibrate from the poses that count.", steps=_at(Step.CALIBRATE),

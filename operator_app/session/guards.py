@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 
 from fixtures.base import Severity
 from hardware.arm import DriveState, JointMode
+from operator_app.config.procedure import MOST_PLACEMENTS
 from operator_app.planning import mode_rule
 from operator_app.session.snapshot import DataState, SessionSnapshot, Task
 from operator_app.session.steps import Step
@@ -208,6 +209,23 @@ def may_run_automatically(s: SessionSnapshot) -> Missing:
         return missing
     if len(s.state.used_poses) >= s.wanted_poses:
         return (f"all {s.wanted_poses} poses are captured",)
+    return ()
+
+
+def may_remount(s: SessionSnapshot) -> Missing:
+    """Mounting the fixture anew needs a fixture, and all poses of the placement it is in."""
+    missing = idle(s)
+    if missing:
+        return missing
+    if not s.procedure.fixture.fixture.holds_hand:
+        return ("nothing holds the hand: there is no fixture to mount anew",)
+    if s.procedure.capture.strategy == "planned":
+        return ("a plan is made for one placement of the fixture",)
+    if s.state.placement >= MOST_PLACEMENTS:
+        return (f"there are {MOST_PLACEMENTS} placements already",)
+    left = s.procedure.capture.poses - len(s.state.poses_here)
+    if left > 0:
+        return (f"{left} poses of this placement are still to be captured",)
     return ()
 
 

@@ -77,9 +77,10 @@ def _next(step: Step, hint: str) -> NextThing:
 def _connect(s: SessionSnapshot) -> NextThing:
     if not s.connected:
         what = "the simulated arm" if s.simulated else "the arm"
-        return NextThing(
-            action="connect", label="Connect", hint=f"Enter connects to {what} on {s.bus}"
-        )
+        hint = f"Enter connects to {what} on {s.bus}"
+        if s.state.placement > 1 and not s.state.poses_here:
+            hint = f"placement {s.state.placement}: when the fixture is mounted and all stand clear, {hint}"
+        return NextThing(action="connect", label="Connect", hint=hint)
     if not s.simulated and not s.stop_tested:
         return NextThing(
             action="stop_tested",

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hardware.arm import Arm
-from operator_app.config.procedure import CapturePlan, Procedure
+from operator_app.config.procedure import MOST_PLACEMENTS, CapturePlan, Procedure
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
@@ -31,8 +31,6 @@ KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Order of `Procedure.sources`."""
 LATER: frozenset[Kind] = frozenset({"profile"})
 """Kinds that journals of earlier versions do not have: what the procedure names is what it was then."""
-
-MOST_PLACEMENTS = 20
 
 MOST_POSES = 100_000
 """As in a procedure file."""
@@ -242,11 +240,11 @@ def next_due(state: SessionState, procedure: Procedure) -> bool:
     )
 
 
-def mounted_anew(opening: Opening) -> None:
-    """Keep in a session's journal that its fixture was taken off and mounted anew; no arm is connected."""
-    journal = Journal.resume(opening.folder)
+def mounted_anew(folder: Path, placement: int) -> None:
+    """Keep in a session's journal that its fixture is mounted for the n-th time; no arm is connected."""
+    journal = Journal.resume(folder)
     try:
-        journal.append("remounted", {"placement": opening.placement + 1})
+        journal.append("remounted", {"placement": placement})
     finally:
         journal.close()
 

@@ -9,13 +9,14 @@ from pathlib import Path
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import builtin_names
-from operator_app.errors import JournalLostError
+from operator_app.errors import JournalLostError, SessionError
 from operator_app.session.folder import SessionEntry, list_sessions
 from operator_app.session.opening import (
     Choices,
     Opening,
     Rig,
     begin,
+    mounted_anew,
     open_session,
     remove_if_empty,
     resume,
@@ -77,6 +78,24 @@ class Sessions:
         """Go on with a session, named by its folder."""
         opening = resume(reference, self._choices, root=self._root)
         return self._open(opening, "another session was resumed")
+
+    def remounted(self) -> Runner:
+        """Go on with the session that is open in another placement of its fixture; it is closed for that.
+
+        The drives are off before it counts; nothing is connected afterwards.
+        """
+        if self._runner is None:
+            raise SessionError("no session is open", "begin one, or resume one")
+        session = self._runner.session
+        folder, number = session.journal.path.parent, session.state.placement + 1
+        self.close("the fixture is mounted anew")
+        mounted_anew(folder, number)
+        return self.resumed(str(folder))
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a session is open."""
+        return self._runner is not None
 
     def sessions(self) -> tuple[SessionEntry, ...]:
         """All sessions there are, newest first."""

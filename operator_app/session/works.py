@@ -16,7 +16,7 @@ from operator_app.session.operations import Operations
 from operator_app.session.runner import Runner
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.state import SessionState
-from operator_app.session.wording import summary
+from operator_app.session.wording import remounting_steps, summary
 from operator_app.units.figure import MOVED
 from solver.chain.sensors import Rvdt
 
@@ -197,6 +197,20 @@ def home(chosen: Chosen) -> None:
     chosen.ask(
         YesNo(title="Go home?", text=text, yes="Move"),
         lambda again, _: again.hand(TaskKind.HOME, "going home", lambda o: o.go_home()),
+    )
+
+
+def remount(chosen: Chosen) -> None:
+    """Let go of the arm and go on with the fixture mounted anew, after a question that says what to do."""
+    face = chosen.face
+    steps = " ".join(remounting_steps(chosen.s.procedure))
+    text = (
+        f"This session goes on in placement {chosen.s.state.placement + 1}, at step 1, and keeps its poses. "
+        f"{steps} 5. Only then connect."
+    )
+    face.ask(
+        YesNo(title="Mount the fixture anew?", text=text, yes="Let go of the arm"),
+        lambda _: face.open(face.sessions.remounted),
     )
 
 

@@ -185,7 +185,7 @@ class ScreenFace:
         try:
             self.app.runner = await asyncio.to_thread(make)
         except EXPECTED as error:
-            if self.app.runner is None:
+            if self.app.runner is None or not self.sessions.is_open:
                 self.app.give_up(error)
                 return
             said = words(error)

@@ -138,12 +138,16 @@ class ProgressPanel(Lines, can_focus=False):
         used, wanted = len(s.state.used_poses), s.wanted_poses
         left = _time_left(s)
         head, tail = (
-            f" Poses {used:>2}/{wanted}  ",
+            f" {_placement(s)}Poses {used:>2}/{wanted}  ",
             f"  {100 * used // max(1, wanted):>3} %  {left}",
         )
         cells = max(4, width - len(head) - len(tail) - 1)
         full = min(cells, cells * used // max(1, wanted))
         return [line(head, ("━" * full, "accent"), ("─" * (cells - full), "dim"), tail)]
+
+
+def _placement(s: SessionSnapshot) -> str:
+    return f"Placement {s.state.placement}  " if s.state.placement > 1 else ""
 
 
 def _time_left(s: SessionSnapshot) -> str:

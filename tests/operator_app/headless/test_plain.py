@@ -11,6 +11,8 @@ import pytest
 
 from operator_app.config.parameters_file import load_parameters
 from operator_app.headless.plain import Plain
+from operator_app.session.journal import read_journal
+from operator_app.session.state import session_state
 from oracles.live_source import FakeSource
 
 
@@ -191,3 +193,34 @@ def test_a_session_folder_that_is_taken_away_is_said_and_the_rescue_named(source
     said = "\n".join(script.said)
     assert "was deleted, moved or renamed while this session was writing it" in said
     assert f"--resume {source.root / 'session-1-rescued'}" in said
+
+
+def test_a_fixture_mounted_anew_goes_on_in_the_same_session(source):
+    """Both placements are captured into one pose set; between them the arm is let go."""
+    script = run(
+        source,
+        *TO_CAPTURE, "Mount the fixture anew",  # refused: no pose yet
+        "Capture all", "Mount the fixture anew", "yes",
+        *TO_CAPTURE, "Capture all", "Leave",
+    )  # fmt: skip
+    said = " ".join(script.said)
+    assert "6 poses of this placement are still to be captured" in said
+    for what in (
+        "drives are off",
+        "Take the hinge off the table and off the hand",
+        "5. Only then connect",
+    ):
+        assert what in " ".join(said.split())
+    assert "12 of 12 poses. Placement 2." in said
+    (folder,) = source.root.iterdir()
+    events = read_journal(folder).events
+    names = [e.name for e in events]
+    assert names.count("remounted") == 1
+    assert names.count("connected") == 2
+    # Let go before it counts, and nobody connected until the operator did.
+    at = names.index("remounted")
+    assert names[at - 1] == "closed"
+    assert names[at + 1] == "resumed"
+    state = session_state(read_journal(folder))
+    assert [p.placement for p in state.poses] == [1] * 6 + [2] * 6
+    assert state.pose_set().placements == (1, 2)

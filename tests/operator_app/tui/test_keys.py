@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import re
 from dataclasses import replace
 
 import pytest
@@ -432,6 +434,18 @@ async def test_a_click_does_what_the_key_does(still):
         at = d.text("#footer").index("Quit")
         await d.pilot.click("#footer", offset=(at, 0))
         assert isinstance(d.app.screen, Confirm)
+
+
+@pytest.mark.parametrize("size", [(120, 36), (80, 24)])
+async def test_what_to_do_between_two_mountings_is_on_the_screen_whole(still, size):
+    async with still(story()["captured"], step=Step.CAPTURE, size=size) as d:
+        await d.press("M")
+        assert isinstance(d.app.screen, Confirm)
+        svg = html.unescape(d.app.export_screenshot(simplify=True))
+        shown = " ".join(re.sub(r"<[^>]*>", " ", svg).replace("\xa0", " ").split())
+        for what in ("placement 2", "drives are off", "1. Secure the arm", "2. Take the hinge off", "3. Mount",
+                     "4. Bring the arm by hand", "5. Only then connect", "Let go of the arm"):  # fmt: skip
+            assert what in shown
 
 
 # -- the table itself ------------------------------------------------------------------------------

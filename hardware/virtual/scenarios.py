@@ -92,8 +92,12 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Loads:
-        """The same for another arm: masses halfway along it, friction in proportion to its drives."""
-        n, payload = arm.joint_count, self.payload_kg
+        """The same for another arm: masses halfway along it, masses and friction in proportion to its drives.
+
+        Of masses the weakest drive counts: in a closed chain any of them may come to carry them.
+        """
+        weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
+        n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
         if n == len(payload):
             placed, friction = payload, self.friction_nm
         else:

@@ -7,7 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fixtures.ball import Ball
+from hardware.arm import JointMode
 from hardware.virtual.drawn import Stated, drawn_truth, may_be
+from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.truth import PAPER_HOME_RAD, BallTruth, LoopTruth, Truth, paper_loop
 from operator_app.config.arm_file import load_arm
@@ -139,6 +142,26 @@ def test_for_one_seed_it_is_one_arm_whatever_holds_or_sees_its_hand(scenario: st
     assert np.abs(hinge - nominal)[DhKind.THETA_OFF].min() > 1e-3
     other = scenario_of(scenario, 6, stated("hinge", mine)).true_loop().table.stacked()[:, 2:-1]
     assert not np.isclose(hinge[DhKind.THETA_OFF], other[DhKind.THETA_OFF]).any()
+
+
+def test_the_load_of_a_foreign_arm_is_one_that_its_drives_can_hold() -> None:
+    """What bends the fixture of an arm of 100 Nm took 7 of the 12 Nm of a Panda's wrist, and tripped it on the way."""
+    panda = load_arm("franka_panda")
+    ball = Ball(tip_m=(0.06, -0.03, 0.08), ground_m=(0.37053, -0.02121, 0.51028))
+    what = Stated(arm=panda, fixture=ball, tolerance_m=0.03, tolerance_rad=np.deg2rad(10.0))
+    for seed in range(3):
+        plant = scenario_of("as_reported", seed, what).build(panda)
+        start = plant.true_angles_rad[1:] - plant.truth.offsets_rad
+        told = [
+            JointCommand(
+                mode=JointMode.POSITION if j in (1, 5, 6, 7) else JointMode.FREE, target_rad=q
+            )
+            for j, q in enumerate(start.tolist(), 1)
+        ]
+        for _ in range(60):
+            reading = plant.step(told)
+        for torque, joint in zip(reading.torque_nm, panda.joints, strict=True):
+            assert abs(torque) < 0.25 * joint.max_torque_nm
 
 
 def test_a_fixture_out_of_reach_is_refused_in_words() -> None:

@@ -100,7 +100,7 @@ def unidentifiable_text(directions: Sequence[UnidentifiableDirection]) -> str:
         "the free entries of the arm file."
         if joints
         else "take poses that differ more, or hold one parameter of each line at its nominal value: "
-        "solve --drop-unidentifiable chooses them, or leave them out of the free "
+        "--drop-unidentifiable of solve and import chooses them, or leave them out of the free "
         "entries of the arm file."
     )
     lines = ["Not identifiable: these poses cannot determine every parameter."]

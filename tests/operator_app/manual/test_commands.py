@@ -230,3 +230,23 @@ def test_commands_within_the_text_have_parsers_that_take_them() -> None:
             known = {o for a in parser_of(name)._actions for o in a.option_strings}
             unknown = {w for w in words if w.startswith("-")} - known
             assert not unknown, f"{topic}: {quoted}"
+
+
+@pytest.mark.campaign
+def test_two_logs_of_a_ball_become_a_urdf(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reference_data: Path
+) -> None:
+    """The page's last two lines on own logs, with the recording of a real arm."""
+    rows = (reference_data / "panda_ball" / "panda_1.csv").read_text().splitlines()[1:]
+    monkeypatch.chdir(tmp_path)
+    for placement in ("1", "2"):
+        angles = [r.split(",")[2:9] for r in rows if r.split(",")[0] == placement]
+        log = np.deg2rad(np.array(angles, dtype=float))
+        np.savetxt(f"socket_{placement}.csv", log, delimiter=",")
+    (block,) = (b for b in blocks("own-poses") if "socket_1.csv" in b.text)
+    lines = [line for line in block.commands if line.strip()]
+    assert len(lines) == 2
+    for line in lines:
+        assert quietly(shlex.split(line)[1:]) == 0
+    (written,) = Path("sessions").glob("*/arm.urdf")
+    assert written.read_text().count('type="revolute"') == 7

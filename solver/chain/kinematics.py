@@ -75,22 +75,22 @@ class Frames:
     @property
     def axes(self) -> FloatArray:
         """Shape (..., links + 1, 3, 3); ``axes[..., k, :, 0]`` is x, ``[..., 1]`` y, ``[..., 2]`` z of frame k."""
-        return _poses_first(self.axes_of, 0, 2, 1)
+        return poses_first(self.axes_of, 0, 2, 1)
 
     @property
     def origins_m(self) -> FloatArray:
         """Shape (..., links + 1, 3)."""
-        return _poses_first(self.origin_of, 0, 1)
+        return poses_first(self.origin_of, 0, 1)
 
     @property
     def R_end(self) -> FloatArray:
         """Rotation of the last frame, shape (..., 3, 3)."""
-        return _poses_first(self.axes_of[-1], 1, 0)
+        return poses_first(self.axes_of[-1], 1, 0)
 
     @property
     def p_end(self) -> FloatArray:
         """Origin of the last frame in metres, shape (..., 3)."""
-        return _poses_first(self.origin_of[-1], 0)
+        return poses_first(self.origin_of[-1], 0)
 
 
 def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) -> Frames:
@@ -173,12 +173,17 @@ class Entries:
 
 
 def jacobian(frames: Frames, entries: Entries) -> FloatArray:
-    """Screw Jacobian of the last frame for some D-H entries.
+    """Screw Jacobian of the last frame for some D-H entries, shape (..., 6, C): `screws`, poses first."""
+    return np.ascontiguousarray(poses_first(screws(frames, entries), 1, 0))
+
+
+def screws(frames: Frames, entries: Entries) -> FloatArray:
+    """How the last frame moves with each of some D-H entries.
 
     Returns
     -------
-    Array of shape (..., 6, C): rows are the infinitesimal rotation (rad) over the translation (m) of
-    the end point, seen in the chain's first frame.
+    Array of shape (C, 6, ...): the infinitesimal rotation (rad) over the translation (m) of the end
+    point, seen in the chain's first frame.
 
     Notes
     -----
@@ -192,7 +197,7 @@ def jacobian(frames: Frames, entries: Entries) -> FloatArray:
     columns[turning, :3] = about
     columns[turning, 3:] = _cross(about, p[-1] - p[entries.frame[turning]])
     columns[sliding, 3:] = axis[sliding]
-    return np.ascontiguousarray(_poses_first(columns, 1, 0))
+    return columns
 
 
 def _links_first(values: FloatArray, dims: int) -> FloatArray:
@@ -200,7 +205,7 @@ def _links_first(values: FloatArray, dims: int) -> FloatArray:
     return np.ascontiguousarray(values.transpose(dims, *range(dims)))
 
 
-def _poses_first(values: FloatArray, *order: int) -> FloatArray:
+def poses_first(values: FloatArray, *order: int) -> FloatArray:
     """View with the leading axes, in the order given, after those of the poses."""
     return values.transpose(*range(len(order), values.ndim), *order)
 

@@ -26,19 +26,21 @@ WISHART_DOF = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Half:
-    """Half of a fixture at m poses.
+class Pulled:
+    """A fixture that is pulled at m poses.
 
     Attributes
     ----------
-    turn
-        (m, k, k): its axes, seen where the displacement is, times its share of the give.
     pull
-        (m, k, a): wrenches S W in its axes, for a unit of each of a uncertain coefficients.
+        (m, k, a): wrenches S W for a unit of each of a uncertain coefficients, seen where the
+        displacement is.
+    halves
+        Of each half its share of the give, and its axes (m, k, k) seen there; None where they are the
+        same. They turn angles and positions apart, and S with them.
     """
 
-    turn: FloatArray
     pull: FloatArray
+    halves: tuple[tuple[float, FloatArray | None], ...]
 
 
 def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray:
@@ -67,32 +69,40 @@ def blocks(k: int) -> list[slice]:
     return [slice(0, 3), slice(3, 6)] if k == 6 else [slice(0, k)]
 
 
-def covariance(one: list[Half], two: list[Half], s: FloatArray) -> FloatArray:
-    """Covariance (k m, k m') of the displacements at two lots of poses (module's head)."""
-    k, nu = len(s), WISHART_DOF
-    total = np.zeros((len(one[0].pull) * k, len(two[0].pull) * k))
-    for here, there in zip(one, two, strict=True):
-        a, b = len(here.pull), len(there.pull)
-        flat = here.pull.reshape(a * k, -1) @ there.pull.reshape(b * k, -1).T
-        G = flat.reshape(a, k, b, k)
-        trace = np.einsum("aibi->ab", G)
-        C = G + G.transpose(0, 3, 2, 1) / nu
-        C[:, range(k), :, range(k)] += trace / nu
-        C *= s[:, None, None] * s
-        # One product for all of a pose's columns, first along the rows and then along the columns.
-        half_turned = (here.turn @ C.reshape(a, k, b * k)).reshape(a * k, b, k).transpose(1, 2, 0)
-        total += (there.turn @ half_turned).reshape(b * k, a * k).T
-    return total
+def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
+    """Covariance (k m, k m') of the displacements at two lots of poses (module's head).
+
+    Seen from outside a half's own axes have no part in the first term.
+    """
+    k, a, b = len(s), len(one.pull), len(two.pull)
+    seen = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
+    total = np.zeros_like(seen)
+    for (share, here), (_, there) in zip(one.halves, two.halves, strict=True):
+        own = _turned(seen, _back(here), _back(there))
+        C = own.transpose(0, 3, 2, 1).copy()
+        C[:, range(k), :, range(k)] += np.einsum("aibi->ab", own)
+        total += share**2 * (seen + _turned(C, here, there) / WISHART_DOF)
+    total *= s[:, None, None] * s
+    return total.reshape(a * k, b * k)
 
 
-def variance(halves: list[Half], s: FloatArray) -> FloatArray:
-    """Diagonal (m, k) of `covariance`."""
-    k, nu = len(s), WISHART_DOF
-    total = np.zeros((len(halves[0].pull), k))
-    for half in halves:
-        G = half.pull @ np.swapaxes(half.pull, -1, -2)
-        C = (1.0 + 1.0 / nu) * G
-        C[:, range(k), range(k)] += np.trace(G, axis1=-2, axis2=-1)[:, None] / nu
-        C *= s[:, None] * s
-        total += ((half.turn @ C) * half.turn).sum(-1)
-    return np.asarray(total)
+def _back(turn: FloatArray | None) -> FloatArray | None:
+    """Turn (m, k, k) the other way."""
+    return None if turn is None else np.swapaxes(turn, -1, -2)
+
+
+def _turned(C: FloatArray, here: FloatArray | None, there: FloatArray | None) -> FloatArray:
+    """``T C T'``, C (a, k, b, k), by the turns (a, k, k) of its rows and (b, k, k) of its columns."""
+    if here is None or there is None:
+        return C
+    a, k, b, _ = C.shape
+    # One product for all columns of a pose, first along the rows and then along the columns.
+    rows = (here @ C.reshape(a, k, b * k)).reshape(a * k, b, k)
+    return (there @ rows.transpose(1, 2, 0)).reshape(b, k, a, k).transpose(2, 3, 0, 1)
+
+
+def variance(held: Pulled, s: FloatArray) -> FloatArray:
+    """Diagonal (m, k) of `covariance`: at one and the same pose axes have no part in it."""
+    squares = (held.pull**2).sum(-1)
+    every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF
+    return np.asarray(sum(share**2 for share, _ in held.halves) * every * s**2)

@@ -97,9 +97,15 @@ def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
     Each block is triangularised under what is left of those before it, so that memory does not grow
     with the number of rows, and no square of the Jacobian is formed.
     """
+    whole = stacked_triangle(np.concatenate((J, r[..., None]), axis=-1) for r, J in blocks)
+    return Triangle(T=whole[:-1, :-1], b=whole[:-1, -1], rest=float(whole[-1, -1] ** 2))
+
+
+def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
+    """Triangle (P, P) of the QR factors of all blocks (..., P) stacked, a few at a time."""
     left: FloatArray | None = None
-    for r, J in blocks:
-        rows = np.concatenate((J, r[..., None]), axis=-1).reshape(-1, J.shape[-1] + 1)
+    for J in blocks:
+        rows = J.reshape(-1, J.shape[-1])
         for first in range(0, max(len(rows), 1), BLOCK_ROWS):
             block = rows[first : first + BLOCK_ROWS]
             stacked = block if left is None else np.concatenate((left, block))
@@ -108,7 +114,7 @@ def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
         raise ValueError("least squares need at least one block")
     whole = np.zeros((left.shape[1], left.shape[1]))
     whole[: len(left)] = left
-    return Triangle(T=whole[:-1, :-1], b=whole[:-1, -1], rest=float(whole[-1, -1] ** 2))
+    return whole
 
 
 Problem = Callable[[FloatArray], Triangle]

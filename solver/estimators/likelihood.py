@@ -35,9 +35,13 @@ class Solved(Protocol):
 
     design: Design
     v: FloatArray
-    H_inverse: FloatArray
     coefficients: FloatArray
     unit_b: FloatArray
+
+    @property
+    def H_inverse(self) -> FloatArray:
+        """Inverse of the mixed-model equations (width, width)."""
+        ...
 
     def parts(self) -> Iterator[Whitened]:
         """Whitened poses, effects scaled to unit variance."""

@@ -99,17 +99,22 @@ class LinearFit:
         H = self.gram.copy()
         H[np.arange(hard, design.width), np.arange(hard, design.width)] += 1.0
         self.half, determinant = _inverse_root(H)
-        self.H_inverse = self.half @ self.half.T
-        self.coefficients = -(self.H_inverse @ right)
+        self.coefficients = -(self.half @ (self.half.T @ right))
         # One refinement: the squares of M cost half the digits, its product with them does not.
-        self.coefficients -= self.H_inverse @ (right + H @ self.coefficients)
+        self.coefficients -= self.half @ (self.half.T @ (right + H @ self.coefficients))
         self.right = right
-        self.chi2 = max(0.0, square + float(right @ self.coefficients))
+        # No number stays none, where `max` would make it the best of all fits.
+        self.chi2 = float(np.maximum(0.0, square + right @ self.coefficients))
         self.step = self.coefficients[:hard]
         self.unit_b = self.coefficients[hard:]
         self.b = self.unit_b * self.root
         self.dof = system.equations - hard
         self.log_likelihood = -0.5 * (2.0 * logdet + determinant + self.chi2)
+
+    @cached_property
+    def H_inverse(self) -> FloatArray:
+        """Inverse of H (width, width)."""
+        return np.asarray(self.half @ self.half.T)
 
     def _whiten(self, poses: slice) -> Whitened:
         part = self.design.whiten(self.system.part(poses), self.v, poses)

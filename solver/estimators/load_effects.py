@@ -37,7 +37,7 @@ from solver.chain.kinematics import Frames, forward
 from solver.chain.parameters import DhEntry, DhKind, is_entry
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
-from solver.estimators.compliance import Half, blocks, compliance_sizes, covariance, variance
+from solver.estimators.compliance import Pulled, blocks, compliance_sizes, covariance, variance
 from solver.estimators.pose_basis import farthest
 from solver.loops.closure import ClosureModel
 
@@ -291,7 +291,7 @@ class _Part:
         s = compliance_sizes(give, rotations=k - 3)
         size = np.array([give[0]] * (k - 3) + [give[1]] * 3)
         scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
-        there = self._halves(centres, W * unit[:, None], s)
+        there = self._pulled(centres, W * unit[:, None] * s[:, None, None])
         kernel = covariance(there, there, s)
         values, vectors = np.linalg.eigh(kernel)
         good = values > SMALLEST * values[-1]
@@ -303,25 +303,25 @@ class _Part:
         for first in range(0, m, CHUNK):
             here = np.arange(first, min(first + CHUNK, m))
             W = self.wrenches(here) if whole is None else whole
-            halves = self._halves(here, W * unit[:, None], s)
-            moved = (covariance(halves, there, s) @ root).reshape(len(here), k, kept)
+            held = self._pulled(here, W * unit[:, None] * s[:, None, None])
+            moved = (covariance(held, there, s) @ root).reshape(len(here), k, kept)
             found[here, :, :kept] = moved * scale[:, None]
-            total = variance(halves, s).reshape(len(here), k) * scale**2
+            total = variance(held, s) * scale**2
             missed[here] = np.maximum(total - (found[here] ** 2).sum(-1), 0.0)
         return found, missed
 
-    def _halves(self, poses: IntArray, W: FloatArray, s: FloatArray) -> list[Half]:
-        """Wrenches on table and hand, each in the axes of that half."""
+    def _pulled(self, poses: IntArray, W: FloatArray) -> Pulled:
+        """Wrenches (m, k, 4 n, sets) on table and hand, and how each half stands."""
         axes = self.model.fixture_axes(self.x, self.q[poses], self.u[poses])
-        W = W.reshape(*W.shape[:2], -1)
         share = np.array([1.0, HAND]) / np.hypot(1.0, HAND)
         halves = []
-        for turn, part in zip(axes, share, strict=True):
-            T = np.zeros((len(poses), len(s), len(s)))
-            for rows in blocks(len(s)):
+        for turn, part in zip(axes, share.tolist(), strict=True):
+            T = np.zeros((*W.shape[:2], W.shape[1]))
+            for rows in blocks(W.shape[1]):
                 T[:, rows, rows] = turn
-            halves.append(Half(turn=part * T, pull=(np.swapaxes(T, -1, -2) @ W) * s[:, None]))
-        return halves
+            still = bool((turn == np.eye(3)).all())
+            halves.append((part, None if still else T))
+        return Pulled(pull=W.reshape(*W.shape[:2], -1), halves=tuple(halves))
 
 
 def wrench_of(J: FloatArray, E: FloatArray, torque: FloatArray, rub: float = RUB_M) -> FloatArray:

@@ -177,7 +177,7 @@ def _iterate(
             fit = LinearFit(design, here, v)
         state, moved, left = _advance(design, here, fit)
         if not np.isfinite(moved):
-            break
+            raise PosesDoNotFitError
         if progress is not None:
             progress(rounds, fit.chi2)
         if free:

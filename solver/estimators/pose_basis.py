@@ -51,18 +51,19 @@ class PoseProcess:
     ----------
     values
         (m, c), one column for each centre.
+    turn
+        (c, c): from these to columns at right angles, the largest first.
     variance
         (m,), of the process itself.
     """
 
     values: FloatArray
+    turn: FloatArray
     variance: FloatArray
 
     def leading(self, columns: int) -> PoseBasis:
         """Return the columns along which most poses differ."""
-        phi = self.values
-        if phi.shape[1] > columns:
-            phi = phi @ np.linalg.eigh(phi.T @ phi)[1][:, ::-1][:, :columns]
+        phi = self.values @ self.turn[:, :columns]
         return PoseBasis(phi=phi, missed=np.maximum(self.variance - (phi**2).sum(-1), 0.0))
 
 
@@ -88,8 +89,10 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
     root = vectors[:, good] / np.sqrt(values[good])
     parts = np.array_split(np.arange(len(q)), max(1, -(-len(q) // CHUNK)))
     whole = np.concatenate([kernel(part, far) @ root for part in parts])
+    # Where every pose is a centre, the columns are at right angles already.
+    turn = np.eye(whole.shape[1]) if len(far) == len(q) else np.linalg.eigh(whole.T @ whole)[1]
     diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
-    return PoseProcess(values=whole, variance=diagonal)
+    return PoseProcess(values=whole, turn=turn[:, ::-1], variance=diagonal)
 
 
 def farthest(points: FloatArray, count: int) -> IntArray:

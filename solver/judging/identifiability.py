@@ -13,7 +13,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.closing import close_loops, reduced_jacobian
 from solver.errors import UnidentifiableDirection
-from solver.estimators.least_squares import column_scale
+from solver.estimators.least_squares import column_scale, stacked_triangle
 from solver.estimators.paper import ClosureProblem
 from solver.loops.closure import ClosureModel, pose_blocks
 
@@ -77,13 +77,11 @@ def identifiability(
 
     Poses that cannot be closed with these parameters are judged where they are.
     """
-    A = np.concatenate(
-        [_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
+    T = stacked_triangle(
+        _at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)
     )
     names = tuple(p.name for p in model.parameters)
-    return judge_jacobian(
-        A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
-    )
+    return judge_jacobian(T, names, poses=len(q), spans_rad=np.ptp(q, axis=0))
 
 
 def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
@@ -139,16 +137,16 @@ def judge_jacobian(
     poses: int,
     spans_rad: FloatArray | None = None,
 ) -> Identifiability:
-    """Judge a stacked Jacobian (R, P) whose columns are the parameters `names`."""
-    scale = column_scale(J)
-    zero_columns = np.linalg.norm(J, axis=0) <= RANK_TOLERANCE * max(float(scale.max()), 1e-300)
+    """Judge a stacked Jacobian (R, P) whose columns are the parameters `names`, or its QR's triangle."""
     # The R factor has the same singular values and is P x P however many poses there are.
-    R = np.linalg.qr(np.where(zero_columns, 0.0, J / scale), mode="r")
-    _, s, Vt = np.linalg.svd(R, full_matrices=True)
+    R = np.asarray(np.linalg.qr(J, mode="r"))
+    scale = column_scale(R)
+    zero_columns = np.linalg.norm(R, axis=0) <= RANK_TOLERANCE * max(float(scale.max()), 1e-300)
+    _, s, Vt = np.linalg.svd(np.where(zero_columns, 0.0, R / scale), full_matrices=True)
     s = np.concatenate((s, np.zeros(len(names) - len(s))))
     rank = int((s > RANK_TOLERANCE * max(s[0], 1e-300)).sum())
     directions = tuple(_direction(vector, names, spans_rad) for vector in _sparse_basis(Vt[rank:]))
-    plain = np.linalg.svd(np.linalg.qr(J, mode="r"), compute_uv=False)
+    plain = np.linalg.svd(R, compute_uv=False)
     full = rank == len(names)
     if spans_rad is not None:
         directions += _immobile_offsets(names, spans_rad, directions)

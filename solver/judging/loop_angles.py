@@ -38,10 +38,8 @@ class LoopAngle:
     pose_variance: FloatArray
     by_parameters: FloatArray
 
-    def scatter(self, parameter_covariance: FloatArray) -> Scatter:
-        """Covariance of the angles, rad^2."""
-        values, vectors = np.linalg.eigh(parameter_covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
+    def scatter(self, root: FloatArray) -> Scatter:
+        """Covariance of the angles, rad^2, with ``root root'`` the covariance of the parameters."""
         return Scatter(own=self.pose_variance, common=self.by_parameters @ root)
 
 

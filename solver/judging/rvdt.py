@@ -22,9 +22,10 @@ from solver.estimators.component_report import flexure_test
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import noise_left, settle
-from solver.judging.loop_angles import LoopAngle, loop_angles
+from solver.judging.loop_angles import loop_angles
 from solver.judging.rvdt_figures import RvdtFigures, measure, sensor_angle
 from solver.judging.rvdt_noise import SingleNoise
+from solver.judging.smooth_curve import Scatter
 from solver.loops.closure import ClosureModel
 
 MIN_POSES = 15
@@ -128,7 +129,8 @@ def rvdt_verdicts(
         raise ValueError("none of the model's unsensed joints has an RVDT to judge")
     ended = settle(model, q, errors, x0=x0, near=near)
     found, back = ended.fit, back_to_caller(ended.order)
-    covariance = found.fit.covariance
+    values, vectors = np.linalg.eigh(found.fit.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
     angles = {
         a.joint: a
         for a in loop_angles(
@@ -154,7 +156,8 @@ def rvdt_verdicts(
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
-        reason = _undecidable(reading, angle, sensor, covariance)
+        of_loops = angle.scatter(root)
+        reason = _undecidable(reading, of_loops, sensor)
         if not found.converged:
             reason = "the calibration without the RVDTs did not converge"
         if reason:
@@ -164,7 +167,7 @@ def rvdt_verdicts(
             reading,
             angle,
             sensor,
-            covariance,
+            of_loops,
             noise.get(joint),
             samples=float(1.0 / np.mean(1.0 / samples)),
         )
@@ -174,9 +177,7 @@ def rvdt_verdicts(
     return tuple(verdicts)
 
 
-def _undecidable(
-    reading: FloatArray, angle: LoopAngle, sensor: Rvdt, parameter_covariance: FloatArray
-) -> str:
+def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
     """Why these poses cannot tell; empty when they can."""
     if len(reading) < MIN_POSES:
         return f"{len(reading)} poses are too few, {MIN_POSES} are needed"
@@ -186,7 +187,7 @@ def _undecidable(
             f"the joint turned through {100.0 * span:.0f} % of full scale only, "
             f"{100.0 * MIN_SPAN:.0f} % are needed"
         )
-    sd = float(np.sqrt(np.mean(angle.scatter(parameter_covariance).variance)))
+    sd = float(np.sqrt(np.mean(of_loops.variance)))
     if sd > 0.5 * sensor.linearity_rad:
         return (
             f"the loop measures the joint's angle to {1e3 * sd:.1f} mrad only, "

@@ -89,7 +89,7 @@ def measure(
     reading_rad: FloatArray,
     measured: LoopAngle,
     sensor: Rvdt,
-    parameter_covariance: FloatArray,
+    of_loops: Scatter,
     noise: SingleNoise | None,
     samples: float,
 ) -> RvdtFigures:
@@ -97,6 +97,8 @@ def measure(
 
     Parameters
     ----------
+    of_loops
+        What scatters the measured angles.
     noise
         That of a single reading; None where nothing better tells of it than the scatter about the
         curve, which bounds it: the loop's own slow errors are in there too.
@@ -124,7 +126,6 @@ def measure(
         most = max(squares / float(chdtri(curve.dof, 0.975)) - own, 0.0)
         lsb, high = (np.sqrt(np.array([variance, most]) * samples) / sensor.resolution_rad).tolist()
         noise = SingleNoise(lsb=lsb, low=0.0, high=high, from_spread=False)
-    of_loops = measured.scatter(parameter_covariance)
     of_points = of_loops.also_own(variance)
     # A line that was chosen may hide a bend: its uncertainty is that of the bends it could hide.
     bendable = curve if curve.degree >= LEAST_BEND else fit_curve(angle, deviation, LEAST_BEND)

@@ -48,6 +48,7 @@ class ArmLoop(ClosureModel):
     parameters: tuple[Parameter, ...] = field(init=False, repr=False, compare=False)
     _stacked: FloatArray = field(init=False, repr=False, compare=False)
     _indices: tuple[list[int], list[int]] = field(init=False, repr=False, compare=False)
+    _unknown: Entries = field(init=False, repr=False, compare=False)
     _moved: Entries = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -70,6 +71,7 @@ class ArmLoop(ClosureModel):
         angles = [DhKind.THETA_OFF] * self.table.links
         moved = Entries.of([*kinds, *angles], [*rows, *range(self.table.links)])
         object.__setattr__(self, "_moved", moved)
+        object.__setattr__(self, "_unknown", Entries.of(kinds, rows))
         nominal = dict(zip(self.OWN, self._own_nominal().tolist(), strict=True))
         found = [
             Parameter(name=e.name, is_angle=e.kind.is_angle, nominal=float(value))

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.chain.kinematics import DhTable, Frames, turned
+from solver.chain.kinematics import DhTable, Frames, poses_first, screws, turned
 from solver.chain.parameters import DhKind
 from solver.chain.rotations import (
     rotation_about_z,
@@ -83,17 +83,24 @@ class DhLoop(ArmLoop):
         at_zero = self.frames(x, q, np.zeros((*q.shape[:-1], 1)))
         theta_0 = _hinge_angle(at_zero)
         frames = turned(at_zero, theta_0)
-        J = self.columns(frames)
-        by_hinge = J[..., len(self.entries), None]
-        jac = J[..., : len(self.entries)]
-        R = frames.R_end
-        # theta_0 answers to every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31.
-        hinge_rate = jac[..., 0, :] * (R[..., 2, 0] / R[..., 0, 0])[..., None] - jac[..., 2, :]
-        jac = jac + by_hinge * hinge_rate[..., None, :]
+        R, p = frames.R_end, frames.p_end
+        moved = screws(frames, self._unknown)
+        # theta_0 answers to every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. It turns
+        # the end about z_-1, which is what w_z and the position feel of it.
+        lean = R[..., 2, 0] / R[..., 0, 0]
+        w_z = moved[:, 0] * lean
+        turn = w_z - moved[:, 2]
         dx_dy, by_rotation = _swing(R[..., :, 2])
+        jac = np.empty((len(moved), 5, *moved.shape[2:]))
+        for row in range(2):
+            by = by_rotation[..., row, :]
+            jac[:, row] = (by[..., 0] + by[..., 2] * lean) * moved[:, 0] + by[..., 1] * moved[:, 1]
+        jac[:, 2] = moved[:, 3] - p[..., 1] * turn
+        jac[:, 3] = moved[:, 4] + p[..., 0] * turn
+        jac[:, 4] = moved[:, 5]
         return ReducedError(
-            residual=np.concatenate((dx_dy, frames.p_end), axis=-1),
-            jac_x=np.concatenate((by_rotation @ jac[..., :3, :], jac[..., 3:, :]), axis=-2),
+            residual=np.concatenate((dx_dy, p), axis=-1),
+            jac_x=poses_first(jac, 1, 0),
             rotation_rows=2,
             unsensed=theta_0[..., None],
             flipped=R[..., 2, 2] < 0.0,

@@ -53,11 +53,13 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
     design, K = fit.design, len(fit.v)
     hard, width = design.hard, design.width
     rates = _rates(design, fit.v)
-    # Effects: with T = Z' P Z in units of their variance, all traces are sums over its blocks.
-    T = np.eye(width - hard) - fit.H_inverse[hard:, hard:]
-    expected = np.diagonal(T) @ rates
+    # Effects: with T = Z' P Z = I - H^-1 in units of their variance, all traces are sums over its blocks.
+    told = 1.0 - np.diagonal(fit.H_inverse)[hard:]
+    squares = fit.H_inverse[hard:, hard:] ** 2
+    np.fill_diagonal(squares, told**2)
+    expected = told @ rates
     score = fit.unit_b**2 @ rates - expected
-    information = rates.T @ (T * T) @ rates
+    information = rates.T @ (squares @ rates)
     # The mean of expected and observed information needs no trace: it is a Gram matrix of what each
     # component's covariance makes of the weighted residual (Gilmour, Thompson & Cullis 1995).
     inner, along = np.zeros((K, K)), np.zeros((K, width))

@@ -25,7 +25,7 @@ from solver.estimators.scoring import Ascent, Step, step, with_priors
 from solver.loops.closure import ClosureModel, pose_blocks
 
 MAX_ROUNDS = 40
-SETTLED, STEADY = 1e-3, 3e-3
+SETTLED, STEADY = 2e-3, 3e-3
 """What a round may leave of every parameter and of every variance, in standard errors, and be the last."""
 
 FAR = 3.0

@@ -116,9 +116,10 @@ def measure(
     deviation = reading_rad - angle
     curve = fit_curve(angle, deviation)
     grid = np.linspace(curve.low, curve.high, GRID_POINTS)
+    fitted = curve(grid)
     # The constant belongs to theta_off: deviations average to zero over the covered range.
-    constant = float(np.mean(curve(grid)))
-    bend, slope = _off_line(grid, curve(grid)), _slope(grid, curve(grid))
+    constant = float(np.mean(fitted))
+    bend, slope = _off_line(grid, fitted), _slope(grid, fitted)
     squares = float(curve.residual @ curve.residual)
     own = float(np.mean(measured.pose_variance))
     variance = max(squares / curve.dof - own, 0.0)
@@ -137,7 +138,7 @@ def measure(
         gain=1.0 + slope,
         linearity=float(np.abs(bend[peak]) / sensor.full_scale_rad),
         linearity_sd=float(np.sqrt(of_points.variance_of(off_line).max()) / sensor.full_scale_rad),
-        half_range=float(0.5 * np.ptp(curve(grid)) / sensor.full_scale_rad),
+        half_range=float(0.5 * np.ptp(fitted) / sensor.full_scale_rad),
         noise=noise,
         loop_sd_rad=float(np.sqrt(np.mean(of_loops.variance))),
         line_probability=curve.line_probability,

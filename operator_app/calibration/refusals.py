@@ -51,9 +51,8 @@ def refuse_placement(
 ) -> None:
     """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
     checks = fixture.placement_checks(
-        arm, nominal_vector(fixture.model(arm, unsensed_joints=unsensed_joints).parameters),
-        unsensed_joints=unsensed_joints,
-    )  # fmt: skip
+        arm, nominal_vector(model.parts()[0][0].parameters), unsensed_joints=unsensed_joints
+    )
     refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
     if refused and model.parameters:
         raise FixtureRefusedError(refused)

@@ -1,6 +1,6 @@
 """What a calibration costs, against what LAPACK needs at least; prints a table.
 
-    python tests/benchmarks/speed.py [--poses 1000,10000,100000] [--solve 1000,20000]
+    python tests/benchmarks/speed.py [--poses 1000,10000,100000] [--solve 1000,10000,100000]
 
 The floor is five `numpy.linalg.lstsq` of 500 x 14, single thread, in the same run: five iterations on
 100 poses cannot cost less. Every time is the processor's, the least of several. Sizes run in processes
@@ -126,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and print; 0 when every bar is met."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--poses", default="1000,10000,100000", help="sizes of paper and implicit")
-    parser.add_argument("--solve", default="1000,20000", help="sizes of the whole calibration")
+    parser.add_argument("--solve", default="1000,10000,100000", help="sizes of the whole calibration")
     parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.child:

@@ -258,3 +258,13 @@ def test_a_component_is_never_below_its_statement(design: Design) -> None:
     }
     gives = sorted(variance for source, variance in least if source == "fixture_give")
     assert gives == pytest.approx([2e-4**2, 3e-4**2], rel=1e-3)
+
+
+def test_a_fit_that_is_no_number_is_no_perfect_fit(design: Design, system: System) -> None:
+    v = variances(design)
+    v[0] = np.nan
+    try:
+        fit = LinearFit(design, system, v)
+    except np.linalg.LinAlgError:
+        return
+    assert np.isnan(fit.chi2)

@@ -25,7 +25,7 @@ from solver.estimators.scoring import Ascent, Step, step, with_priors
 from solver.loops.closure import ClosureModel, pose_blocks
 
 MAX_ROUNDS = 40
-SETTLED, STEADY = 2e-3, 3e-3
+SETTLED, STEADY = 1e-3, 3e-3
 """What a round may leave of every parameter and of every variance, in standard errors, and be the last."""
 
 FAR = 3.0
@@ -42,7 +42,7 @@ NOTHING_TO_GAIN = 0.1
 SURPRISE = 4.0
 """chi2 per degree of freedom from which the search starts at large variances."""
 
-CURVED = 4.0
+CURVED = 3.0
 """Share of a step that the loops' curvature leaves undone, for each rad or m of its largest change: Newton's
 steps err by their square."""
 

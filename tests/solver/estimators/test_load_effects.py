@@ -14,7 +14,7 @@ from solver.chain.statics import LinkMasses, gravity_torque
 from solver.closing import left_null_space
 from solver.estimators.compliance import (
     WISHART_DOF,
-    Half,
+    Pulled,
     compliance_sizes,
     covariance,
     variance,
@@ -111,7 +111,7 @@ def test_displacements_have_the_covariance_of_wishart_compliances():
     angle = np.array([0.3, -0.8])
     turn = np.zeros((m, 6, 6))
     turn[:, :3, :3] = turn[:, 3:, 3:] = rotation_about_z(angle)
-    half = Half(turn=0.7 * turn, pull=(np.swapaxes(turn, -1, -2) @ wrench) * s[:, None])
+    pulled = Pulled(pull=wrench * s[:, None], halves=((0.7, turn),))
     root = rng.normal(size=(count, 6, int(WISHART_DOF)))
     M = root @ np.swapaxes(root, -1, -2) / WISHART_DOF
     z = rng.normal(size=(count, a))
@@ -119,10 +119,10 @@ def test_displacements_have_the_covariance_of_wishart_compliances():
     moved = np.einsum("i,nij,j,nmj->nmi", s, M, s, own)
     drawn = 0.7 * np.einsum("mij,nmj->nmi", turn, moved).reshape(count, -1)
     expected = drawn.T @ drawn / count
-    found = covariance([half], [half], s)
+    found = covariance(pulled, pulled, s)
     scale = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
     assert np.abs((found - expected) / scale).max() < 0.05
-    assert variance([half], s).reshape(-1) == pytest.approx(np.diagonal(found), rel=1e-10)
+    assert variance(pulled, s).reshape(-1) == pytest.approx(np.diagonal(found), rel=1e-10)
 
 
 @pytest.mark.parametrize("give", [(1.0, 1.0), (5e-4, 1e-4), (1e-4, 8e-4), (0.0, 2e-4), (2e-4, 0.0)])
@@ -132,8 +132,7 @@ def test_sizes_give_what_is_stated(give):
     for rows in (slice(0, 3), slice(3, 6)):
         wrench[:, rows] /= np.sqrt((wrench[:, rows] ** 2).sum((1, 2)).mean())
     s = compliance_sizes(give, rotations=3)
-    half = Half(turn=np.broadcast_to(np.eye(6), (400, 6, 6)), pull=wrench * s[:, None])
-    size = variance([half], s).mean(0)
+    size = variance(Pulled(pull=wrench * s[:, None], halves=((1.0, None),)), s).mean(0)
     assert size[:3].mean() == pytest.approx(give[0] ** 2, rel=1e-9)
     assert size[3:].mean() == pytest.approx(give[1] ** 2, rel=1e-9)
 

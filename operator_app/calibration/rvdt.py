@@ -64,7 +64,7 @@ def judge_rvdts(
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return none_decided(f"{without} these poses are too few: take more")
     names = tuple(p.name for p in model.parameters)
-    unseen = seen_by_fit(whole.linear, names, without=tuple(sensors)).directions
+    unseen = seen_by_fit(whole.linear, names, taken=whole.order, without=tuple(sensors)).directions
     if unseen:
         blurred = ", ".join(dict.fromkeys(d.parameters[0] for d in unseen))
         return none_decided(f"{without} these poses leave {blurred} open: judge it in the hinge")

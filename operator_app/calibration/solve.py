@@ -226,7 +226,7 @@ def calibrate(
     else:
         # What is blind at all was seen at the first estimate, if there was one.
         seen = require(
-            seen_by_fit(judged.linear, unknowns)
+            seen_by_fit(judged.linear, unknowns, taken=judged.order)
             if paper is not None
             else identifiability(hard, in_order(hard, model, estimate.x), q, sigma_rad=sigma)
         )

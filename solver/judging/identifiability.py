@@ -77,11 +77,13 @@ def identifiability(
 
     Poses that cannot be closed with these parameters are judged where they are.
     """
-    T = stacked_triangle(
-        _at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)
+    A = np.concatenate(
+        [_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
     )
     names = tuple(p.name for p in model.parameters)
-    return judge_jacobian(T, names, poses=len(q), spans_rad=np.ptp(q, axis=0))
+    return judge_jacobian(
+        A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
+    )
 
 
 def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
@@ -137,9 +139,9 @@ def judge_jacobian(
     poses: int,
     spans_rad: FloatArray | None = None,
 ) -> Identifiability:
-    """Judge a stacked Jacobian (R, P) whose columns are the parameters `names`, or its QR's triangle."""
+    """Judge a stacked Jacobian (R, P) whose columns are the parameters `names`."""
     # The R factor has the same singular values and is P x P however many poses there are.
-    R = np.asarray(np.linalg.qr(J, mode="r"))
+    R = stacked_triangle([J])
     scale = column_scale(R)
     zero_columns = np.linalg.norm(R, axis=0) <= RANK_TOLERANCE * max(float(scale.max()), 1e-300)
     _, s, Vt = np.linalg.svd(np.where(zero_columns, 0.0, R / scale), full_matrices=True)

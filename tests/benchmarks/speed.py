@@ -126,7 +126,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and print; 0 when every bar is met."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--poses", default="1000,10000,100000", help="sizes of paper and implicit")
-    parser.add_argument("--solve", default="1000,10000,100000", help="sizes of the whole calibration")
+    parser.add_argument(
+        "--solve", default="1000,10000,100000", help="sizes of the whole calibration"
+    )
     parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.child:

@@ -42,7 +42,7 @@ def test_the_paper_by_one_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     for name, value in PRINTED.items():
-        assert found["table_2"][name]["reproduce"] == pytest.approx(value)
+        assert found["table_2"][name]["paper"] == pytest.approx(value)
     assert found["sigma_pos_mm"]["rms"] == pytest.approx(2.7, rel=0.15)
     assert found["sigma_ori_mrad"]["rms"] == pytest.approx(6.6, rel=0.15)
     assert found["scaled_condition_number"] < 100

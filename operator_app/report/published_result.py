@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from operator_app.planning.published import (
@@ -59,17 +58,20 @@ def published_json(found: Published) -> dict[str, Any]:
         },
         "scaled_condition_number": found.solution.seen.scaled_condition_number,
         "sigma_pos_mm": {
-            "rms": 1e3 * sigmas.position_m.rms,
-            "as_printed": 1e3 * sigmas.position_m.as_printed,
+            "rms": CLOSURE_LENGTH.per_si * sigmas.position_m.rms,
+            "as_printed": CLOSURE_LENGTH.per_si * sigmas.position_m.as_printed,
         },
         "sigma_ori_mrad": None
         if turned is None
-        else {"rms": 1e3 * turned.rms, "as_printed": 1e3 * turned.as_printed},
+        else {
+            "rms": CLOSURE_ANGLE.per_si * turned.rms,
+            "as_printed": CLOSURE_ANGLE.per_si * turned.as_printed,
+        },
         "shares": [
             {
                 "source": share.source,
-                "sigma_pos_mm": 1e3 * share.position_m,
-                "sigma_ori_mrad": 1e3 * share.orientation_rad,
+                "sigma_pos_mm": CLOSURE_LENGTH.per_si * share.position_m,
+                "sigma_ori_mrad": CLOSURE_ANGLE.per_si * share.orientation_rad,
                 "scaled_condition_number": share.condition,
             }
             for share in found.shares
@@ -77,8 +79,8 @@ def published_json(found: Published) -> dict[str, Any]:
         "remedies": [
             {
                 "remedy": remedy.name,
-                "offsets_rms_deg": math.degrees(remedy.offsets_rad),
-                "lengths_rms_mm": 1e3 * remedy.lengths_m,
+                "offsets_rms_deg": ANGLE.per_si * remedy.offsets_rad,
+                "lengths_rms_mm": LENGTH.per_si * remedy.lengths_m,
             }
             for remedy in found.remedies
         ],
@@ -86,7 +88,7 @@ def published_json(found: Published) -> dict[str, Any]:
 
 
 def _si(is_angle: bool, value: float) -> float:  # noqa: FBT001 - of one parameter
-    return math.degrees(value) if is_angle else value
+    return ANGLE.per_si * value if is_angle else value
 
 
 def _identified(found: Published) -> Table:

@@ -71,7 +71,7 @@ def completions(line: str, folder: Path) -> list[str]:
 def test_a_shell_completes_commands_options_and_names(tmp_path: Path) -> None:
     pytest.importorskip("argcomplete")
     (tmp_path / "sessions/20260101-hinge").mkdir(parents=True)
-    assert set(completions("sarcal re", tmp_path)) == {"report", "reset"}
+    assert set(completions("sarcal re", tmp_path)) == {"report", "reproduce", "reset"}
     assert "--drop-unidentifiable" in completions("sarcal import --dr", tmp_path)
     assert completions("sarcal solve p.csv --arm fr", tmp_path) == ["franka_panda"]
     assert "hinge_planned" in completions("sarcal run h", tmp_path)

@@ -1,7 +1,8 @@
 """An arm of another package behind this program's own limits, STOP latch and words. Knows no bus.
 
 Who writes an arm need not do these again: a command that the limits refuse does not reach it, nothing
-moves while STOP is latched, and whatever it raises becomes words that name its package.
+moves while STOP is latched, a STOP that comes while a command is under way is sent after it once more, and
+whatever it raises, or reads that is no number, becomes words that name its package.
 """
 
 from __future__ import annotations
@@ -10,10 +11,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
+
 from hardware.arm import (
     Arm,
     ArmIdentity,
     ArmSnapshot,
+    FloatArray,
     JointMode,
     MoveResult,
     Reading,
@@ -69,17 +73,12 @@ class OutsideArm:
         """
         if self._arm is not None:
             raise ValueError("this arm is connected already")
-        n = len(self._description.joints)
         with self._in_words():
             arm = self._make()
         try:
             with self._in_words():
-                identity, joints = arm.connect(), arm.snapshot().joints
-            if [joint.joint for joint in joints] != list(range(1, n + 1)):
-                raise BusError(
-                    f"{self._name} has {len(joints)} joints, and {self._description.model} has {n}: name the "
-                    "arm file that describes it"
-                )
+                identity = arm.connect()
+                self._look(arm)
         except BaseException:
             with self._in_words():
                 arm.close()
@@ -100,14 +99,13 @@ class OutsideArm:
 
     def snapshot(self) -> ArmSnapshot:
         """Return the latest state, with this program's own STOP latch in it."""
-        with self._in_words():
-            found = self._there.snapshot()
+        found = self._look(self._there)
         return replace(found, stopped=True) if self._latch.latched else found
 
     def take_control(self) -> None:
         """Enable the drives, holding."""
         self._require_no_stop()
-        with self._in_words():
+        with self._stopped_after_all(), self._in_words():
             self._there.take_control()
         self._in_control = True
 
@@ -117,9 +115,9 @@ class OutsideArm:
             raise ValueError(f"{len(self._limits)} joints need as many modes, not {len(modes)}")
         self._require_no_stop()
         self._require_control()
-        with self._in_words():
+        with self._stopped_after_all(), self._in_words():
             self._there.set_modes(modes)
-            joints = self._there.snapshot().joints
+        joints = self._look(self._there).joints
         for joint, wanted in zip(joints, modes, strict=True):
             if joint.mode is not wanted:
                 found = "no mode" if joint.mode is None else joint.mode.value
@@ -139,7 +137,7 @@ class OutsideArm:
         CommandRefused, Stopped
         """
         self._require_no_stop()
-        joints = self._there.snapshot().joints
+        joints = self._look(self._there).joints
         for number, target in targets_rad.items():
             if not 1 <= number <= len(self._limits):
                 raise ValueError(f"there is no joint {number}")
@@ -157,6 +155,7 @@ class OutsideArm:
 
         def watching(snapshot: ArmSnapshot) -> str | None:
             if self._latch.latched:
+                self._there.stop()  # the move may have begun after it
                 return "STOP"
             try:
                 return None if watch is None else watch(snapshot)
@@ -164,10 +163,8 @@ class OutsideArm:
                 own.append(error)
                 raise
 
-        with self._in_words(own):
-            moved = self._there.move(targets_rad, speed_rad_per_s=speed_rad_per_s, watch=watching)
-        self._require_no_stop()
-        return moved
+        with self._stopped_after_all(), self._in_words(own):
+            return self._there.move(targets_rad, speed_rad_per_s=speed_rad_per_s, watch=watching)
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
         """Wait until no joint's position spreads more than `spread_rad` over `window` samples."""
@@ -183,12 +180,15 @@ class OutsideArm:
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         with self._in_words():
-            return self._there.capture(samples)
+            reading = self._there.capture(samples)
+            for what in ("mean_counts", "mean_rad", "sd_rad"):
+                self._require_numbers(what, getattr(reading, what))
+        return reading
 
     def hold(self) -> None:
         """All joints to position mode where they are."""
         self._require_no_stop()
-        with self._in_words():
+        with self._stopped_after_all(), self._in_words():
             self._there.hold()
 
     def stop(self) -> None:
@@ -222,6 +222,51 @@ class OutsideArm:
         if self._arm is None:
             raise BusError("The arm is not connected.")
         return self._arm
+
+    def _look(self, arm: Arm) -> ArmSnapshot:
+        """Return the snapshot of `arm`, looked over: every joint of the arm file, where it is a number."""
+        n = len(self._description.joints)
+        with self._in_words():
+            found = arm.snapshot()
+            if [joint.joint for joint in found.joints] != list(range(1, n + 1)):
+                raise BusError(
+                    f"{self._name} has {len(found.joints)} joints, and {self._description.model} has {n}: name "
+                    "the arm file that describes it"
+                )
+            self._require_numbers("position_rad", found.positions_rad)
+        return found
+
+    def _require_numbers(self, what: str, values: Sequence[float] | FloatArray) -> None:
+        """Refuse what is not one finite number for each joint."""
+        n, found = len(self._description.joints), np.asarray(values, dtype=float)
+        if found.shape != (n,):
+            raise BusError(
+                f"{self._name}: {what} has shape {found.shape}, one value for each of {n} joints is needed. "
+                "Tell its author; nothing was captured"
+            )
+        for number, value in enumerate(found, 1):
+            if not np.isfinite(value):
+                raise BusError(
+                    f"{self._name}: {what} of joint {number} is {value}. Look at its sensor, or tell the arm's "
+                    "author; nothing was captured"
+                )
+
+    @contextmanager
+    def _stopped_after_all(self) -> Iterator[None]:
+        """Send STOP once more after a command that it was pressed during: the command may have undone it.
+
+        Raises
+        ------
+        Stopped
+            Whatever else came of the command.
+        """
+        try:
+            yield
+        finally:
+            if self._latch.latched:
+                with self._in_words():
+                    self._there.stop()
+                raise Stopped("STOP was pressed meanwhile: reset it before anything moves again")
 
     def _require_no_stop(self) -> None:
         if self._latch.latched:

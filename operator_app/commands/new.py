@@ -108,6 +108,10 @@ def execute(args: argparse.Namespace) -> int:
     for option in sorted(of_others):
         if getattr(args, option):
             raise UsageError(f"--{option.replace('_', '-')} is no option of sarcal new {args.what}")
+    for option in ("tolerance_mm", "tolerance_deg"):
+        stated = getattr(args, option)
+        if stated is not None and not math.isfinite(stated):
+            raise UsageError(f"{_typed(option)} {stated}: no finite number, e.g. 0.5")
     match args.what:
         case "arm":
             return _arm(args)
@@ -312,9 +316,11 @@ def _millimetres(args: argparse.Namespace, option: str) -> FloatArray:
 
 def _line(args: argparse.Namespace, side: str) -> Line:
     direction = _vector(args, f"{side}_direction")
-    length = float(np.linalg.norm(direction))
-    if length == 0.0:
+    largest = float(np.abs(direction).max())
+    if largest == 0.0:
         raise UsageError(f"{_typed(f'{side}_direction')}: a direction has a length")
+    direction /= largest
+    length = float(np.linalg.norm(direction))
     return Line(point_m=_millimetres(args, f"{side}_point"), direction=direction / length)
 
 

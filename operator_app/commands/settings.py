@@ -59,6 +59,7 @@ def execute(args: argparse.Namespace) -> int:
     for key, meaning in MEANING.items():
         say(f"{key:<10} {found.stated.get(key, '-')!s:<20} {meaning}")
     say(
-        "Stronger, in this order: command line, session, procedure, environment (CAN_INTERFACE), can.conf."
+        "Stronger, in this order: command line, session, procedure, environment (CAN_INTERFACE), can.conf.\n"
+        "A procedure's virtual names no bus: -i virtual does, and is the simulated arm."
     )
     return ExitCode.ACCEPTED

@@ -16,7 +16,7 @@ from operator_app.config.editor import schema_line
 from operator_app.config.resources import Kind, builtin_names, resolve
 from operator_app.config.strict_yaml import load_strict
 from operator_app.config.text import only
-from operator_app.config.yaml_writer import dump_strict
+from operator_app.config.yaml_writer import dump_strict, scalar_text
 from solver.chain.arm_model import ArmModel
 
 MEASURED_HINGE = """\
@@ -36,7 +36,8 @@ stated:
 PROCEDURE = """\
 {line}
 Made by `sarcal new procedure` for {arm} in {fixture}. Look at these:
-- bus: interface and channel of your arm; virtual is a simulated one.
+- bus: interface and channel of your arm. virtual: whatever environment, can.conf or your settings name,
+  the simulated arm where they name none; -i virtual is always the simulated one.
 - capture: how many poses, how fast. `sarcal plan` says what they would tell.
 - held: free entries of the arm that stay as its file has them, and why."""
 
@@ -62,7 +63,9 @@ def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
         raise only(source.file, None, None, f"is no packaged {kind}", remedy)
     text = source.data.decode()
     for key, value in {"name": name, **instead}.items():
-        text = re.sub(rf"^{key}: .*$", f"{key}: {value}", text, count=1, flags=re.MULTILINE)
+        # A path may hold backslashes, which a template would take for its own.
+        line = f"{key}: {scalar_text(value)}".replace("\\", r"\\")
+        text = re.sub(rf"^{key}: .*$", line, text, count=1, flags=re.MULTILINE)
     head = f"# {schema_line(kind)}\n# A copy of the packaged {packaged}.\n"
     return (head + text).encode()
 

@@ -100,11 +100,16 @@ def usual_bus() -> BusSettings | None:
 def changed(settings: UserSettings, words: Mapping[str, str]) -> UserSettings:
     """Return settings with these keys set, an empty text taking one away; raises ConfigError."""
     typed = {
-        key: None if not text else int(text) if key == "bitrate" and text.isdecimal() else text
+        key: None if not text else int(text) if key == "bitrate" and _is_rate(text) else text
         for key, text in words.items()
     }
     wanted = replace(settings, **typed)  # type: ignore[arg-type]
     return parse_settings(format_settings(wanted), "settings")
+
+
+def _is_rate(text: str) -> bool:
+    """Whether it can be a number of bits a second; Python makes no number of thousands of digits."""
+    return text.isdecimal() and len(text) < 10
 
 
 def format_settings(settings: UserSettings) -> bytes:

@@ -47,6 +47,12 @@ def float_text(value: float) -> str:
     return text if "." in text else text.replace("e", ".0e")
 
 
+def scalar_text(value: str) -> str:
+    """Write a text as it stands behind a key, on one line: quoted where it could be anything else."""
+    written: str = yaml.dump(value, Dumper=_StrictDumper, width=math.inf)
+    return written.removesuffix("...\n").rstrip("\n")
+
+
 class _StrictDumper(yaml.SafeDumper):
     """SafeDumper without aliases, with our numbers and quotes."""
 

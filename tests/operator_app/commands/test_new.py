@@ -153,6 +153,8 @@ def test_every_file_names_its_schema_which_is_beside_it_and_fits(
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,nan", "three numbers"),
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --hand-direction 1,0,0", "is a point"),
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-mm -1", "tolerance_mm"),
+        ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-mm nan", "no finite number"),
+        ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-deg 1e999", "no finite number"),
         ("procedure --arm franka_panda", "give --arm and --fixture"),
         ("procedure --from hinge --name 7", "begin with a letter"),
     ],
@@ -164,3 +166,23 @@ def test_what_does_not_go_together_is_refused_and_nothing_written(
     said = capsys.readouterr().err
     assert any(part in said for part in says.split("|")), said
     assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize(
+    "file", ["arm.yaml", "a #x.yaml", r"a\1 #x.yaml", r"C:\gx.yaml", "'a': b.yaml", "é, ☃.yaml"]
+)
+def test_a_copy_names_the_very_file_it_was_given(file: str) -> None:
+    assert main(["new", "arm", "--from", "franka_panda", "--name", "mine", "-o", file]) == 0
+    assert main(["new", "procedure", "--from", "hinge", "--arm", file, "-o", "go.yaml"]) == 0
+    assert load_procedure("go.yaml").arm.name == "mine"
+    assert yaml.safe_load(Path("go.yaml").read_text())["arm"] == file
+    if file == "arm.yaml":
+        assert "\narm: arm.yaml\n" in Path("go.yaml").read_text()
+
+
+def test_a_new_procedure_says_what_its_bus_means() -> None:
+    line = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
+    assert main(line) == 0
+    text = Path("go.yaml").read_text()
+    assert "virtual is a simulated one" not in text
+    assert "virtual: whatever environment, can.conf or your settings name" in text

@@ -76,6 +76,21 @@ def test_who_names_a_virtual_arm_means_one(
     assert carried_procedure(opening).arm.joint_count == 7
 
 
+def test_a_procedures_virtual_names_no_bus_and_that_is_said(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from operator_app.composition import _bus
+
+    line = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
+    assert main(line) == 0
+    assert main(["settings", "interface=socketcan", "channel=can3"]) == 0
+    assert "A procedure's virtual names no bus" in capsys.readouterr().out
+    choices = choices_from(parser_of("run").parse_args(["go.yaml"]))
+    opening = begin("go.yaml", choices, root=tmp_path)
+    assert opening.procedure.bus.interface == "virtual"
+    assert _bus(choices, opening.procedure).interface == "socketcan"
+
+
 def test_the_operator_is_in_the_journal(file: Path, tmp_path: Path) -> None:
     from operator_app.composition import unattended
 
@@ -120,4 +135,5 @@ def test_a_word_that_is_no_setting_says_which_there_are(
     assert main(["settings", word]) == 2
     assert "interface, channel, bitrate, theme, operator" in capsys.readouterr().err
     assert main(["settings", "theme=pink"]) == 2
+    assert main(["settings", "bitrate=" + 5000 * "9"]) == 2
     assert not file.exists()

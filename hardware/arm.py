@@ -236,8 +236,9 @@ class Arm(Protocol):
         ...
 
     def close(self) -> bool:
-        """Leave the arm held, give the token back, stop heartbeats. Safe to call twice.
+        """Leave the arm held and its drives off, give the token back, stop heartbeats. Safe to call twice.
 
-        False if the arm did not answer any more.
+        Whoever closed it may put a hand on it: no drive follows a command any more. False if the arm did not
+        answer, so that nobody knows.
         """
         ...

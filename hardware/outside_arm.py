@@ -87,7 +87,7 @@ class OutsideArm:
         return identity
 
     def close(self) -> bool:
-        """Leave the arm held. Safe to call twice; False if it did not answer."""
+        """Leave the arm held, its drives off. Safe to call twice; False if it did not answer."""
         arm, self._arm, self._in_control = self._arm, None, False
         if arm is None:
             return True

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+import socket
 import sys
 from collections.abc import Iterator
+from contextlib import closing, suppress
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 
 import pytest
+from sarcal import arms
 
 from operator_app.cli import main
+from operator_app.composition import describe
+from operator_app.config.arm_file import load_arm
 from operator_app.session.journal import read_journal
 from oracles.toy_arm import PROCEDURE, package, toy
 
@@ -87,6 +94,57 @@ def test_a_can_command_says_that_it_is_no_bus(
 ) -> None:
     assert main(["monitor", "-i", "line_arm", "-c", "here:1", "--seconds", "1"]) == 3
     assert "line_arm is an arm that an installed package offers" in capsys.readouterr().err
+
+
+def made(name: str, channel: str) -> arms.Arm:
+    """Make the page's arm of this name, not wrapped in ours."""
+    order = arms.ArmOrder(description=describe(load_arm("sarcos_dextrous")), channel=channel)
+    found: arms.Arm = import_module(name).OFFER.make(order)
+    return found
+
+
+@pytest.mark.parametrize("name", ["line_arm", "moving_line_arm"])
+def test_an_arm_whose_link_is_lost_closes_its_end(desk: Path, folder: Path, name: str) -> None:
+    with toy(folder) as there:
+        arm = made(name, there.channel)
+        arm.connect()
+    with pytest.raises(arms.BusError, match="is silent"):
+        arm.capture(100_000)
+    assert not arm.close()
+    assert arm._socket.fileno() == -1
+
+
+def test_stop_does_not_wait_for_a_side_that_reads_nothing(desk: Path) -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        arm = made("moving_line_arm", f"127.0.0.1:{server.getsockname()[1]}")
+
+        def talk() -> None:
+            sample = {"deg": [0.0] * 7, "modes": ["position"] * 7, "enabled": False}
+            line = json.dumps(sample | {"done": 10**9, "why": ""}).encode() + b"\n"
+            connection, _ = server.accept()
+            with closing(connection), suppress(OSError):
+                connection.sendall(b'{"serial": "DEAF-1"}\n')
+                while True:
+                    connection.sendall(line)
+
+        Thread(target=talk, daemon=True).start()
+        arm.connect()
+        arm._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+        told: list[arms.BusError] = []
+
+        def press() -> None:
+            try:
+                for _ in range(100_000):
+                    arm.stop()
+            except arms.BusError as error:
+                told.append(error)
+
+        presser = Thread(target=press, daemon=True)
+        presser.start()
+        presser.join(5.0)
+        assert "takes no commands: nothing was read there for 0.2 s" in str(told[0])
+        assert not arm.close()
 
 
 def offered(folder: Path, name: str, code: str) -> None:

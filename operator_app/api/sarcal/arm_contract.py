@@ -223,10 +223,14 @@ def test_it_keeps_a_document_or_refuses_it(bench: Bench) -> None:
         bench.arm.upload_parameters(b"no parameter document")
 
 
-def test_it_closes_twice_and_connects_again(bench: Bench) -> None:
+def test_it_closes_with_its_drives_off_closes_twice_and_connects_again(bench: Bench) -> None:
+    bench.ready()
     assert bench.arm.close()
     assert bench.arm.close()
     with pytest.raises(HardwareError):
         bench.arm.snapshot()
     assert bench.arm.connect() == bench.identity
-    assert len(bench.arm.snapshot().joints) == bench.n
+    found = bench.arm.snapshot()
+    assert len(found.joints) == bench.n
+    # Between the two a person may have unbolted the hand.
+    assert DriveState.OPERATION_ENABLED not in {joint.drive for joint in found.joints}

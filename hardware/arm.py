@@ -60,8 +60,8 @@ class NodeIdentity:
 class ArmIdentity:
     """The arm as found on the bus. `serial_number` is the supervisor's, e.g. ``SDA-0007``.
 
-    `speaks` is what its nodes are, for people. `by_hand`: a person, or another program, moves it; `Arm.move`
-    waits until the joints are where they are wanted.
+    `speaks` is what its nodes are, for people. `by_hand`: a person moves it, and nothing else
+    can: no hardware stop is asked for. `Arm.move` waits until the joints are where they are wanted.
     """
 
     model: str

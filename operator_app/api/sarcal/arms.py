@@ -97,7 +97,7 @@ def identity_of(
 
     `serial_number` tells the arms of a laboratory apart: poses of two never get into one session. `speaks` is
     how, for people, such as ``"JSON"``. One that moves nothing real has a `device_name` that begins with
-    `SIMULATED_NAME`. `by_hand`: a person moves it.
+    `SIMULATED_NAME`. `by_hand`: a person moves it and nothing else can, so that no hardware stop is asked for.
     """
     nodes = tuple(
         NodeIdentity(

@@ -118,7 +118,7 @@ class _Reader:
             case "parameters":
                 return parse_parameters(data, file)
             case "poses":
-                return parse_poses(data, file, joint_count=joints)
+                return self._of_an_arm(parse_poses(data, file, joint_count=joints), file)
         # What keeps it from being read at all is the better complaint.
         load_strict(data, file)
         kinds = ", ".join(FILES)
@@ -129,6 +129,15 @@ class _Reader:
             "nobody can tell what kind of file this is",
             f"begin it with `schema: sarcal/KIND/1`, of {kinds}; poses are a CSV file",
         )
+
+    def _of_an_arm(self, loaded: LoadedPoses, file: str) -> LoadedPoses:
+        """Refuse poses that are of none of several arms; with a single one its reader has."""
+        count = loaded.poses.joint_count
+        if self.joints and count not in self.joints:
+            known = " and ".join(map(str, sorted(self.joints)))
+            text = f"poses of {count} joint{'s' if count != 1 else ''}, the arms have {known}"
+            raise only(file, 1, None, text, "is it the right arm?")
+        return loaded
 
 
 ORDER: tuple[AnyKind | None, ...] = (

@@ -35,6 +35,10 @@ UNITS = (
     "Units are in the keys and columns: _deg degrees, _m metres, _mm millimetres, _mrad milliradians. "
     "Angles are what the sensors read; joint angle = reading + theta_off."
 )
+UNSEEN = (
+    "! Whether a calibration can be made from these poses was not looked at: name the arm and the fixture "
+    "as well, or the procedure."
+)
 
 
 def problems_text(problems: Sequence[Problem]) -> str:
@@ -58,6 +62,7 @@ def check_text(found: Found, chains: Sequence[Chain]) -> str:
         + aligned_left([[looked.source.file, in_words(looked)] for looked in found.files]),
         *(_arm(arm) for arm in arms.values()),
         *(_chain(chain) for chain in chains),
+        *([paragraph(UNSEEN)] if found.of("poses") and not chains else []),
         paragraph(UNITS),
     ]
     return "\n\n".join(blocks)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from operator_app.cli import main
+from oracles import lbr_iiwa
 
 POSES = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 ARM = (files("operator_app") / "data/arms/sarcos_dextrous.yaml").read_text()
@@ -140,3 +141,17 @@ def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(
     assert main(["check", "hinge"]) == 2
     assert "say --fixture hinge or --procedure hinge" in capsys.readouterr().err
     assert main(["check"]) == 2
+
+
+def test_poses_that_are_no_arms_are_said(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [f"1,{k},{10 * k}" for k in range(1, 9)]
+    Path("one.csv").write_text("\n".join(["placement,pose,theta1_deg", *rows]) + "\n")
+    assert main(["check", "one.csv"]) == 0
+    assert "from these poses was not looked at" in " ".join(capsys.readouterr().out.split())
+
+    six = lbr_iiwa.urdf().partition('<link name="l7"/>')[0] + "</robot>"
+    Path("six.urdf").write_text(six)
+    assert main(["new", "arm", "--urdf", "six.urdf", "-o", "six.yaml"]) == 0
+    line = ["check", "one.csv", "six.yaml", "--arm", "sarcos_dextrous", "--fixture", "hinge"]
+    assert main(line) == 2
+    assert "! one.csv:1: poses of 1 joint, the arms have 6 and 7" in capsys.readouterr().out

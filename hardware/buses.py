@@ -12,7 +12,7 @@ import errno
 import logging
 import socket
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -52,15 +52,23 @@ class BusSettings:
         In bit/s; None leaves it as it is. ``virtual``, ``loopback`` and ``socketcan`` do not use it.
     options
         Anything else, from ``can.conf`` or ``CAN_CONFIG``, passed on to python-can.
+    named_in
+        File that named the interface, for what is said where it does not work; else empty.
     """
 
     interface: str = DEFAULT_INTERFACE
     channel: str = DEFAULT_CHANNEL
     bitrate: int | None = None
     options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    named_in: str = field(default="", compare=False)
 
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}"
+
+
+def known_interfaces() -> tuple[str, ...]:
+    """Names that an interface may have: python-can's, this project's, and arms that packages offer."""
+    return tuple(sorted({*can.VALID_INTERFACES, *_OWN_CHANNEL, *offered_names()}))
 
 
 def bus_settings(
@@ -90,11 +98,15 @@ def bus_settings(
         named = {**load_file_config(), **load_environment_config(), **asked}
         chosen_name = named.get("interface") or named.get("bustype")
         if chosen_name is None and otherwise is not None:
-            return bus_settings(
-                otherwise.interface,
-                channel or named.get("channel") or otherwise.channel or None,
-                bitrate or (None if "bitrate" in named else otherwise.bitrate),
-            )
+            try:
+                usual = bus_settings(
+                    otherwise.interface,
+                    channel or named.get("channel") or otherwise.channel or None,
+                    bitrate or (None if "bitrate" in named else otherwise.bitrate),
+                )
+            except BusError as error:
+                raise BusError(f"{error}{_named_in(otherwise)}") from error
+            return replace(usual, named_in=otherwise.named_in)
         if chosen_name is None:
             asked["interface"] = DEFAULT_INTERFACE
         elif chosen_name not in can.VALID_INTERFACES and chosen_name in offered_names():
@@ -192,13 +204,21 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
             **options,
         )
     except Exception as error:  # drivers that are not installed raise what they like
-        raise BusError(_words(settings, error)) from error
+        raise BusError(_words(settings, error) + _named_in(settings)) from error
     if isinstance(bus, SocketcanBus):
         pending = bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if pending:  # a device that exists and is down lets itself be opened
             bus.shutdown()
-            raise BusError(_words(settings, OSError(pending, "")))
+            down = _words(settings, OSError(pending, ""))
+            raise BusError(down + _named_in(settings))
     return bus
+
+
+def _named_in(settings: BusSettings) -> str:
+    """Where the interface comes from, if a file named it that nobody typed just now."""
+    if not settings.named_in:
+        return ""
+    return f" The interface {settings.interface} is named in {settings.named_in}."
 
 
 def _words(settings: BusSettings, error: Exception) -> str:

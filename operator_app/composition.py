@@ -439,5 +439,5 @@ def _bus(choices: Choices, procedure: Procedure) -> BusSettings:
         choices.channel or from_file.channel,
         choices.bitrate or from_file.bitrate,
         # Who names a virtual arm means one.
-        otherwise=None if choices.scenario or choices.seed is not None else usual_bus(),
+        otherwise=None if choices.scenario or choices.seed is not None else usual_bus(interface),
     )

@@ -38,7 +38,9 @@ def execute(args: argparse.Namespace) -> int:
 
     if args.seconds is not None and not 0.0 < args.seconds <= 1e7:
         raise UsageError("--seconds: more than 0 and at most 1e7")
-    settings = bus_settings(args.interface, args.channel, args.bitrate, otherwise=usual_bus())
+    settings = bus_settings(
+        args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
+    )
     if settings.interface == "virtual":
         raise UsageError(
             "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"

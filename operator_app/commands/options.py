@@ -183,7 +183,8 @@ def opening_from(args: argparse.Namespace) -> Opening:
     from operator_app.config.profile_file import load_profile
     from operator_app.session.opening import begin, resume
 
-    choices = choices_from(args)
+    # Such a command takes no poses and keeps no journal: a wrong settings file need not stop it.
+    choices = choices_from(args, journal=False)
     if args.session is not None:
         return resume(args.session, choices, root=args.sessions)
     arm = load_arm(args.arm)
@@ -213,8 +214,11 @@ def record_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def choices_from(args: argparse.Namespace) -> Choices:
-    """Return what these options chose; None where they chose nothing."""
+def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
+    """Return what these options chose; None where they chose nothing.
+
+    With `journal` the user's settings say who works here.
+    """
     from operator_app.config.user_settings import load_settings
     from operator_app.session.opening import Choices
 
@@ -236,7 +240,7 @@ def choices_from(args: argparse.Namespace) -> Choices:
         scenario=args.scenario,
         seed=args.seed,
         tracker=getattr(args, "tracker", None),
-        operator=load_settings().operator,
+        operator=load_settings().operator if journal else None,
         placements=getattr(args, "placements", None),
     )
 

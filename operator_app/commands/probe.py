@@ -49,7 +49,9 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.user_settings import usual_bus
     from operator_app.report.text import aligned
 
-    settings = bus_settings(args.interface, args.channel, args.bitrate, otherwise=usual_bus())
+    settings = bus_settings(
+        args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
+    )
     if settings.interface == "virtual":
         raise UsageError(
             "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"

@@ -42,16 +42,18 @@ def execute(args: argparse.Namespace) -> int:
     words: dict[str, str] = {}
     for text in args.settings:
         key, equals, value = text.partition("=")
-        if not equals or key not in KEYS:
+        if not equals:
             raise UsageError(f"{text!r}: write KEY=VALUE, with KEY one of {', '.join(KEYS)}")
         words[key] = value.strip()
-    path, found = settings_path(), load_settings()
+    path = settings_path()
     if words:
-        found = changed(found, words)
+        found = changed(words)
         try:
             path = save_settings(found)
         except OSError as error:
             raise UsageError(f"{path} cannot be written: {error.strerror}") from error
+    else:
+        found = load_settings()
     if args.json:
         say(json.dumps({"file": str(path), "settings": found.stated}, indent=2))
         return ExitCode.ACCEPTED

@@ -7,17 +7,20 @@ One file in the platform's folder for settings. The command line, a session, a p
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from platformdirs import user_config_path
 from pydantic import Field
 
 from operator_app.config.atomic import write_atomically
+from operator_app.config.errors import ConfigError
 from operator_app.config.quantities import Text
 from operator_app.config.resources import YAML_LIMIT_BYTES, read_limited
 from operator_app.config.schema import StrictRecord, read_model
+from operator_app.config.strict_yaml import load_strict
+from operator_app.config.text import only
 from operator_app.config.yaml_writer import dump_strict
 
 if TYPE_CHECKING:
@@ -69,15 +72,20 @@ def load_settings() -> UserSettings:
     ConfigError
         The file is wrong: all that is, with line and key.
     """
+    data = settings_bytes()
+    return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
+
+
+def settings_bytes() -> bytes | None:
+    """Return what the user's file holds, None without one."""
     path = settings_path()
     try:
         if not path.exists():
-            return UserSettings()
+            return None
     except OSError:
         # A folder that this user may not look into holds no settings of theirs.
-        return UserSettings()
-    data = read_limited(path, str(path), limit=YAML_LIMIT_BYTES)
-    return parse_settings(data, str(path))
+        return None
+    return read_limited(path, str(path), limit=YAML_LIMIT_BYTES)
 
 
 def parse_settings(data: bytes, file: str) -> UserSettings:
@@ -85,26 +93,62 @@ def parse_settings(data: bytes, file: str) -> UserSettings:
     return read_model(UserSettings, data, kind="settings", file=file)
 
 
-def usual_bus() -> BusSettings | None:
-    """Return the bus that the user's settings name, None where they name none; raises ConfigError."""
+def usual_bus(named: str | None = None) -> BusSettings | None:
+    """Return the bus that the user's settings name, None where they name none; raises ConfigError.
+
+    Where an interface has been `named` already nobody asks them: a wrong file does not matter.
+    """
     from hardware.buses import BusSettings
 
-    usual = load_settings()
+    usual = load_settings() if named is None else UserSettings()
     if usual.interface is None:
         return None
     return BusSettings(
-        interface=usual.interface, channel=usual.channel or "", bitrate=usual.bitrate
+        interface=usual.interface,
+        channel=usual.channel or "",
+        bitrate=usual.bitrate,
+        named_in=str(settings_path()),
     )
 
 
-def changed(settings: UserSettings, words: Mapping[str, str]) -> UserSettings:
-    """Return settings with these keys set, an empty text taking one away; raises ConfigError."""
-    typed = {
-        key: None if not text else int(text) if key == "bitrate" and _is_rate(text) else text
-        for key, text in words.items()
-    }
-    wanted = replace(settings, **typed)  # type: ignore[arg-type]
-    return parse_settings(format_settings(wanted), "settings")
+def changed(words: Mapping[str, str]) -> UserSettings:
+    """Return the user's settings with these keys set, an empty text taking one away.
+
+    A file that is wrong is mended so, key by key; what is no setting can be taken away.
+
+    Raises
+    ------
+    ConfigError
+        A word is no setting, or something is wrong still.
+    """
+    from hardware.buses import known_interfaces
+
+    data, file = settings_bytes(), str(settings_path())
+    before: dict[str, Any] = {}
+    if data:
+        document = load_strict(data, file)
+        if document.problems:
+            raise ConfigError(document.problems)
+        before = document.data
+    for key, text in words.items():
+        if key not in KEYS and (text or key not in before):
+            raise only("settings", None, None, f"{key!r} is none", f"one of {', '.join(KEYS)}")
+    interface = words.get("interface")
+    if interface and interface not in known_interfaces():
+        known = ", ".join(known_interfaces())
+        raise only(
+            "settings", None, None, f"there is no interface {interface!r}", f"one of {known}"
+        )
+    typed = {k: int(v) if k == "bitrate" and _is_rate(v) else v for k, v in words.items() if v}
+    parse_settings(dump_strict({"schema": SCHEMA, **typed}), "settings")
+    kept = {k: v for k, v in before.items() if k not in words and k != "schema"}
+    schema = before.get("schema", SCHEMA)
+    try:
+        return parse_settings(dump_strict({"schema": schema, **kept, **typed}), file)
+    except ConfigError:
+        # Told with the lines of the file as it is.
+        parse_settings(data or b"", file)
+        raise
 
 
 def _is_rate(text: str) -> bool:

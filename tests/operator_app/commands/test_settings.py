@@ -137,3 +137,66 @@ def test_a_word_that_is_no_setting_says_which_there_are(
     assert main(["settings", "theme=pink"]) == 2
     assert main(["settings", "bitrate=" + 5000 * "9"]) == 2
     assert not file.exists()
+
+
+WRONG = "schema: sarcal/settings/1\ninterface: socketcan\ntheme: pink\nintreface: x\n"
+
+
+def test_a_wrong_file_is_mended_key_by_key(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file.parent.mkdir(parents=True)
+    file.write_text(WRONG)
+    assert main(["settings", "theme=dark"]) == 2
+    assert f"{file}:4: intreface" in capsys.readouterr().err
+    assert file.read_text() == WRONG
+    assert main(["settings", "theme=dark", "intreface="]) == 0
+    assert load_settings().stated == {"interface": "socketcan", "theme": "dark"}
+    file.write_text("theme: dark\n")
+    assert main(["settings", "operator=R. Hand"]) == 0
+    assert load_settings().stated == {"theme": "dark", "operator": "R. Hand"}
+    other = "schema: sarcal/arm/1\nname: mine\n"
+    file.write_text(other)
+    assert main(["settings", "theme=dark", "name="]) == 2
+    assert file.read_text() == other
+
+
+def test_reset_on_a_bus_that_is_named_needs_no_settings(file: Path) -> None:
+    from operator_app.commands.options import opening_from
+    from operator_app.composition import _bus
+
+    file.parent.mkdir(parents=True)
+    file.write_text(WRONG)
+    opening = opening_from(parser_of("reset").parse_args(["-i", "loopback"]))
+    assert _bus(opening.choices, opening.procedure).interface == "loopback"
+    assert main(["reset"]) == 2
+
+
+def test_an_interface_is_looked_at_when_it_is_set(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["settings", "interface=bogus"]) == 2
+    said = capsys.readouterr().err
+    assert "'bogus'" in said
+    assert "loopback" in said
+    assert "socketcan" in said
+    assert not file.exists()
+    for known in ("loopback", "virtual", "slcan"):
+        assert main(["settings", f"interface={known}"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ("interface: bogus", "Use one of"),
+        ("interface: socketcan", "No channel is given"),
+        ("interface: socketcan\nchannel: nosuchcan9", "nosuchcan9|no CAN sockets"),
+    ],
+)
+def test_a_bus_of_the_settings_that_does_not_work_names_their_file(
+    file: Path, capsys: pytest.CaptureFixture[str], stated: str, words: str
+) -> None:
+    file.parent.mkdir(parents=True)
+    file.write_text(f"schema: sarcal/settings/1\n{stated}\n")
+    assert main(["probe"]) != 0
+    said = capsys.readouterr().err
+    assert str(file) in said
+    assert any(word in said for word in words.split("|")), said

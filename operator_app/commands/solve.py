@@ -24,6 +24,11 @@ if TYPE_CHECKING:
     from solver.chain.arm_model import ArmModel
     from solver.chain.poses import PoseSet
 
+CIRCULAR = (
+    "the RVDT table came from these very poses: how well the loops close now says nothing of the sensor; "
+    "take new poses and correct those"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
@@ -92,7 +97,7 @@ def execute(args: argparse.Namespace) -> int:
             poses = pick_placements(poses, parse_numbers(args.placements, "--placements"))
         except ValueError as error:
             raise UsageError(f"--placements: {error}") from error
-    tables = _tables(args, arm)
+    table_of, tables = _tables(args, arm)
     as_read, poses = poses, corrected_poses(poses, tables)
     _say_corrected(as_read, poses, tables)
     estimator = args.estimator or "implicit"
@@ -129,6 +134,8 @@ def execute(args: argparse.Namespace) -> int:
                 say(paragraph(f"! {error.note}", indent=2))
         return ExitCode.NOT_IDENTIFIABLE
     solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in loaded.warnings)
+    if as_read.sha256() == table_of:
+        solution = solution.with_notices([Notice(code="CIRCULAR_TABLE", text=CIRCULAR)])
     checks = check(solution, arm, fixture, poses) if args.checks else None
     facts = facts_of(solution, checks=checks)
     tested = None
@@ -167,14 +174,14 @@ def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> P
     return new
 
 
-def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[ReadingTable, ...]:
-    """Read the corrections of ``--rvdt-table``, none without it."""
+def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
+    """Read the corrections of ``--rvdt-table``, none without it, and the digest of the poses they came from."""
     from operator_app.calibration.remedy import tables_of
     from operator_app.config.parameters_file import load_parameters
     from solver.chain.sensors import Rvdt
 
     if not args.rvdt_table:
-        return ()
+        return "", ()
     document, given = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"
     tables = tables_of(document)
     if document.arm.model != arm.name:
@@ -186,7 +193,7 @@ def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[ReadingTable, ...]
     for table in tables:
         if not isinstance(arm.joints[table.joint - 1].sensor, Rvdt):
             raise UsageError(f"{given}: joint {table.joint} of {arm.name} has no RVDT")
-    return tables
+    return document.pose_set_sha256, tables
 
 
 def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTable, ...]) -> None:

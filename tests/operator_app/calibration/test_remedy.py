@@ -110,6 +110,14 @@ def test_a_table_is_applied_to_readings_from_the_command_line(
     assert found["side"]["theta_off_1"] == "ground"
     assert found["side"]["theta_off_2"] == "arm"
     assert found["side"]["theta_off_7"] == "hand"
+    assert "CIRCULAR_TABLE" not in {w["code"] for w in found["warnings"]}
+    itself = load_poses(CURVED).poses.sha256()
+    save_parameters(file, replace(make_document(), rvdt=remedies, pose_set_sha256=itself))
+    assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
+    (circular,) = (
+        w for w in json.loads(capsys.readouterr().out)["warnings"] if w["code"] == "CIRCULAR_TABLE"
+    )
+    assert "came from these very poses" in circular["text"]
 
 
 def test_a_file_without_a_table_or_of_another_arm_is_refused(

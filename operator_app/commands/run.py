@@ -71,7 +71,7 @@ def execute(args: argparse.Namespace) -> int:
     """Run, report, and leave the arm held whatever happens."""
     from operator_app.composition import unattended
     from operator_app.headless.console import ConsoleListener
-    from operator_app.headless.remounting import next_placement
+    from operator_app.headless.remounting import next_placement, require_mounted
     from operator_app.headless.runner import run
     from operator_app.session.opening import begin, resume
     from solver.errors import UnidentifiableError
@@ -85,6 +85,7 @@ def execute(args: argparse.Namespace) -> int:
     listener = ConsoleListener()
     result = None
     try:
+        require_mounted(opening, listener)
         while result is None:
             if opening.next_due:
                 opening = next_placement(opening, listener, root=args.sessions)
@@ -104,6 +105,7 @@ def execute(args: argparse.Namespace) -> int:
                     solver=solver,
                 )
             if result is None:
+                session.require_let_go()
                 opening = replace(opening, next_due=True)
     except UnidentifiableError as error:
         # Only an open session calibrates.

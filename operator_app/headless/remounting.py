@@ -12,8 +12,11 @@ from pathlib import Path
 
 from operator_app.errors import SessionError
 from operator_app.headless.console import ConsoleListener
-from operator_app.session.opening import Choices, Opening, mounted_anew, resume
+from operator_app.session.opening import Opening, mounted_anew, resume
 from operator_app.session.wording import remounting_steps
+
+_WORD = "mounted"
+"""A word, and not Enter: that may be left from before, and the arm moves on it."""
 
 
 def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -> Opening:
@@ -28,20 +31,47 @@ def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -
     """
     listener.close()
     # Which bus it really was the journal says: the choices may have left that to the environment.
-    opening = resume(str(opening.folder), Choices(), root=root)
+    opening = resume(str(opening.folder), opening.choices, root=root)
     number, wanted = opening.placement + 1, opening.procedure.placements
     if opening.choices.interface == "virtual":
         listener.say(f"Placement {number} of {wanted}: the virtual fixture is mounted anew.")
     else:
         for line in words(opening):
             listener.say(line)
-        if not sys.stdin.readline():
-            raise SessionError(
-                f"nobody confirmed that the fixture is mounted for placement {number}",
-                f"when it is, go on with: sarcal run --resume {opening.folder}",
-            )
+        _confirmed(opening, number)
     mounted_anew(opening.folder, number)
-    return resume(str(opening.folder), Choices(), root=root)
+    return resume(str(opening.folder), opening.choices, root=root)
+
+
+def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
+    """Ask whether a placement is mounted of which nothing is known but that it was to come.
+
+    Raises
+    ------
+    SessionError
+        Nobody confirmed it.
+    """
+    if opening.unseen and opening.choices.interface != "virtual":
+        listener.say(
+            f"Placement {opening.placement} has no pose yet. Type {_WORD} and Enter when its fixture is mounted "
+            "and nobody is within reach: the arm will move."
+        )
+        _confirmed(opening, opening.placement)
+
+
+def _confirmed(opening: Opening, number: int) -> None:
+    """Wait for the word; what was typed before the question is no answer to it."""
+    if sys.stdin.isatty():
+        import termios
+
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+    while line := sys.stdin.readline():
+        if line.strip().lower() == _WORD:
+            return
+    raise SessionError(
+        f"nobody confirmed that the fixture is mounted for placement {number}",
+        f"when it is, go on with: sarcal run --resume {opening.folder}",
+    )
 
 
 def words(opening: Opening) -> tuple[str, ...]:
@@ -49,13 +79,15 @@ def words(opening: Opening) -> tuple[str, ...]:
     number = opening.placement + 1
     lines = [
         f"Placement {opening.placement} of {opening.procedure.placements} has its poses.",
+        "Nobody commands the arm any more: its drives are off. Leave its controller on: its counters count.",
         *remounting_steps(opening.procedure),
     ]
     if opening.choices.interface == "loopback":
         again = f"its controller and start it again with --placement {number}"
         lines.append(f"(Of a virtual arm: end {again}.)")
     lines.append(
-        f"Press Enter when placement {number} is mounted and nobody is within reach. Ctrl-C leaves; then "
+        f"Type {_WORD} and Enter when placement {number} is mounted and nobody is within reach: the arm will move. "
+        "Ctrl-C leaves; then "
         f"sarcal run --resume {opening.folder} asks again."
     )
     return tuple(lines)

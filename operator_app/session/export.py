@@ -87,7 +87,8 @@ def document_of(
         fixture=WhichFixture(name=fixture.name, kind=fixture.kind),
         quality=Quality(
             poses=solution.poses,
-            rank=solution.seen.rank,
+            # What is not of this placement is no entry of this document.
+            rank=solution.seen.rank - (len(estimate.parameters) - len(model.parameters)),
             scaled_condition_number=solution.seen.scaled_condition_number,
             sigma_pos_mm=_figures(estimate.sigmas.position_m),
             sigma_ori_mrad=None if turned is None else _figures(turned),

@@ -223,6 +223,8 @@ def may_remount(s: SessionSnapshot) -> Missing:
         return ("a plan is made for one placement of the fixture",)
     if s.state.placement >= MOST_PLACEMENTS:
         return (f"there are {MOST_PLACEMENTS} placements already",)
+    if s.state.slipped:
+        return (s.state.slipped,)
     left = s.procedure.capture.poses - len(s.state.poses_here)
     if left > 0:
         return (f"{left} poses of this placement are still to be captured",)

@@ -81,6 +81,7 @@ class Opening:
 
     `imported` is the file that its poses were read from; empty where an arm took them. `placement` is the
     mounting of the fixture that the arm is in, and `next_due`: it has all its poses, and another is wanted.
+    `unseen`: it is not the first one, and no pose of it is known.
     """
 
     folder: Path
@@ -91,6 +92,7 @@ class Opening:
     imported: str = ""
     placement: int = 1
     next_due: bool = False
+    unseen: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -228,6 +230,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         imported=state.imported,
         placement=state.placement,
         next_due=next_due(state, procedure),
+        unseen=state.placement > 1 and not state.poses_here,
     )
 
 

@@ -106,6 +106,7 @@ class Session:
         self.told: Callable[[str], None] = lambda _: None
         self._same = False
         self._read_until = -1
+        self._let_go = False
 
     # -- facts -----------------------------------------------------------------------------------
 
@@ -461,9 +462,10 @@ class Session:
 
     def undo(self) -> CapturedPose:
         """Take back the last pose that counts."""
-        if not self.state.poses:
-            raise GuardError("there is no pose to take back", "capture one first")
-        last = self.state.poses[-1]
+        here = [p for p in self.state.poses if p.placement == self.state.placement]
+        if not here:
+            raise GuardError("there is no pose of this placement to take back", "capture one first")
+        last = here[-1]
         self.record("pose_undone", {"number": last.number})
         return last
 
@@ -593,7 +595,8 @@ class Session:
     def close(self, reason: str) -> bool:
         """Leave the arm held and the journal whole. Safe to call twice; False if it did not answer."""
         try:
-            return self.arm.close()
+            self._let_go = self.arm.close()
+            return self._let_go
         finally:
             if self._instrument is not None:
                 self._instrument.close()
@@ -604,6 +607,20 @@ class Session:
                         self.record("closed", {"reason": reason})
             finally:
                 self.journal.close()
+
+    def require_let_go(self) -> None:
+        """Refuse to send anybody to the fixture of an arm of which nobody knows what it does.
+
+        Raises
+        ------
+        SessionError
+            The arm did not answer when the session was closed.
+        """
+        if not self._let_go:
+            raise SessionError(
+                "the arm did not answer when it was told to hold and let go: nobody here knows what it does",
+                "look before you go near; its drives hold by themselves when they miss the operator's heartbeat",
+            )
 
     def _require_journal(self) -> None:
         """Move nothing for a session whose journal is gone."""

@@ -89,8 +89,15 @@ class Sessions:
         session = self._runner.session
         folder, number = session.journal.path.parent, session.state.placement + 1
         self.close("the fixture is mounted anew")
+        session.require_let_go()
         mounted_anew(folder, number)
-        return self.resumed(str(folder))
+        runner = self.resumed(str(folder))
+        runner.say(
+            Level.WARNING,
+            f"The drives are off. Secure the arm, mount the {session.procedure.fixture.name} anew, close the "
+            "loop; only then connect.",
+        )
+        return runner
 
     @property
     def is_open(self) -> bool:

@@ -94,11 +94,10 @@ def remounting_steps(procedure: Procedure) -> tuple[str, ...]:
     kept = procedure.fixture.fixture.stays_on_hand
     part = "; its part on the hand stays" if kept else " and off the hand"
     return (
-        "Nobody commands the arm any more: its drives are off. Leave its controller on: its counters count.",
         "1. Secure the arm against falling, by hand or by a strap. Somebody has a hand on the hardware stop.",
         f"2. Take the {procedure.fixture.name} off the table{part}.",
         "3. Mount it anew, turned and shifted within the tolerance that its file states.",
-        "4. Bring the arm by hand to its home, close the loop, and go through the check list again.",
+        "4. Bring the arm to its home, by hand or as its controller can; close the loop; go through the check list.",
     )
 
 

@@ -206,7 +206,8 @@ def remount(chosen: Chosen) -> None:
     steps = " ".join(remounting_steps(chosen.s.procedure))
     text = (
         f"This session goes on in placement {chosen.s.state.placement + 1}, at step 1, and keeps its poses. "
-        f"{steps} 5. Only then connect."
+        "The drives are still on; let go, and they are off, and nobody commands the arm any more. Leave its "
+        f"controller on: its counters count. {steps} 5. Only then connect."
     )
     face.ask(
         YesNo(title="Mount the fixture anew?", text=text, yes="Let go of the arm"),

@@ -213,12 +213,13 @@ class LiveArm(PlantArm):
         receipt = super().upload_parameters(document)
         return replace(receipt, sha256="0" * 64)
 
-    def close(self) -> None:
+    def close(self) -> bool:
         self.closed += self.connected
         self._end.set()
         if self._ticker is not None:
             self._ticker.join()
             self._ticker = None
+        return True
 
 
 class _nothing:  # noqa: N801 - a context that does nothing

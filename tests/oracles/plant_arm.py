@@ -180,6 +180,7 @@ class PlantArm:
     def active_parameters(self) -> bytes:
         return self._document
 
-    def close(self) -> None:
+    def close(self) -> bool:
         self.hold()
         self.closed += 1
+        return True

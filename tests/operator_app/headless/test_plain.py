@@ -206,7 +206,7 @@ def test_a_fixture_mounted_anew_goes_on_in_the_same_session(source):
     said = " ".join(script.said)
     assert "6 poses of this placement are still to be captured" in said
     for what in (
-        "drives are off",
+        "The drives are off. Secure the arm",
         "Take the hinge off the table and off the hand",
         "5. Only then connect",
     ):

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from operator_app.cli import main
-from operator_app.errors import SessionError
+from operator_app.errors import GuardError, SessionError
 from operator_app.headless.console import ConsoleListener
-from operator_app.headless.remounting import next_placement, words
+from operator_app.headless.remounting import next_placement, require_mounted, words
 from operator_app.session.journal import Journal, read_journal
 from operator_app.session.opening import Choices, begin, resume
 from operator_app.session.state import SessionState, replay
@@ -98,7 +98,7 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
     opening = resume(str(folder), Choices(), root=tmp_path)
     said = " ".join(words(opening))
     for what in ("drives are off", "Secure the arm", "Take the hinge off the table and off the hand",
-                 "Mount it anew", "close the loop", "--placement 2", "Press Enter"):  # fmt: skip
+                 "Mount it anew", "close the loop", "--placement 2", "Type mounted and Enter"):  # fmt: skip
         assert what in said
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     with pytest.raises(SessionError, match="nobody confirmed") as refused:
@@ -108,7 +108,11 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
     # Nobody named the bus on the command line: what it was, the journal knows.
     with pytest.raises(SessionError, match="nobody confirmed"):
         next_placement(replace(opening, choices=Choices()), ConsoleListener(), root=tmp_path)
-    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
+    # Lines that were typed before it was asked for are no answer.
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
+    with pytest.raises(SessionError, match="nobody confirmed"):
+        next_placement(opening, ConsoleListener(), root=tmp_path)
+    monkeypatch.setattr("sys.stdin", io.StringIO("\nmounted\n"))
     going_on = next_placement(opening, ConsoleListener(), root=tmp_path)
     assert (going_on.placement, going_on.next_due, going_on.procedure.placements) == (2, False, 2)
     assert read_journal(folder).events[-1].name == "remounted"
@@ -134,3 +138,49 @@ def test_what_cannot_be_mounted_so_often_is_refused_before_anything(
     assert code == 2
     assert words_said in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_chosen_on_resuming_holds_in_the_next_placement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the third placement was forgotten, and what should not be uploaded was."""
+    folder = written(tmp_path / "a", first_placement())
+    chosen = Choices(placements=3, upload=False, channel="other")
+    opening = resume(str(folder), chosen, root=tmp_path)
+    monkeypatch.setattr("sys.stdin", io.StringIO("mounted\n"))
+    going_on = next_placement(opening, ConsoleListener(), root=tmp_path)
+    assert going_on.procedure.placements == 3
+    assert not going_on.procedure.upload
+    assert (going_on.choices.interface, going_on.choices.channel) == ("loopback", "other")
+
+
+def test_a_placement_that_nobody_confirmed_is_asked_for_before_anything_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = written(tmp_path / "a", [*first_placement(), ("remounted", {"placement": 2})])
+    opening = resume(str(folder), Choices(), root=tmp_path)
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
+    with pytest.raises(SessionError, match="nobody confirmed"):
+        require_mounted(opening, ConsoleListener())
+    monkeypatch.setattr("sys.stdin", io.StringIO("mounted\n"))
+    require_mounted(opening, ConsoleListener())
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    require_mounted(resume(str(written(tmp_path / "b", first_placement())), Choices(), root=tmp_path),
+                    ConsoleListener())  # fmt: skip
+
+
+def test_nobody_is_sent_to_an_arm_that_did_not_answer(make_session) -> None:
+    session = make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
+    session.arm.close = lambda: False
+    session.close("the fixture is mounted anew")
+    with pytest.raises(SessionError, match="did not answer"):
+        session.require_let_go()
+
+
+def test_undo_takes_back_no_pose_of_another_placement(make_session) -> None:
+    live_session = make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
+    live_session.record("control", {"start_rad": Q, "home_rad": Q})
+    live_session.record("pose", {**POSE, "number": 1, "mean_rad": Q, "waypoint": 0})
+    live_session.record("remounted", {"placement": 2})
+    with pytest.raises(GuardError, match="of this placement"):
+        live_session.undo()

@@ -68,7 +68,7 @@ class Toy:
 @contextmanager
 def toy(folder: Path, *options: str) -> Iterator[Toy]:
     """Run the page's toy, much faster than an arm."""
-    words = [sys.executable, str(folder / "toy_arm.py"), "--port", "0", "--rate", "5000", *options]
+    words = [sys.executable, str(folder / "toy_arm.py"), "--port", "0", "--rate", "1000", *options]
     with subprocess.Popen(
         words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:

@@ -7,6 +7,7 @@ whatever it raises, or reads that is no number, becomes words that name its pack
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -51,6 +52,8 @@ class OutsideArm:
         self._arm: Arm | None = None
         self._latch = StopLatch()  # a new connection does not lift a STOP
         self._in_control = False
+        self._closing, self._left_held = False, True
+        self._close_lock = threading.RLock()
         self._limits: tuple[JointLimits, ...] = tuple(
             joint_limits(
                 number,
@@ -87,15 +90,24 @@ class OutsideArm:
         return identity
 
     def close(self) -> bool:
-        """Leave the arm held, its drives off. Safe to call twice; False if it did not answer."""
-        arm, self._arm, self._in_control = self._arm, None, False
-        if arm is None:
-            return True
-        try:
-            with self._in_words():
-                return arm.close()
-        except HardwareError:
-            return False
+        """Leave the arm held, its drives off; False if it did not answer.
+
+        Safe to call twice, from any thread; a second one waits until the arm is closed.
+        """
+        with self._close_lock:
+            arm = self._arm
+            if arm is None or self._closing:  # closing: called again by the thread that closes
+                return self._left_held
+            self._closing, self._left_held = True, False
+            try:
+                with self._in_words():
+                    self._left_held = arm.close()
+            except HardwareError:
+                pass
+            finally:
+                # Not before: STOP has to reach the arm to the last moment.
+                self._arm, self._in_control, self._closing = None, False, False
+            return self._left_held
 
     def snapshot(self) -> ArmSnapshot:
         """Return the latest state, with this program's own STOP latch in it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -38,6 +39,7 @@ class PlainArm:
         return arms.identity_of(self.order, serial_number="PLAIN-1", speaks="Python")
 
     def close(self) -> bool:
+        self.meanwhile()
         return True
 
     def snapshot(self) -> arms.ArmSnapshot:
@@ -169,3 +171,35 @@ def test_a_snapshot_is_looked_over_every_time(
         plain.snapshot = partial(replace, whole, joints=joints)
         with pytest.raises(arms.BusError, match=words):
             command(arm)
+
+
+def test_a_stop_that_is_pressed_while_the_arm_is_being_closed_reaches_it(
+    arm: OutsideArm, plain: PlainArm
+) -> None:
+    arm.take_control()
+    plain.meanwhile = arm.stop
+    assert plain.on
+    assert arm.close()
+    assert not plain.on
+
+
+def test_closing_an_arm_that_is_being_closed_waits_for_it(arm: OutsideArm, plain: PlainArm) -> None:
+    going, on_the_way, answers = threading.Event(), threading.Event(), list[bool]()
+
+    def wait() -> None:
+        on_the_way.set()
+        assert going.wait(5.0)
+
+    plain.meanwhile = wait
+    threads = [
+        threading.Thread(target=lambda: answers.append(arm.close()), daemon=True) for _ in range(2)
+    ]
+    threads[0].start()
+    assert on_the_way.wait(5.0)
+    threads[1].start()
+    threads[1].join(0.05)
+    assert answers == []
+    going.set()
+    for thread in threads:
+        thread.join(5.0)
+    assert answers == [True, True]

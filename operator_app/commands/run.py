@@ -26,6 +26,7 @@ from operator_app.commands.options import (
     tracker_option,
 )
 from operator_app.exit_codes import ExitCode
+from operator_app.signals import ending_signals_interrupt
 from operator_app.words_out import say
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     json_option(parser)
 
 
+@ending_signals_interrupt()  # between two placements as well, where no session is open
 def execute(args: argparse.Namespace) -> int:
     """Run, report, and leave the arm held whatever happens."""
     from operator_app.composition import unattended

@@ -8,6 +8,8 @@ happens in between.
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from operator_app.errors import SessionError
@@ -36,9 +38,10 @@ def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -
     if opening.choices.interface == "virtual":
         listener.say(f"Placement {number} of {wanted}: the virtual fixture is mounted anew.")
     else:
-        for line in words(opening):
-            listener.say(line)
-        _confirmed(opening, number)
+        with _interrupted_in_words(opening, listener):
+            for line in words(opening):
+                listener.say(line)
+            _confirmed(opening, number)
     mounted_anew(opening.folder, number)
     return resume(str(opening.folder), opening.choices, root=root)
 
@@ -52,11 +55,26 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
         Nobody confirmed it.
     """
     if opening.unseen and opening.choices.interface != "virtual":
+        with _interrupted_in_words(opening, listener):
+            listener.say(
+                f"Placement {opening.placement} has no pose yet. Type {_WORD} and Enter when its fixture is "
+                "mounted and nobody is within reach: the arm will move."
+            )
+            _confirmed(opening, opening.placement)
+
+
+@contextmanager
+def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterator[None]:
+    """Say what is left of a run that Ctrl-C or a signal ends while its fixture is being mounted."""
+    try:
+        yield
+    except KeyboardInterrupt:
         listener.say(
-            f"Placement {opening.placement} has no pose yet. Type {_WORD} and Enter when its fixture is mounted "
-            "and nobody is within reach: the arm will move."
+            "The run was interrupted while the fixture was being mounted. Nobody commands the arm; every pose "
+            f"is kept in {opening.folder}."
         )
-        _confirmed(opening, opening.placement)
+        listener.say(f"Go on with: sarcal run --resume {opening.folder}")
+        raise
 
 
 def _confirmed(opening: Opening, number: int) -> None:

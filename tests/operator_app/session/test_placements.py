@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -167,6 +168,44 @@ def test_a_placement_that_nobody_confirmed_is_asked_for_before_anything_moves(
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     require_mounted(resume(str(written(tmp_path / "b", first_placement())), Choices(), root=tmp_path),
                     ConsoleListener())  # fmt: skip
+
+
+class Signalled(io.StringIO):
+    """A keyboard at which nobody types: a signal comes instead."""
+
+    def __init__(self, number: signal.Signals) -> None:
+        super().__init__()
+        self._number = number
+
+    def readline(self, size: int = -1, /) -> str:
+        signal.raise_signal(self._number)
+        return ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("more", [[], [("remounted", {"placement": 2})]])
+def test_a_signal_while_the_fixture_is_being_mounted_ends_in_words(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    number: signal.Signals,
+    more: list[Named],
+) -> None:
+    folder = written(tmp_path / "a", [*first_placement(), *more])
+    before = (folder / "journal.jsonl").read_bytes()
+    monkeypatch.setattr("sys.stdin", Signalled(number))
+    # Where nobody heeds it, it is noted and passes.
+    passed = signal.signal(number, lambda *_: None)
+    try:
+        assert main(["run", "--resume", str(folder), "--sessions", str(tmp_path)]) == 130
+    finally:
+        signal.signal(number, passed)
+    said = " ".join(capsys.readouterr().err.split())
+    assert "interrupted while the fixture was being mounted" in said
+    assert f"Go on with: sarcal run --resume {folder}" in said
+    assert (folder / "journal.jsonl").read_bytes() == before
+    opening = resume(str(folder), Choices(), root=tmp_path)
+    assert (opening.next_due, opening.unseen) == (not more, bool(more))
 
 
 def test_nobody_is_sent_to_an_arm_that_did_not_answer(make_session) -> None:

@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from typing import TYPE_CHECKING, NoReturn
 
 from operator_app.commands.help_topic import manual
@@ -73,7 +74,11 @@ def execute(args: argparse.Namespace) -> int:
     def make_source() -> Sessions:
         from hardware.timing import Pace
         from operator_app.composition import open_arm
+        from operator_app.config.user_settings import settings_if_right
         from operator_app.session.sessions import Sessions
+
+        usual, warning = settings_if_right()
+        choices = replace(choices_from(args, journal=False), operator=usual.operator)
 
         def join(opening: Opening) -> AbstractContextManager[Rig]:
             return open_arm(
@@ -83,7 +88,9 @@ def execute(args: argparse.Namespace) -> int:
                 record_to=recording(args, opening),
             )
 
-        made.append(Sessions(args.procedure, choices_from(args), root=args.sessions, join=join))
+        made.append(
+            Sessions(args.procedure, choices, root=args.sessions, join=join, warning=warning)
+        )
         return made[0]
 
     reason = _plain(args, make_source()) if args.plain else _full_screen(args, make_source)
@@ -106,11 +113,12 @@ def _tell(text: str) -> None:
 
 
 def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) -> str:
-    from operator_app.config.user_settings import load_settings
+    from operator_app.config.user_settings import settings_if_right
     from operator_app.tui.app import run
     from operator_app.tui.look import DARK, LIGHT, NO_COLOUR
 
-    usual = {"dark": DARK, "light": LIGHT, "none": NO_COLOUR}[load_settings().theme or "dark"]
+    settings, _ = settings_if_right()
+    usual = {"dark": DARK, "light": LIGHT, "none": NO_COLOUR}[settings.theme or "dark"]
     return run(
         make_source,
         theme=LIGHT if args.light else usual,

@@ -100,7 +100,7 @@ def execute(args: argparse.Namespace) -> int:
     if _HELP in args.fault:
         say(fault_table())
         return ExitCode.ACCEPTED
-    choices = choices_from(args)
+    choices = choices_from(args, journal=False)
     settings = bus_settings(args.interface, args.channel, args.bitrate)
     if settings.interface == "virtual":
         raise UsageError(

@@ -73,7 +73,7 @@ def execute(args: argparse.Namespace) -> int:
         say(f"sarcal: {opening.folder} has no pose yet: nothing to export.", err=True)
         return ExitCode.BAD_INPUT
     procedure = carried_procedure(opening)
-    chosen = choices_from(args)
+    chosen = choices_from(args, journal=False)
     found = calibrated(
         state, procedure, estimator=chosen.estimator, unsensed_joints=chosen.unsensed_joints
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from hardware.virtual.scenario_names import DEFAULT_SCENARIO, SCENARIOS
 from operator_app.exit_codes import UsageError
+from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from operator_app.session.opening import Choices, Opening
@@ -217,9 +218,8 @@ def record_option(parser: argparse.ArgumentParser) -> None:
 def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
     """Return what these options chose; None where they chose nothing.
 
-    With `journal` the user's settings say who works here.
+    With `journal` the user's settings say who works here; where their file is wrong nobody, and that is said.
     """
-    from operator_app.config.user_settings import load_settings
     from operator_app.session.opening import Choices
 
     if args.seed is not None and args.seed < 0:
@@ -240,9 +240,18 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
         scenario=args.scenario,
         seed=args.seed,
         tracker=getattr(args, "tracker", None),
-        operator=load_settings().operator if journal else None,
+        operator=_who_works_here() if journal else None,
         placements=getattr(args, "placements", None),
     )
+
+
+def _who_works_here() -> str | None:
+    from operator_app.config.user_settings import settings_if_right
+
+    settings, wrong = settings_if_right()
+    if wrong:
+        say(f"sarcal: {wrong}.", err=True)
+    return settings.operator
 
 
 def parse_joints(text: str) -> tuple[int, ...]:

@@ -76,6 +76,17 @@ def load_settings() -> UserSettings:
     return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
 
 
+def settings_if_right() -> tuple[UserSettings, str]:
+    """Return the user's settings for what no bus depends on; none where the file is wrong, and that in words."""
+    try:
+        return load_settings(), ""
+    except ConfigError:
+        return UserSettings(), (
+            f"{settings_path()} is wrong, so no theme and no operator's name are taken from it: "
+            "`sarcal settings` says what is wrong, and mends it"
+        )
+
+
 def settings_bytes() -> bytes | None:
     """Return what the user's file holds, None without one."""
     path = settings_path()

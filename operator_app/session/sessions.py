@@ -38,6 +38,8 @@ class Sessions:
         Folder of session folders.
     join
         Joins the arm that an opening asks for.
+    warning
+        What the operator is to know from the beginning; "" for nothing.
 
     Attributes
     ----------
@@ -54,8 +56,10 @@ class Sessions:
         *,
         root: Path,
         join: Callable[[Opening], AbstractContextManager[Rig]],
+        warning: str = "",
     ) -> None:
         self._procedure, self._choices, self._root, self._join = procedure, choices, root, join
+        self._warning = warning
         self._stack = ExitStack()
         self._runner: Runner | None = None
         self.last: Path | None = None
@@ -129,6 +133,9 @@ class Sessions:
             runner = Runner(session, simulated=rig.simulated, bus=rig.bus)
             opened = stack.pop_all()
         self.close(farewell)
+        if self._warning:
+            runner.say(Level.WARNING, self._warning)
+            self._warning = ""
         if self.lost is not None:
             runner.say(Level.ALARM, str(self.lost))
         self._runner, self._stack = runner, opened

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -168,6 +169,41 @@ def test_reset_on_a_bus_that_is_named_needs_no_settings(file: Path) -> None:
     opening = opening_from(parser_of("reset").parse_args(["-i", "loopback"]))
     assert _bus(opening.choices, opening.procedure).interface == "loopback"
     assert main(["reset"]) == 2
+
+
+def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It may hold who works here; that is nothing to stop a calibration for."""
+    from operator_app.composition import _bus
+
+    file.parent.mkdir(parents=True)
+    file.write_text(WRONG)
+    choices = choices_from(parser_of("run").parse_args(["hinge", "-i", "virtual"]))
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"{file} is wrong, so no theme and no operator's name are taken from it" in said
+    assert "`sarcal settings` says what is wrong" in said
+    assert choices.operator is None
+    opening = begin("hinge", choices, root=tmp_path)
+    assert _bus(choices, opening.procedure).interface == "virtual"
+    # The simulated arm of another program has no operator.
+    choices_from(parser_of("controller").parse_args([]), journal=False)
+    assert capsys.readouterr().err == ""
+
+
+def test_the_app_begins_with_a_wrong_file_and_says_so_on_its_screen(
+    file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file.parent.mkdir(parents=True)
+    file.write_text(WRONG)
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(["--plain", "-i", "virtual", "--sessions", str(tmp_path / "sessions")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"warning] {file} is wrong" in said
+    assert said.count(str(file)) == 1
 
 
 def test_an_interface_is_looked_at_when_it_is_set(

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import count
 from pathlib import Path
 
@@ -159,7 +159,8 @@ def open_arm(
             timing=_timing(procedure, speed=speed, embedded=embedded),
             openers=openers,
         )
-        stack.callback(_say_what_is_not_recorded, arm, record_to)
+        recording_ended = partial(_what_is_not_recorded, arm, record_to)
+        stack.callback(_say_if_any, recording_ended)
         stack.callback(arm.close)
         instrument = None
         if not procedure.fixture.fixture.holds_hand:
@@ -170,6 +171,7 @@ def open_arm(
             opening=replace(opening, procedure=procedure, choices=choices),
             simulated=embedded,
             instrument=instrument,
+            recording_ended=recording_ended,
         )
 
 
@@ -194,13 +196,18 @@ def _outside_arm(
         arm.close()
 
 
-def _say_what_is_not_recorded(arm: CanopenArm, record_to: Path | None) -> None:
-    if arm.recording_failure is not None:
-        say(
-            f"sarcal: the recording of the bus, {record_to}, ends early: {arm.recording_failure}. "
-            "Free some space, or record to another disk.",
-            err=True,
-        )
+def _what_is_not_recorded(arm: CanopenArm, record_to: Path | None) -> str:
+    if arm.recording_failure is None:
+        return ""
+    return (
+        f"the recording of the bus, {record_to}, ends early: {arm.recording_failure}. "
+        "Free some space, or record to another disk"
+    )
+
+
+def _say_if_any(words: Callable[[], str]) -> None:
+    if found := words():
+        say(f"sarcal: {found}.", err=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

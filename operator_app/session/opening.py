@@ -7,7 +7,7 @@ since. The only place that makes a `Session`; which arm it gets is the compositi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -108,12 +108,16 @@ class Rig:
         Whether nothing real can move.
     instrument
         What sees the hand of an open arm.
+    recording_ended
+        Asked at any time, from any thread: how a recording of the bus ended early; "" while it goes on, or
+        where there is none.
     """
 
     arm: Arm
     opening: Opening
     simulated: bool
     instrument: Instrument | None = None
+    recording_ended: Callable[[], str] = str
 
     @property
     def bus(self) -> str:

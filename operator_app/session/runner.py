@@ -66,6 +66,8 @@ class Runner:
         Its calls are made by the worker only, but for `Arm.stop` and `Arm.snapshot`.
     simulated, bus
         Whether nothing real can move, and the bus in words.
+    recording_ended
+        How a recording of the bus ended early; "" while it goes on, or where there is none.
     monotonic, clock
         Seconds for ages, UTC for messages.
     """
@@ -76,6 +78,7 @@ class Runner:
         *,
         simulated: bool,
         bus: str,
+        recording_ended: Callable[[], str] = str,
         monotonic: Callable[[], float] = time.monotonic,
         clock: Clock = utc_now,
     ) -> None:
@@ -87,6 +90,7 @@ class Runner:
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
+        self._recording_ended, self._told_of_recording = recording_ended, ""
         self._motion = MotionWatch(session.model, session.procedure.capture)
         self._seen_s = self._looked_s = monotonic()
         self.defect: BaseException | None = None
@@ -308,6 +312,8 @@ class Runner:
             now = self._picture()
             self._end_what_nobody_sees(now)
             self._look_at_motion(now)
+            if news := self.recording_news():
+                self.say(Level.WARNING, news)
             if now.arm is not None and now.stop is not None:
                 self._count_stopped(now, now.stop)
             if now.data is DataState.LOST and not lost:
@@ -329,6 +335,15 @@ class Runner:
         elif now.motion is not None:
             self._motion.forget()
             self.publish(lambda s: replace(s, motion=None))
+
+    def recording_news(self) -> str:
+        """How a recording of the bus ended early, in words; "" when that was told already, or it did not.
+
+        A full disk ends a recording, and nothing else: the session goes on without it.
+        """
+        words, told = self._recording_ended(), self._told_of_recording
+        self._told_of_recording = words
+        return "" if words == told else words[:1].upper() + words[1:]
 
     def _end_what_nobody_sees(self, now: SessionSnapshot) -> None:
         """A screen that hangs, on a terminal that is not read any more, takes no key that stops."""

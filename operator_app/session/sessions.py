@@ -123,6 +123,8 @@ class Sessions:
                 session = runner.session
                 self.last = None if remove_if_empty(session) else session.journal.kept_in
                 self.lost = session.journal.loss
+                # What was still to be written then: said with the next session.
+                self._warning = runner.recording_news()
 
     def _open(self, opening: Opening, farewell: str) -> Runner:
         """Open a session; the one that was open is closed when nothing can go wrong any more."""
@@ -130,7 +132,12 @@ class Sessions:
             rig = stack.enter_context(self._join(opening))
             session = open_session(rig)
             stack.callback(session.journal.close)
-            runner = Runner(session, simulated=rig.simulated, bus=rig.bus)
+            runner = Runner(
+                session,
+                simulated=rig.simulated,
+                bus=rig.bus,
+                recording_ended=rig.recording_ended,
+            )
             opened = stack.pop_all()
         self.close(farewell)
         if self._warning:

@@ -62,6 +62,7 @@ class ArmIdentity:
 
     `speaks` is what its nodes are, for people. `by_hand`: a person moves it, and nothing else
     can: no hardware stop is asked for. `Arm.move` waits until the joints are where they are wanted.
+    `unwatching` are joints whose drives do not say that they watch the operator's heartbeat.
     """
 
     model: str
@@ -69,6 +70,7 @@ class ArmIdentity:
     nodes: tuple[NodeIdentity, ...]
     speaks: str = "CANopen"
     by_hand: bool = False
+    unwatching: tuple[int, ...] = ()
 
     @property
     def simulated(self) -> bool:

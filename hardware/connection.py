@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -163,7 +163,7 @@ class Connection:
         )
         self._require_single()
         loop.heartbeat_timeout_s = patience_s(access, profile, loop.heartbeat_timeout_s)
-        check_watch(access, profile)
+        identity = replace(identity, unwatching=check_watch(access, profile))
         loop.following = Following(following_windows_counts(access, profile, self.scales))
         self._rated_nm = identifying.read_rated_torques_nm(access, profile)
         loop.begin_heartbeat()

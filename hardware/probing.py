@@ -37,12 +37,17 @@ from hardware.objects import (
 from hardware.pdo_reading import FoundPdo, read_described, read_pdos
 from hardware.profile import BusProfile
 from hardware.sdo import ObjectAccess
+from hardware.supervision import watch_differences
 from hardware.wire import Wire
 
 LISTEN_S: Final = 1.2
 """Some heartbeats of an operator, and one of the slowest node that is driven, fit in here."""
 ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
+NO_WATCH: Final = (
+    "node {}: without 1016h nothing says that it notices when the operator is gone: keep a hand on the hardware "
+    "stop, and see what it does (sarcal arm-check)"
+)
 _POLL_S: Final = 0.02
 _READ_DEVICE_TYPE: Final = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
 _UPLOAD_ANSWER: Final = 2
@@ -65,6 +70,8 @@ class FoundNode:
         Whether it sent a heartbeat while it was listened to.
     problems
         What is not as this program drives it, in words.
+    notes
+        What it does not say and somebody should know, in words.
     pdos
         The PDOs of a drive that are in use.
     described
@@ -84,6 +91,7 @@ class FoundNode:
     pdos: tuple[FoundPdo, ...] = ()
     described: tuple[int, ...] = ()
     supervises: bool = False
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +203,7 @@ def _look_at(
     drive = profile.is_drive(kind)
     heard = ears.heartbeats[node] > 0
     problems, name, serial, position = list[str](), "", None, None
-    supervises = False
+    supervises, notes = False, list[str]()
     pdos, described = tuple[FoundPdo, ...](), tuple[int, ...]()
     if answers > 1:
         # Nothing that it says can be told from what the other one says.
@@ -213,6 +221,10 @@ def _look_at(
             else:
                 supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
             if drive:
+                watch = watch_differences(access, node)
+                problems += watch or ()
+                if watch is None:
+                    notes.append(NO_WATCH.format(node))
                 pdos = read_pdos(access, node)
                 described = read_described(access, node)
                 position = access.read_signed(node, POSITION_ACTUAL)
@@ -232,6 +244,7 @@ def _look_at(
         pdos=pdos,
         described=described,
         supervises=supervises,
+        notes=tuple(notes),
     )
 
 

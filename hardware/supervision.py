@@ -50,33 +50,41 @@ def patience_s(access: ObjectAccess, profile: BusProfile, least_s: float) -> flo
     return max(least_s, HEARTBEATS * longest_s)
 
 
-def check_watch(access: ObjectAccess, profile: BusProfile) -> None:
-    """Make sure that drives watch the operator's heartbeat (1016h); one without that object is not asked.
+def check_watch(access: ObjectAccess, profile: BusProfile) -> tuple[int, ...]:
+    """Make sure that drives watch the operator's heartbeat (1016h).
+
+    Returns
+    -------
+    Joints whose drives have no such object: nobody knows what they do without an operator.
 
     Raises
     ------
     MappingDiffers
         A drive would go on when the operator is gone.
     """
-    found = []
-    for node in profile.drives:
-        entries = read_number(access, node, HEARTBEAT_CONSUMER, 0)
-        if entries is None:
-            continue
-        watched = [
-            read_number(access, node, HEARTBEAT_CONSUMER, sub) or 0 for sub in range(1, entries + 1)
-        ]
-        if not any(
-            value >> 16 & 0x7F == OPERATOR_NODE and 0 < value & 0xFFFF <= LONGEST_WATCH_MS
-            for value in watched
-        ):
-            seen = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
-            expected = (
-                f"node {OPERATOR_NODE}'s heartbeat watched, for {LONGEST_WATCH_MS} ms at the most"
-            )
-            found.append(difference_words(node, HEARTBEAT_CONSUMER, None, expected, seen))
-    if found:
-        raise MappingDiffers(found)
+    found = {node: watch_differences(access, node) for node in profile.drives}
+    wrong = [text for texts in found.values() for text in texts or ()]
+    if wrong:
+        raise MappingDiffers(wrong)
+    return tuple(profile.joint_of[node] for node, texts in found.items() if texts is None)
+
+
+def watch_differences(access: ObjectAccess, node: int) -> tuple[str, ...] | None:
+    """What of a drive's watch over the operator's heartbeat is not as it has to be; None without 1016h."""
+    entries = read_number(access, node, HEARTBEAT_CONSUMER, 0)
+    if entries is None:
+        return None
+    watched = [
+        read_number(access, node, HEARTBEAT_CONSUMER, sub) or 0 for sub in range(1, entries + 1)
+    ]
+    if any(
+        value >> 16 & 0x7F == OPERATOR_NODE and 0 < value & 0xFFFF <= LONGEST_WATCH_MS
+        for value in watched
+    ):
+        return ()
+    seen = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
+    expected = f"node {OPERATOR_NODE}'s heartbeat watched, for {LONGEST_WATCH_MS} ms at the most"
+    return (difference_words(node, HEARTBEAT_CONSUMER, None, expected, seen),)
 
 
 def following_windows_counts(

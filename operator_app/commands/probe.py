@@ -81,8 +81,8 @@ def execute(args: argparse.Namespace) -> int:
             ]
         )
     say(aligned(rows))
-    for problem in problems:
-        say(problem)
+    for words in (*problems, *(note for node in found.nodes for note in node.notes)):
+        say(words)
     say("Nothing was enabled and nothing has moved.")
     return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
 
@@ -117,7 +117,10 @@ def _draft(args: argparse.Namespace, found: Probe) -> int:
             say(f"sarcal: {reason}", err=True)
         say("sarcal: no profile was written: set these up first, then probe again.", err=True)
         return ExitCode.ARM_FAULT
-    content = format_profile(made, comment=f"{schema_line('profile')}\n{CHECK}")
+    heading = f"{schema_line('profile')}\n{CHECK}"
+    if silent := ", ".join(str(node.node) for node in found.nodes if node.notes):
+        heading += f"\n  Without 1016h, so that nothing says it: node {silent}."
+    content = format_profile(made, comment=heading)
     save_with_schema(args.draft, content, "profile")
     if args.json:
         say(json.dumps({**asdict(found), "draft": str(args.draft)}, indent=2))

@@ -28,6 +28,7 @@ from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, Iteration, Level, Verified, Written
 from operator_app.session.solving import Solver, SolvingProcess
 from operator_app.session.state import CapturedPose, SessionState
+from operator_app.session.wording import unwatching_words
 from operator_app.session.workflow import take_poses, verify
 from operator_app.units.figure import MOVED, READING_SD, SIGMA_POS
 from solver.arrays import FloatArray
@@ -91,6 +92,8 @@ class Operations:
             f"connected to {identity.model}, serial {identity.serial_number}, "
             f"{len(identity.nodes)} nodes",
         )
+        if words := unwatching_words(identity):
+            self._publisher.say(Level.WARNING, words)
         self._show_what_is_known()
         self.check_fixture()
 

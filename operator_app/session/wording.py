@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from fixtures.errors import FixtureError
-from hardware.arm import DriveState
+from hardware.arm import ArmIdentity, DriveState
 from hardware.errors import (
     BusError,
     CommandRefused,
@@ -103,6 +103,18 @@ def remounting_steps(procedure: Procedure) -> tuple[str, ...]:
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+def unwatching_words(identity: ArmIdentity) -> str:
+    """Say which drives may not notice that nobody commands them any more; "" where all say that they do."""
+    joints = identity.unwatching
+    if not joints:
+        return ""
+    which = f"{'Joints' if len(joints) > 1 else 'Joint'} {', '.join(map(str, joints))}"
+    return (
+        f"{which}: without 1016h nothing says that a drive notices when this program is gone; it may stay as it "
+        "is then, driven or free. Keep a hand on the hardware stop. What it does shows: sarcal arm-check"
+    )
 
 
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:

@@ -19,6 +19,7 @@ from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, Stop
 from operator_app.session.session import Session
 from operator_app.session.state import pose_set_of
+from operator_app.session.wording import unwatching_words
 from solver.chain.poses import PoseSet
 from solver.loops.placements import Placements
 
@@ -31,6 +32,8 @@ def connect(session: Session, listener: Listener) -> ArmIdentity:
     session.told = listener.told
     identity = session.connect()
     listener.connected(identity)
+    if words := unwatching_words(identity):
+        listener.told(f"{words}.")
     if session.clear_lost_heartbeat():
         listener.told(
             "The drives had tripped because an operator's heartbeat was lost (8130h), as after a "

@@ -65,6 +65,19 @@ def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:
     assert "node 2: no heartbeat was heard" in found[2][0]
 
 
+def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> None:
+    """Wrong, it would be refused at connect; where a drive does not say, that is noted and nothing more."""
+    for node in (1, 2):
+        bus.objects[node, 0x1016, 0] = b"\x01"
+        bus.objects[node, 0x1016, 1] = struct.pack("<L", 127 << 16 | 500 * (2 - node))
+    found = {node.node: node for node in look(bus).nodes}
+    assert (found[1].problems, found[1].notes) == ((), ())
+    assert "node 2, 1016h: expected node 127's heartbeat watched" in found[2].problems[0]
+    assert found[3].problems == ()
+    assert found[3].notes[0].startswith("node 3: without 1016h nothing says that it notices")
+    assert found[16].notes == ()
+
+
 def test_where_an_operator_is_at_work_nobody_is_asked(bus: FakeArmBus) -> None:
     bus.other_operator = True
     found = look(bus)

@@ -63,6 +63,15 @@ def test_one_entry_for_the_operator_is_enough(entries: list[tuple[int, int]]) ->
     arm.close()
 
 
+def test_drives_that_do_not_say_that_they_watch_are_known_by_joint() -> None:
+    bus = FakeArmBus()
+    for node in (1, 2, 4, 6, 7):
+        watches(bus, node, (OPERATOR, 500))
+    arm = make(bus)
+    assert arm.connect().unwatching == (3, 5)
+    arm.close()
+
+
 class Windows(ObjectAccess):
     """Nodes that answer 6065h with what they are given."""
 

@@ -22,7 +22,7 @@ from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
-from operator_app.session.workflow import verify
+from operator_app.session.workflow import connect, verify
 from oracles.journalled_sessions import Quiet
 from solver.errors import TooFewPosesError
 from solver.loops.dh import DhLoop
@@ -319,3 +319,21 @@ def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session: MakeSessi
     codes = [w.code for w in load_parameters(result.exported.parameters).warnings]
     assert "FORCED" not in codes
     session.close("done")
+
+
+def test_a_drive_that_does_not_say_that_it_misses_its_operator_is_named(
+    make_session: MakeSession,
+) -> None:
+    session = make_session(hinge(poses=12))
+    connect_arm = session.arm.connect
+    session.arm.connect = lambda: replace(connect_arm(), unwatching=(3, 5))
+    told: list[str] = []
+    listener, publisher = Listener(), Quiet(session)
+    listener.told = told.append
+    publisher.say = lambda level, text: told.append(f"{level.value}: {text}")
+    connect(session, listener)
+    assert told[0].startswith("Joints 3, 5: without 1016h nothing says that a drive notices")
+    assert "hardware stop" in told[0]
+    told.clear()
+    Operations(session, publisher).connect()
+    assert any(text.startswith("warning: Joints 3, 5: without 1016h") for text in told)

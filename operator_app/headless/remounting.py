@@ -1,8 +1,8 @@
 """Between two placements of the fixture: what the operator has to do, and that it was done. Knows no bus.
 
 The arm was let go: its drives are off, and nobody commands them. That the fixture was mounted anew goes
-into the journal before the arm is connected again, so that a session goes on in the right placement whatever
-happens in between.
+into the journal when somebody has said so and before the arm is connected again, so that a session goes on in
+the right placement whatever happens in between.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from pathlib import Path
 
 from operator_app.errors import SessionError
 from operator_app.headless.console import ConsoleListener
-from operator_app.session.opening import Opening, mounted_anew, resume
-from operator_app.session.wording import remounting_steps
+from operator_app.session.mounting import keep_remounted, remounting_steps
+from operator_app.session.opening import Opening, resume
 
 _WORD = "mounted"
 """A word, and not Enter: that may be left from before, and the arm moves on it."""
@@ -42,25 +42,28 @@ def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -
             for line in words(opening):
                 listener.say(line)
             _confirmed(opening, number)
-    mounted_anew(opening.folder, number)
+    keep_remounted(opening.folder, number)
     return resume(str(opening.folder), opening.choices, root=root)
 
 
 def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
-    """Ask whether a placement is mounted of which nothing is known but that it was to come.
+    """Ask whether a placement is mounted of which nothing is known but that it was to come; keep the answer.
 
     Raises
     ------
     SessionError
         Nobody confirmed it.
     """
-    if opening.unseen and opening.choices.interface != "virtual":
+    if not opening.unseen:
+        return
+    if opening.choices.interface != "virtual":
         with _interrupted_in_words(opening, listener):
             listener.say(
                 f"Placement {opening.placement} has no pose yet. Type {_WORD} and Enter when its fixture is "
                 "mounted and nobody is within reach: the arm will move."
             )
             _confirmed(opening, opening.placement)
+    keep_remounted(opening.folder, opening.placement)
 
 
 @contextmanager

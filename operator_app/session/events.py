@@ -256,6 +256,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "standing": {"told?": text, "probability?": nothing_or(number(0.0, 1.0))},
     "control": {"start_rad": ANGLES, "home_rad?": ANGLES},
     "modes": {"modes": of_joints(one_of("position", "free"))},
+    "remounting": {"placement": whole(2)},
     "remounted": {"placement": whole(2)},
     "went_home": {"joints": JOINTS, "q_rad": ANGLES, "stopped?": text},
     "waypoint_skipped": {"waypoint": whole(0), "reason?": text},

@@ -78,7 +78,7 @@ def _connect(s: SessionSnapshot) -> NextThing:
     if not s.connected:
         what = "the simulated arm" if s.simulated else "the arm"
         hint = f"Enter connects to {what} on {s.bus}"
-        if s.state.placement > 1 and not s.state.poses_here:
+        if s.state.unseen:
             hint = f"placement {s.state.placement}: when the fixture is mounted and all stand clear, {hint}"
         return NextThing(action="connect", label="Connect", hint=hint)
     if not s.simulated and not s.stop_tested:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hardware.arm import Arm
-from operator_app.config.procedure import MOST_PLACEMENTS, CapturePlan, Procedure
+from operator_app.config.procedure import CapturePlan, Procedure
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
@@ -23,8 +23,9 @@ from operator_app.session.folder import find_session, new_folder
 from operator_app.session.instrument import Instrument
 from operator_app.session.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.journal_lines import JOURNAL_NAME
+from operator_app.session.mounting import next_due, require_mountable
 from operator_app.session.session import Session
-from operator_app.session.state import SessionState, session_state
+from operator_app.session.state import session_state
 from solver.estimators.estimate import require_enough_poses
 
 KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
@@ -234,26 +235,8 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         imported=state.imported,
         placement=state.placement,
         next_due=next_due(state, procedure),
-        unseen=state.placement > 1 and not state.poses_here,
+        unseen=state.unseen,
     )
-
-
-def next_due(state: SessionState, procedure: Procedure) -> bool:
-    """Whether the present placement has all its poses, its first one read again, and another is wanted."""
-    return (
-        state.placement < procedure.placements
-        and len(state.poses_here) >= procedure.capture.poses
-        and any(r.again.after == state.captured for r in state.returns)
-    )
-
-
-def mounted_anew(folder: Path, placement: int) -> None:
-    """Keep in a session's journal that its fixture is mounted for the n-th time; no arm is connected."""
-    journal = Journal.resume(folder)
-    try:
-        journal.append("remounted", {"placement": placement})
-    finally:
-        journal.close()
 
 
 def _require_profile(procedure: Procedure, choices: Choices) -> None:
@@ -295,28 +278,9 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
     if choices.upload is not None:
         procedure = replace(procedure, upload=choices.upload)
     if choices.placements is not None:
-        procedure = replace(procedure, placements=_placements(procedure, choices.placements))
+        procedure = replace(procedure, placements=require_mountable(procedure, choices.placements))
     _require_solvable(procedure)
     return procedure
-
-
-def _placements(procedure: Procedure, wanted: int) -> int:
-    """Refuse what cannot be mounted so often."""
-    if not 1 <= wanted <= MOST_PLACEMENTS:
-        raise SessionError(
-            f"{wanted} placements were asked for", f"ask for 1 to {MOST_PLACEMENTS} of them"
-        )
-    if wanted > 1 and not procedure.fixture.fixture.holds_hand:
-        raise SessionError(
-            f"{procedure.fixture.name} holds no hand: there is nothing to take off and mount anew",
-            "leave --placements out",
-        )
-    if wanted > 1 and procedure.capture.strategy == "planned":
-        raise SessionError(
-            "a plan is made for one placement of the fixture",
-            "capture explored poses (--plan explore) with --placements",
-        )
-    return wanted
 
 
 def _planned_or_not(capture: CapturePlan, plan: str | None) -> CapturePlan:

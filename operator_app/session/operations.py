@@ -73,6 +73,11 @@ class Operations:
 
     # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
 
+    def connect_mounted(self) -> None:
+        """Keep that the fixture is mounted, as somebody said, then connect."""
+        self._session.mounted()
+        self.connect()
+
     def connect(self) -> None:
         """Find the arm, or find it again; check it, and judge the fixture where the arm stands."""
         self._session.arm.close()

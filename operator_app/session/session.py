@@ -129,6 +129,7 @@ class Session:
 
         Before it the instrument, where one sees the hand: without it nothing need be enabled.
         """
+        self._require_mounted()
         self._require_instrument()
         identity = self.arm.connect()
         self._same = False
@@ -149,6 +150,19 @@ class Session:
             },
         )
         return identity
+
+    def mounted(self) -> None:
+        """Keep that somebody said the fixture is mounted, in a placement of which nothing else is known."""
+        if self.state.unseen:
+            self.record("remounted", {"placement": self.state.placement})
+
+    def _require_mounted(self) -> None:
+        """Connect to no arm at whose fixture somebody may be at work."""
+        if not self.state.mounted:
+            raise GuardError(
+                f"the fixture was taken off, and nobody said that it is mounted for placement {self.state.placement}",
+                "mount it, stand clear, then go on with the session: sarcal run --resume, or the app",
+            )
 
     def _require_instrument(self) -> None:
         if self.fixture.holds_hand:

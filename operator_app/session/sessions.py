@@ -11,12 +11,12 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import builtin_names
 from operator_app.errors import JournalLostError, SessionError
 from operator_app.session.folder import SessionEntry, list_sessions
+from operator_app.session.mounting import keep_remounting
 from operator_app.session.opening import (
     Choices,
     Opening,
     Rig,
     begin,
-    mounted_anew,
     open_session,
     remove_if_empty,
     resume,
@@ -86,7 +86,7 @@ class Sessions:
     def remounted(self) -> Runner:
         """Go on with the session that is open in another placement of its fixture; it is closed for that.
 
-        The drives are off before it counts; nothing is connected afterwards.
+        The drives are off before it counts; nothing is connected before somebody says that it is mounted.
         """
         if self._runner is None:
             raise SessionError("no session is open", "begin one, or resume one")
@@ -94,7 +94,7 @@ class Sessions:
         folder, number = session.journal.path.parent, session.state.placement + 1
         self.close("the fixture is mounted anew")
         session.require_let_go()
-        mounted_anew(folder, number)
+        keep_remounting(folder, number)
         runner = self.resumed(str(folder))
         runner.say(
             Level.WARNING,

@@ -125,6 +125,8 @@ class SessionState:
     placement
         Which mounting of the fixture the arm is in, from 1. Where it started, its waypoints and its modes
         are of this one.
+    mounted
+        Whether it is: False from when the fixture was to come off until somebody says that it is mounted.
     slipped
         What a joint's reading did that no motion explains: no pose counts until the first one, read
         again, reads as it did. Empty: nothing.
@@ -159,6 +161,7 @@ class SessionState:
     readings: tuple[CheckReading, ...] = ()
     resumed: bool = False
     placement: int = 1
+    mounted: bool = True
     slipped: str = ""
     verifications: int = 0
     campaign: CampaignLog = field(default_factory=CampaignLog)
@@ -182,6 +185,11 @@ class SessionState:
     def poses_here(self) -> tuple[CapturedPose, ...]:
         """Those of them that were taken in the present placement of the fixture."""
         return tuple(p for p in self.used_poses if p.placement == self.placement)
+
+    @property
+    def unseen(self) -> bool:
+        """Whether nothing is known of the present placement but that it was to come."""
+        return self.placement > 1 and not self.poses_here
 
     @property
     def here(self) -> SessionState:
@@ -343,8 +351,10 @@ def _apply_planning(
 ) -> SessionState:
     """State after an event of a planned capture, or of another mounting, beside its poses."""
     match name:
+        case "remounting":
+            return _elsewhere(state, data["placement"], mounted=False)
         case "remounted":
-            return _elsewhere(state, data["placement"])
+            return _elsewhere(state, data["placement"], mounted=True)
         case "drives_chosen":
             sets = tuple(tuple(drives) for drives in data["sets"])
             return replace(state, drives=tuple(data["drives"]), drive_sets=sets)
@@ -403,11 +413,12 @@ def _another_try(state: SessionState) -> SessionState:
     return replace(state, visited=state.visited - state.passed_over, passed_over=frozenset())
 
 
-def _elsewhere(state: SessionState, placement: int) -> SessionState:
-    """State after the fixture was mounted anew: what was known of where the arm stands is gone."""
+def _elsewhere(state: SessionState, placement: int, *, mounted: bool) -> SessionState:
+    """State in another mounting of the fixture: what was known of where the arm stands is gone."""
     return replace(
         state,
         placement=placement,
+        mounted=mounted,
         start_rad=None,
         home_rad=None,
         modes=(),

@@ -89,18 +89,6 @@ def summary(procedure: Procedure) -> str:
     return f"{procedure.name}: {procedure.fixture.name}, {drives}, {poses}"
 
 
-def remounting_steps(procedure: Procedure) -> tuple[str, ...]:
-    """Return what an operator does between two placements of a fixture, in order."""
-    kept = procedure.fixture.fixture.stays_on_hand
-    part = "; its part on the hand stays" if kept else " and off the hand"
-    return (
-        "1. Secure the arm against falling, by hand or by a strap. Somebody has a hand on the hardware stop.",
-        f"2. Take the {procedure.fixture.name} off the table{part}.",
-        "3. Mount it anew, turned and shifted within the tolerance that its file states.",
-        "4. Bring the arm to its home, by hand or as its controller can; close the loop; go through the check list.",
-    )
-
-
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 

@@ -12,11 +12,12 @@ from hardware.arm import JointMode
 from operator_app.session import guards
 from operator_app.session.face import Chosen, FullScreen, OneOf, Typed, YesNo
 from operator_app.session.folder import SessionEntry
+from operator_app.session.mounting import remounting_steps
 from operator_app.session.operations import Operations
 from operator_app.session.runner import Runner
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.state import SessionState
-from operator_app.session.wording import remounting_steps, summary
+from operator_app.session.wording import summary
 from operator_app.units.figure import MOVED
 from solver.chain.sensors import Rvdt
 
@@ -30,6 +31,25 @@ def task(kind: TaskKind, text: str, work: Callable[[Operations], None]) -> Calla
 
 def _note_down(runner: Runner, item: str, text: str) -> None:
     runner.submit(TaskKind.NOTE, "noting", lambda: runner.operations.confirm(item, text))
+
+
+def connect(chosen: Chosen) -> None:
+    """Connect; in a placement of which nothing is known yet, once somebody says that its fixture is mounted."""
+    state, text = chosen.s.state, "connecting"
+    if not state.unseen:
+        chosen.hand(TaskKind.CONNECT, text, lambda o: o.connect())
+    elif chosen.s.simulated:
+        # Nobody has to do anything.
+        chosen.hand(TaskKind.CONNECT, text, lambda o: o.connect_mounted())
+    else:
+        said = (
+            f"Placement {state.placement} has no pose yet. Is its {chosen.s.procedure.fixture.name} mounted, the "
+            "loop closed, and nobody within reach of the arm?"
+        )
+        chosen.ask(
+            YesNo(title="Is the fixture mounted?", text=said, yes="Mounted"),
+            lambda again, _: again.hand(TaskKind.CONNECT, text, lambda o: o.connect_mounted()),
+        )
 
 
 def stop_tested(chosen: Chosen) -> None:

@@ -218,9 +218,29 @@ def test_a_fixture_mounted_anew_goes_on_in_the_same_session(source):
     assert names.count("remounted") == 1
     assert names.count("connected") == 2
     # Let go before it counts, and nobody connected until the operator did.
-    at = names.index("remounted")
+    assert names.count("remounting") == 1
+    at = names.index("remounting")
     assert names[at - 1] == "closed"
-    assert names[at + 1] == "resumed"
+    assert names[at + 1 : at + 4] == ["resumed", "remounted", "connected"]
     state = session_state(read_journal(folder))
     assert [p.placement for p in state.poses] == [1] * 6 + [2] * 6
     assert state.pose_set().placements == (1, 2)
+
+
+def test_an_arm_is_connected_again_once_somebody_says_that_its_fixture_is_mounted(source):
+    """The journal says until then that it is off, whenever this program is killed."""
+    source.simulated = False
+    to_capture = ("Connect", "Confirm: the hardware stop", *TO_CAPTURE[1:])
+    captured = (*to_capture, "Capture all", "Mount the fixture anew", "yes")
+    script = run(source, *captured, "Connect", "no", "Leave")
+    source.close("left")
+    assert any("Placement 2 has no pose yet. Is its hinge mounted" in row for row in script.said)
+    (folder,) = source.root.iterdir()
+    events = read_journal(folder).events
+    assert [e.name for e in events[-3:]] == ["remounting", "resumed", "closed"]
+    assert not session_state(read_journal(folder)).mounted
+
+    script = Script(["Connect", "no", "Connect", "yes", "Leave"])
+    Plain(source, script, resume=folder.name, pause=lambda _: None).run()
+    names = [e.name for e in read_journal(folder).events[len(events) :]]
+    assert names[:3] == ["resumed", "remounted", "connected"]

@@ -16,7 +16,7 @@ from operator_app.headless.console import ConsoleListener
 from operator_app.headless.remounting import next_placement, require_mounted, words
 from operator_app.session.journal import Journal, read_journal
 from operator_app.session.opening import Choices, begin, resume
-from operator_app.session.state import SessionState, replay
+from operator_app.session.state import SessionState, replay, session_state
 from oracles.journals import POSE, sources
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
@@ -155,16 +155,21 @@ def test_what_was_chosen_on_resuming_holds_in_the_next_placement(
     assert (going_on.choices.interface, going_on.choices.channel) == ("loopback", "other")
 
 
+@pytest.mark.parametrize("left", ["remounting", "remounted"])
 def test_a_placement_that_nobody_confirmed_is_asked_for_before_anything_moves(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: str
 ) -> None:
-    folder = written(tmp_path / "a", [*first_placement(), ("remounted", {"placement": 2})])
+    """In a journal of an earlier version `remounted` may be what somebody was still to do."""
+    folder = written(tmp_path / "a", [*first_placement(), (left, {"placement": 2})])
     opening = resume(str(folder), Choices(), root=tmp_path)
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
     with pytest.raises(SessionError, match="nobody confirmed"):
         require_mounted(opening, ConsoleListener())
+    assert read_journal(folder).events[-1].name == left
     monkeypatch.setattr("sys.stdin", io.StringIO("mounted\n"))
     require_mounted(opening, ConsoleListener())
+    assert read_journal(folder).events[-1].name == "remounted"
+    assert session_state(read_journal(folder)).mounted
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     require_mounted(resume(str(written(tmp_path / "b", first_placement())), Choices(), root=tmp_path),
                     ConsoleListener())  # fmt: skip
@@ -214,6 +219,24 @@ def test_nobody_is_sent_to_an_arm_that_did_not_answer(make_session) -> None:
     session.close("the fixture is mounted anew")
     with pytest.raises(SessionError, match="did not answer"):
         session.require_let_go()
+
+
+def test_nothing_connects_while_the_fixture_is_off(make_session) -> None:
+    """Whoever asks: verify and export as well. Somebody has a hand in it."""
+    session = make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
+    session.record("control", {"start_rad": Q, "home_rad": Q})
+    session.record("pose", {**POSE, "number": 1, "mean_rad": Q, "waypoint": 0})
+    session.record("remounting", {"placement": 2})
+    assert (session.state.placement, session.state.mounted, session.state.unseen) == (
+        2,
+        False,
+        True,
+    )
+    with pytest.raises(GuardError, match="nobody said that it is mounted for placement 2"):
+        session.connect()
+    assert session.identity is None
+    session.mounted()
+    assert session.connect() is session.identity
 
 
 def test_undo_takes_back_no_pose_of_another_placement(make_session) -> None:

@@ -5,7 +5,8 @@
 
 `sarcal run` and `sarcal controller` as programs of their own, in real time, with a flood of foreign frames
 and `busy` processes that only compute (4 for a load of 4). Bars: largest gap between two SYNCs below 50 ms,
-no queue full (so that no frame was dropped), all poses accepted and right.
+without the time in which the machine itself stood still (a clock at a higher priority on every processor says
+when), no queue full (so that no frame was dropped), all poses accepted and right.
 """
 
 from __future__ import annotations
@@ -70,12 +71,29 @@ def main() -> int:
         + ", ".join(f"p{p} {np.percentile(gaps_ms, p):.1f}" for p in (50, 99, 99.9))
         + f", largest {gaps_ms.max():.1f} ms; {int((gaps_ms > LIMIT_MS).sum())} over {LIMIT_MS:g} ms"
     )
+    begun_s = np.array(came.rhythm.at_s[:-1])
+    away_ms = 1e3 * np.array(
+        [
+            came.pauses.within_s(begin, begin + 1e-3 * gap)
+            for begin, gap in zip(begun_s, gaps_ms, strict=True)
+        ]
+    )
+    own_ms = gaps_ms - away_ms
+    print(
+        f"the machine itself  stood still for {1e3 * came.pauses.longest_s():.1f} ms at most, "
+        f"{sum(map(len, came.pauses.of.values()))} times over 5 ms"
+        if came.pauses.known
+        else "the machine itself  not known: no real-time priority for the clock beside it"
+    )
+    print(
+        f"SYNC gap without it largest {own_ms.max():.1f} ms; {int((own_ms > LIMIT_MS).sum())} over {LIMIT_MS:g} ms"
+    )
     for k in np.argsort(gaps_ms)[:-13:-1]:
         when_s = came.rhythm.at_s[k]
         after = [name for name, at_s in came.events if at_s <= when_s]
         print(
-            f"  {gaps_ms[k]:.1f} ms at {when_s - came.rhythm.at_s[0]:.1f} s, {came.rhythm.answers[k]} answers, "
-            f"after event {len(after)} ({after[-1]})"
+            f"  {gaps_ms[k]:.1f} ms ({away_ms[k]:.1f} the machine's) at {when_s - came.rhythm.at_s[0]:.1f} s, "
+            f"{came.rhythm.answers[k]} answers, after event {len(after)} ({after[-1]})"
         )
     beats_ms = np.diff(np.array(came.rhythm.beats_s)) * 1e3
     print(f"operator's beat     largest gap {beats_ms.max():.0f} ms")
@@ -83,7 +101,7 @@ def main() -> int:
         came.code in (0, 4)
         and came.poses == chosen.poses
         and not (came.wrong or came.backlog_bytes > 0.9e6 * BUFFER_MB)
-        and gaps_ms.max() < LIMIT_MS
+        and own_ms.max() < LIMIT_MS
     )
     return 0 if good else 1
 

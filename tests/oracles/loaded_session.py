@@ -19,6 +19,7 @@ import numpy as np
 from operator_app.session.journal import read_journal
 from oracles.busy_bus import Rhythm, backlog_bytes, busy_bus
 from oracles.fault_session import CLOSES, loop_error
+from oracles.machine_pauses import Pauses, machine_pauses
 
 ROOT = Path(__file__).resolve().parents[2]
 SARCAL = [sys.executable, "-m", "operator_app.cli"]
@@ -31,7 +32,8 @@ class Came:
 
     `code` and `said` of the operator; poses accepted, and the numbers of those that are not right;
     the longest queue that waited at any of the programs (the kernel keeps 8 MB before it drops a frame); how
-    many frames others sent in how many seconds; what the journal has, with the second it was written in.
+    many frames others sent in how many seconds; when the machine itself stood still; what the journal has,
+    with the second it was written in.
     """
 
     code: int
@@ -42,6 +44,7 @@ class Came:
     foreign: int
     took_s: float
     rhythm: Rhythm
+    pauses: Pauses
     events: tuple[tuple[str, float], ...]
 
 
@@ -72,6 +75,7 @@ def session_under_load(
             if controller.stderr is None or channel not in controller.stderr.readline():
                 raise RuntimeError("the controller did not begin")
             with (
+                machine_pauses() as pauses,
                 busy_bus(channel, rate=rate, busy=busy) as watched,
                 (folder / "said.txt").open("wb") as output,
             ):
@@ -107,5 +111,6 @@ def session_under_load(
         foreign=foreign,
         took_s=took_s,
         rhythm=watched.rhythm,
+        pauses=pauses,
         events=tuple((e.name, datetime.fromisoformat(e.utc).timestamp()) for e in events),
     )

@@ -143,7 +143,22 @@ def causes_of(
                 )
             )
     found.extend(_unnamed(trial))
+    found.extend(_doubted(trial, labels))
     return tuple(_once(found))[:MOST_NAMED]
+
+
+def _doubted(trial: Trial, labels: tuple[str, ...]) -> Iterable[NamedCause]:
+    """Say which entries may be off their file; that they are is not sure enough to refuse anything."""
+    for x in trial.doubts:
+        if x.candidate is not None and x.evidence is not None:
+            code, text, remedy = in_words(x.candidate, x.evidence, trial.scene, labels)
+            yield NamedCause(
+                code=code,
+                probability=x.probability,
+                text=text.replace(" is off ", " may be off ", 1),
+                remedy=remedy,
+                refuses=False,
+            )
 
 
 def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: float) -> bool:

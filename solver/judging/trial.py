@@ -33,6 +33,10 @@ from solver.judging.steps import Step, steps
 FALSE_ALARM = 1e-3
 """Chance of each test to fire on a sound pose set."""
 
+DOUBT = 0.1
+"""Chance of the pulls of a sound arm's lengths and twists to be worth a word, which refuses nothing: lengths
+that are wrong by a few tolerances spoil a calibration before any test is sure of them."""
+
 MOST_CAUSES = 4
 """Causes taken in one after the other; a set with more is no calibration."""
 
@@ -102,6 +106,8 @@ class Trial:
         All of them.
     rounds
         For each cause taken in, the explanations that competed, the most probable first.
+    doubts
+        Lengths and twists that may be off their file although no test fires, the most probable first.
     odd
         Poses that do not fit the others, indices in time order.
     step
@@ -118,6 +124,7 @@ class Trial:
 
     tests: tuple[Test, ...]
     rounds: tuple[tuple[Explanation, ...], ...]
+    doubts: tuple[Explanation, ...]
     odd: OddPoses
     step: Step | None
     left: LeftOver
@@ -153,9 +160,11 @@ def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
     tests += [*pull_tests(stated), *variance_tests(stated)]
     tests.append(prediction_test(stated))
     fires = any(test.fires for test in tests)
+    doubtful = not fires and any(test.fires for test in pull_tests(stated, DOUBT))
     return Trial(
         tests=tuple(tests),
         rounds=tuple(_explain(scene, left, _curved(tests))) if fires else (),
+        doubts=_doubted(scene, left) if doubtful else (),
         odd=odd,
         step=largest,
         left=left,
@@ -182,7 +191,7 @@ def chi2_test(chi2: float, dof: int) -> Test:
     return Test(code="CHI2_STATED", statistic=chi2, threshold=float(chdtri(dof, FALSE_ALARM)))
 
 
-def pull_tests(stated: LinearFit) -> list[Test]:
+def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM) -> list[Test]:
     """Test the largest pull of a toleranced entry, and their sum of squares."""
     from scipy.special import chdtri, ndtri
 
@@ -197,12 +206,14 @@ def pull_tests(stated: LinearFit) -> list[Test]:
         Test(
             code="PULL",
             statistic=float(np.abs(z).max()),
-            threshold=float(-ndtri(0.5 * FALSE_ALARM / len(z))),
+            threshold=float(-ndtri(0.5 * false_alarm / len(z))),
+            false_alarm=false_alarm,
         ),
         Test(
             code="PULLS",
             statistic=float(z @ z),
-            threshold=float(chdtri(len(z), FALSE_ALARM)),
+            threshold=float(chdtri(len(z), false_alarm)),
+            false_alarm=false_alarm,
         ),
     ]
 
@@ -290,6 +301,14 @@ def _explain(
         _, _, tests = _look(scene, left, left)
         if left.dof <= 0 or not any(t.fires for t in (chi2_test(left.chi2, left.dof), *tests)):
             return
+
+
+def _doubted(scene: Scene, left: LeftOver) -> tuple[Explanation, ...]:
+    """Toleranced entries that may well be off their file, where no test is sure that anything is wrong."""
+    found = _weighed(left, (*_changes(scene, left), *scene.standing(())))
+    return tuple(
+        x for x in found if x.candidate and x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
+    )
 
 
 def _changes(scene: Scene, left: LeftOver) -> Iterable[Candidate]:

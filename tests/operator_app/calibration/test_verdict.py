@@ -121,6 +121,15 @@ def test_a_slip_of_the_hands_half_is_no_length_and_no_outliers() -> None:
     assert "slipped on the hand by about 5.0 mm" in found.causes[0].text
 
 
+def test_a_length_that_no_test_is_sure_of_is_doubted_in_words_and_refuses_nothing() -> None:
+    """It was ACCEPTED without a word, with an offset 4.2 of its sigmas off."""
+    found = solved(fault("elbow 5 mm", 3005).taken)
+    assert not any(test.fires for test in found.judgement.tests)
+    assert found.verdict is Verdict.WITH_WARNINGS
+    assert {c.code for c in found.causes} == {"LENGTH_s_3", "LENGTH_s_5"}
+    assert all("may be off the arm file by about" in c.text for c in found.causes)
+
+
 def test_so_few_poses_that_sigmas_do_not_hold_are_refused_and_more_are_warned_of() -> None:
     four, seven = (solved(session(3006, poses=n)) for n in (4, 7))
     assert four.verdict is Verdict.NOT_ACCEPTED

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from fixtures.base import SetupCheck, Severity
 from operator_app.calibration.causes import NamedCause, poses_named
+from operator_app.calibration.mounted_twice import Alike
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.units.figure import (
     ANGLE_TOLERANCE,
@@ -19,7 +20,10 @@ from operator_app.units.figure import (
     POS_LIMIT,
     READING,
     SPAN,
+    Figure,
+    quantity_of,
 )
+from operator_app.units.numbers import significant
 from solver.chain.arm_model import ArmModel
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
@@ -162,6 +166,23 @@ def flexure_notices(
             "exact; if the maker's lengths are not, the sigmas are too small: calibrate again with "
             "--length-tolerance 1.5 (mm) and compare",
         ),
+    )
+
+
+def alike_notices(found: tuple[Alike, ...]) -> tuple[Notice, ...]:
+    """Say which placements are one and the same: whoever took them believes to know more than that."""
+    return tuple(_alike_notice(a) for a in found)
+
+
+def _alike_notice(found: Alike) -> Notice:
+    *first, last = map(str, found.numbers)
+    size = Figure(found.difference, quantity_of(found.parameter), digits=2).with_unit
+    return Notice(
+        code="SAME_PLACEMENT",
+        text=f"placements {', '.join(first)} and {last} of the fixture are the same within their sigmas "
+        f"({found.parameter.name} differs most: by {size}, {significant(found.sigmas, 2)} sigma): it was not "
+        "mounted anew between them, or is exactly where it was, and they tell no more than one placement with all "
+        "their poses does. Mount it elsewhere within its tolerance and take another placement",
     )
 
 

@@ -18,6 +18,7 @@ from operator_app.calibration.calibrated_arm import calibrated_arm, hand_accurac
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.hand_error import tip_sigma
 from operator_app.calibration.judgement import (
+    alike_notices,
     as_stated_notices,
     cause_notices,
     condition_notices,
@@ -34,6 +35,7 @@ from operator_app.calibration.judgement import (
     setup_notices,
 )
 from operator_app.calibration.loop import in_order, loop_of_poses, pick
+from operator_app.calibration.mounted_twice import alike
 from operator_app.calibration.noise import (
     error_model,
     first_of_each,
@@ -216,6 +218,8 @@ def calibrate(
     if len(which) != len(distinct):
         estimate, components = estimate.at_poses(which), components.at_poses(which)
     judged, some = whole.few(JUDGED)
+    closes = gross_misfit(whole) < GROSS
+    same = alike(model, whole.estimate) if closes else ()
     unknowns = tuple(p.name for p in hard.parameters)
     outliers = _outliers(whole, distinct)
     judged_paper = paper if estimator == "paper" else None
@@ -243,7 +247,7 @@ def calibrate(
             held=held,
             length_tolerance_m=length_tolerance_m,
         )
-        if gross_misfit(whole) < GROSS
+        if closes
         else ()
     )
     judgement = weigh(
@@ -300,6 +304,7 @@ def calibrate(
             *as_stated_notices(() if drop else blind, arm),
             *rival_notices(found),
             *flexure_notices(components, tuple(tolerance)),
+            *alike_notices(same),
             *outlier_notices(solution.outliers),
             *rvdt_notices(solution.rvdt),
             *cause_notices(judgement.causes),

@@ -49,6 +49,8 @@ def test_sockets_that_nobody_measured_are_no_reason_against_it(
         assert solution.verdict is Verdict.ACCEPTED
         assert solution.held == ("theta_off_1", "theta_off_7")
         assert len(solution.tolerated) > 15
+        # The block was moved between them: nobody is told that it was not.
+        assert "SAME_PLACEMENT" not in {n.code for n in solution.warnings}
 
 
 def test_what_a_ball_cannot_see_is_known_as_well_as_the_arms_file_states(

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from operator_app.config.degrees import degrees_for_file
 from operator_app.config.text import decode_text, only
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -308,32 +309,35 @@ def _clean(columns: FloatArray) -> FloatArray:
 
 def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:
     """Return the content of an arm file: geometry, ranges, speeds, torques as read; sensors assumed."""
-    degrees = np.rad2deg(chain.table.stacked()[[0, 3]])
-    middle = [0.5 * (j.lower_rad + j.upper_rad) for j in chain.joints]
+    # What geometry brings in rounding beyond these places is nobody's figure.
+    degrees = np.rad2deg(chain.table.stacked()[[0, 3]]).round(12)
+    lengths = np.stack((chain.table.s_m, chain.table.a_m)).round(13)
+    rows = np.column_stack((degrees[0], *lengths, degrees[1])).tolist()
+    joints = chain.joints
+    ranges = np.array([[j.lower_rad, j.upper_rad] for j in joints])
+    speeds = np.array([j.velocity_rad_per_s or ASSUMED_SPEED for j in joints])
+    stated = zip(joints, *(degrees_for_file(v).tolist() for v in (ranges, speeds)), strict=True)
     return {
         "schema": "sarcal/arm/1",
         "name": name,
         "dh": [
             {"row": k, "theta_off_deg": off, "s_m": s, "a_m": a, "alpha_deg": alpha}
-            for k, (off, s, a, alpha) in enumerate(
-                zip(degrees[0].tolist(), chain.table.s_m.tolist(), chain.table.a_m.tolist(),
-                    degrees[1].tolist(), strict=True), 1
-            )
+            for k, (off, s, a, alpha) in enumerate(rows, 1)
         ],
         "joints": [
             {
                 "joint": k,
                 "name": joint.name,
-                "range_deg": [math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)],
+                "range_deg": range_deg,
                 "sensor": {"kind": "encoder", "counts_per_rev": COUNTS_PER_REV},
-                "max_speed_deg_per_s": math.degrees(joint.velocity_rad_per_s or ASSUMED_SPEED),
+                "max_speed_deg_per_s": speed_deg,
                 "max_torque_nm": joint.effort_nm or ASSUMED_TORQUE_NM,
             }
-            for k, joint in enumerate(chain.joints, 1)
+            for k, (joint, range_deg, speed_deg) in enumerate(stated, 1)
         ],
-        "free": [f"theta_off_{k}" for k in range(1, len(chain.joints) + 1)],
-        "home_deg": [math.degrees(q) for q in middle],
-    }  # fmt: skip
+        "free": [f"theta_off_{k}" for k in range(1, len(joints) + 1)],
+        "home_deg": degrees_for_file(ranges.mean(axis=1)).tolist(),
+    }
 
 
 COUNTS_PER_REV = 400_000

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import sarcal
+import yaml
 from scipy.io import loadmat
 
 from operator_app.cli import main
@@ -18,6 +19,7 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.urdf import format_urdf, parse_urdf
 from solver.chain.kinematics import DhTable, forward
+from tests.oracles import lbr_iiwa
 from tests.oracles.panda import FOLDER as PANDA
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_quantised.csv"
@@ -215,3 +217,16 @@ def test_what_was_not_accepted_says_so_in_the_file(tmp_path: Path) -> None:
     assert main(["export", str(folder), "--format", "urdf", "--force", "a test"]) == 4
     assert "NOT ACCEPTED" in (folder / "arm.urdf").read_text()
     assert "Used: a test" in (folder / "arm.urdf").read_text()
+
+
+def test_a_makers_urdf_becomes_a_file_with_the_makers_figures(tmp_path: Path) -> None:
+    """A URDF has radians and steps between frames; the arm's data sheet has 120 deg and 420 mm."""
+    (tmp_path / "iiwa.urdf").write_text(lbr_iiwa.urdf())
+    made = tmp_path / "arm.yaml"
+    assert main(["new", "arm", "--urdf", str(tmp_path / "iiwa.urdf"), "-o", str(made)]) == 0
+    found = yaml.safe_load(made.read_text())
+    assert [abs(row["s_m"]) for row in found["dh"]] == list(lbr_iiwa.D_M)
+    assert {row["alpha_deg"] % 180.0 for row in found["dh"]} == {0.0, 90.0}
+    joints = found["joints"]
+    assert [j["range_deg"] for j in joints] == [[-r, r] for r in lbr_iiwa.RANGE_DEG]
+    assert [j["max_speed_deg_per_s"] for j in joints] == list(lbr_iiwa.SPEED_DEG_PER_S)

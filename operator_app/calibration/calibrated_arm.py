@@ -94,7 +94,32 @@ EVERYWHERE = 300
 """Poses over the joints' ranges: their rms is known to some 4 %."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandErrors:
+    """The hand before and after calibration at poses over the ranges of all joints.
+
+    Attributes
+    ----------
+    tip_m
+        Where it is by the calibrated arm, in the arm's base, (m, 3).
+    before_m, after_m
+        How far from there it was believed before, and one standard deviation of what is left, (m,).
+    """
+
+    tip_m: FloatArray
+    before_m: FloatArray
+    after_m: FloatArray
+
+
 def hand_accuracy(found: CalibratedArm, arm: ArmModel) -> HandAccuracy:
+    """Sum up how far off the hand is before and after calibration."""
+    errors = hand_errors(found, arm)
+    return HandAccuracy(
+        before=spread_of(errors.before_m), after=spread_of(errors.after_m), poses=EVERYWHERE
+    )
+
+
+def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
     """Compare the hand before and after calibration over the ranges of all joints.
 
     The poses follow an additive recurrence (Roberts' R_n: steps of powers of the root of
@@ -111,11 +136,11 @@ def hand_accuracy(found: CalibratedArm, arm: ArmModel) -> HandAccuracy:
     believed = replace(
         found, hand=_with(found.hand, {e.name: float(nominal[e.kind, e.row - 1]) for e in entries})
     )
-    moved = found.T_base(q)[:, :3, 3] - believed.T_base(q)[:, :3, 3]
-    return HandAccuracy(
-        before=spread_of(np.linalg.norm(moved, axis=-1)),
-        after=spread_of(found.tip_sigma_m(q)),
-        poses=EVERYWHERE,
+    tip = found.T_base(q)[:, :3, 3]
+    return HandErrors(
+        tip_m=tip,
+        before_m=np.linalg.norm(tip - believed.T_base(q)[:, :3, 3], axis=-1),
+        after_m=found.tip_sigma_m(q),
     )
 
 

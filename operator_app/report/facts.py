@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.checks import Checks
 from operator_app.calibration.judgement import Notice
 from operator_app.calibration.solution import Solution
@@ -119,6 +120,7 @@ def facts_of(
                 estimate,
                 beside=beside,
                 repeatability=_repeatability(solution),
+                sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
                 note=side_note(solution),
             ),
             causes_table(solution),

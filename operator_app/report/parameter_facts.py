@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 from operator_app.calibration.solution import Solution
-from operator_app.report.table import Cell, Table, figures, words
+from operator_app.report.table import Cell, Column, Table, figures, words
 from operator_app.units.figure import ANGLE, LENGTH, Figure, Key, Quantity, quantity_of
 from operator_app.units.numbers import (
     NOT_KNOWN,
@@ -57,15 +57,20 @@ def parameter_table(
     *,
     beside: Estimate | None = None,
     repeatability: FloatArray | None = None,
+    sides: Mapping[str, str] | None = None,
     nominal_key: bool = True,
     note: str = "",
 ) -> Table:
-    """Nominal, identified, change, sigma and interval, what the other estimator identified beside them."""
+    """Nominal, identified, change, sigma and interval, what the other estimator identified beside them.
+
+    `sides` says of each whose it is: the arm's, the ground's, the hand's.
+    """
     own = f"{estimate.estimator} (chosen)"
     columns = [*words("parameter", "unit"), *figures("nominal")]
     columns += figures("identified", "change", "sigma", group=own)
     columns += figures("type A", group=own) if repeatability is not None else ()
     columns += figures("95 % from", "to", group=own, detail=True)
+    columns += (Column("of the", words=True, detail=True),) if sides is not None else ()
     if beside is not None:
         columns += figures("identified", group=beside.estimator)
     places, round_places = precision(estimate), nominal_places(estimate.parameters)
@@ -98,6 +103,8 @@ def parameter_table(
             figure(bounds[k].low, ("interval_95", name, 0)),
             figure(bounds[k].high, ("interval_95", name, 1)),
         ]
+        if sides is not None:
+            row.append(sides[name])
         if beside is not None:
             row.append(_beside(p, n, beside))
         rows.append(tuple(row))

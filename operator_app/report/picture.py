@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from operator_app.units.numbers import fixed, significant
@@ -40,7 +40,9 @@ class Axis:
         step = self.ticks[1] - self.ticks[0] if len(self.ticks) > 1 else 1.0
         largest = max(abs(t) for t in self.ticks)
         if largest >= 1e5 or step < 1e-4:
-            return tuple(significant(t, 2) for t in self.ticks)
+            # As many digits as tell neighbours apart.
+            digits = math.floor(math.log10(largest / step) + 1e-9) + 1 if largest > 0.0 else 1
+            return tuple(significant(t, max(2, digits)) for t in self.ticks)
         places = max(0, -math.floor(math.log10(step) + 1e-9))
         return tuple(fixed(t, places) for t in self.ticks)
 
@@ -69,6 +71,34 @@ def axis(
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     marks = tuple(k * step + 0.0 for k in range(first, last + 1))
     return Axis(label=label, unit=unit, low=low, high=high, ticks=marks)
+
+
+def map_axes(
+    labels: tuple[str, str],
+    x: Iterable[float],
+    y: Iterable[float],
+    *,
+    unit: str,
+    aspect: float,
+) -> tuple[Axis, Axis]:
+    """Return two axes of one scale that hold all values in a frame of this width over height."""
+    across, up = axis(labels[0], x, unit=unit), axis(labels[1], y, unit=unit)
+    width, height = across.high - across.low, up.high - up.low
+    size = max(width, aspect * height)
+    step = _round_step(size / 6.0, whole=False)
+    return (
+        _about(across, size, step),
+        _about(up, size / aspect, step),
+    )
+
+
+def _about(axis: Axis, size: float, step: float) -> Axis:
+    """Return an axis of this size about the same middle, with a tick every `step`."""
+    middle = 0.5 * (axis.low + axis.high)
+    low, high = middle - 0.5 * size, middle + 0.5 * size
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    marks = tuple(k * step + 0.0 for k in range(first, last + 1))
+    return replace(axis, low=low, high=high, ticks=marks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,7 +155,10 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marks:
-    """Points. `class_` is a colour: ``a``, ``b``, ``c``; `tips` say what each point is."""
+    """Points. `class_` is a colour: ``a``, ``b``, ``c``; `tips` say what each point is.
+
+    `sizes` are areas, 1 the largest; empty: all are of the usual size.
+    """
 
     x: Sequence[float]
     y: Sequence[float]
@@ -133,6 +166,7 @@ class Marks:
     class_: str = "a"
     label: str = ""
     tips: Sequence[str] = ()
+    sizes: Sequence[float] = ()
 
 
 Layer = Band | Line | Marks
@@ -140,7 +174,10 @@ Layer = Band | Line | Marks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A plot: its name, what it shows in words, axes, and layers, the first ones below."""
+    """A plot: its name, what it shows in words, axes, and layers, the first ones below.
+
+    `aspect` is width over height of its frame; 0: that is the renderer's affair.
+    """
 
     ident: str
     title: str
@@ -148,3 +185,4 @@ class Picture:
     x: Axis
     y: Axis
     layers: Sequence[Layer]
+    aspect: float = 0.0

@@ -54,7 +54,7 @@ def plots(drawn: Iterable[Html]) -> Html:
 
 def remark(*words: str) -> Html:
     """Return a paragraph that explains."""
-    return element("p", *(w if isinstance(w, Html) else typeset(w) for w in words), class_="muted")
+    return element("p", *(w if isinstance(w, Html) else prose(w) for w in words), class_="muted")
 
 
 def bullets(points: Iterable[str]) -> Html:
@@ -72,6 +72,9 @@ def prose(words: str) -> Html:
     parts: list[str] = []
     end = 0
     for found in OPTION.finditer(words):
-        parts += [words[end : found.start()], element("code", found.group(), class_="whole")]
+        parts += [
+            typeset(words[end : found.start()]),
+            element("code", found.group(), class_="whole"),
+        ]
         end = found.end()
-    return join([*parts, words[end:]])
+    return join([*parts, typeset(words[end:])])

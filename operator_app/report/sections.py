@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.report import figures, pictures
+from operator_app.report import before_after, figures, pictures
 from operator_app.report.markup import Html, element, join
 from operator_app.report.page_table import table_html
 from operator_app.report.section import (
@@ -63,18 +63,25 @@ METHOD_WORDS = (
 )
 HEADINGS = {
     "parameters": "Parameters",
+    "causes": "What may be wrong",
     "dh": "D-H table",
+    "hand": "How far off the hand may be",
+    "accuracy": "Before and after",
+    "trend": "Condition number, pose by pose",
     "determined": "How well the poses determine them",
     "closure": "Residuals by pose",
+    "estimators": "Both estimators",
     "jackknife": "Jackknife",
     "noise": "Noise found with the parameters",
+    "rvdt-remedy": "Corrections of RVDT readings",
     "budget": "Uncertainty budget",
+    "halving": "What narrows the widest sigmas",
     "tolerated": "Corrected lengths and twists",
     "tests": "Tests",
     "observability": "Observability",
     "correlations": "Correlations",
 }
-"""Headings of tables that share their section with something else; others are headed by their title."""
+"""Headings where the table's title is long, or its section holds something else as well."""
 
 
 def sections_of(subject: Subject) -> tuple[Section, ...]:
@@ -107,6 +114,8 @@ def _of_table(subject: Subject, estimate: Estimate, table: Table) -> Section:
     match table.ident:
         case "parameters":
             content.append(remark(_about_sigmas(subject, estimate)))
+        case "accuracy":
+            content += _before_and_after(subject)
         case "trend" if subject.solution is not None:
             limit = subject.procedure.acceptance.scaled_condition_number
             trend = pictures.condition_trend(subject.solution.seen.trend, limit)
@@ -119,6 +128,20 @@ def _of_table(subject: Subject, estimate: Estimate, table: Table) -> Section:
             content += [remark(CLOSURE_WORDS), plots(map(figures.drawn, shown))]
     title = HEADINGS.get(table.ident, table.title)
     return Section(ident=table.ident, title=title, content=tuple(content))
+
+
+def _before_and_after(subject: Subject) -> list[str]:
+    """Pairs of pictures side by side, each with its remark."""
+    if subject.solution is None:
+        return []
+    pairs = (
+        before_after.hand_pair(subject.solution, subject.procedure.arm),
+        before_after.arm_pair(subject),
+    )
+    content: list[str] = []
+    for pair in filter(None, pairs):
+        content += [plots(map(figures.drawn, (pair.before, pair.after))), remark(pair.note)]
+    return content
 
 
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:

@@ -20,6 +20,7 @@ LIGHT = {
     "bad": "#a8202a",
     "warn": "#7f5200",
     "band": "#dfe8f1",
+    "shade": "rgb(28 33 38/.22)",
     "plus": "11 92 158",
     "minus": "176 84 0",
 }
@@ -36,6 +37,7 @@ DARK = {
     "bad": "#ff8d8a",
     "warn": "#e3b04b",
     "band": "#263442",
+    "shade": "rgb(0 0 0/.75)",
     "plus": "111 179 238",
     "minus": "240 163 94",
 }
@@ -100,7 +102,11 @@ nav ul{{list-style:none;display:flex;flex-wrap:wrap;gap:2px 16px;padding:0;max-w
 ul.warnings{{list-style:none;padding:0}}
 ul.warnings li{{border-left:3px solid var(--warn);padding:2px 0 2px 12px;margin:8px 0}}
 ul.warnings .glyph,.warn{{color:var(--warn)}}
-.scroll{{overflow-x:auto;margin:10px 0}}
+.scroll{{overflow-x:auto;margin:10px 0;
+ background:linear-gradient(to right,var(--page) 35%,transparent) left/44px 100% no-repeat local,
+ linear-gradient(to left,var(--page) 35%,transparent) right/44px 100% no-repeat local,
+ linear-gradient(to right,var(--shade),transparent) left/11px 100% no-repeat,
+ linear-gradient(to left,var(--shade),transparent) right/11px 100% no-repeat}}
 table{{border-collapse:collapse;font-size:.88rem;line-height:1.3}}
 caption{{text-align:left;font-size:.85rem;padding:2px 0 5px}}
 caption span{{display:inline-block;position:sticky;left:0;max-width:calc(100vw - 30px)}}
@@ -138,6 +144,7 @@ svg .axis,svg .legend{{fill:var(--text)}}
 .rug{{stroke:var(--accent);stroke-width:.7;stroke-opacity:.75}}
 .line{{fill:none;stroke-width:1.4}}
 .line.a{{stroke:var(--accent)}}.line.b{{stroke:var(--second)}}
+.line.gap{{stroke:var(--bad);stroke-width:2}}
 .line.dashed{{stroke:var(--muted);stroke-dasharray:4 3}}
 .stem{{stroke-width:.8;stroke-opacity:.6}}.stem.a{{stroke:var(--accent)}}.stem.c{{stroke:var(--second)}}
 .mark.a{{fill:var(--accent)}}
@@ -152,7 +159,10 @@ footer{{margin:36px auto 30px;color:var(--muted);font-size:.85rem}}
  svg.plot{{font-size:11px}}
  dl.facts{{grid-template-columns:1fr;gap:0}}
  dl.facts dd{{margin-bottom:5px}}
- th,td{{padding:3px 7px}}
+ th,td{{padding:3px 5px}}
+ td:not(.n),tbody th{{white-space:normal}}
+ tbody th{{min-width:5.5em}}
+ .remark{{min-width:0}}
 }}
 @media print{{
  @page{{size:A4;margin:13mm 12mm}}
@@ -162,13 +172,13 @@ footer{{margin:36px auto 30px;color:var(--muted);font-size:.85rem}}
  main,header,footer{{max-width:none;padding:0}}
  nav,.skip{{display:none}}
  h2{{margin-top:14px}}
- h2,h3,caption{{break-after:avoid}}
+ h2,h3,caption,tbody tr:nth-child(-n+2){{break-after:avoid}}
  table{{font-size:7.4pt}}
  th,td{{padding:1.5px 5px}}
  table.correlations td,table.correlations th{{font-size:6.4pt;padding:1.5px 2.5px}}
  thead{{display:table-header-group}}
  table.correlations,tr,figure,.tiles,.verdict,li,dl.facts{{break-inside:avoid}}
- .scroll{{overflow:visible;margin:6px 0}}
+ .scroll{{overflow:visible;margin:6px 0;background:none}}
  .plots{{grid-template-columns:1fr 1fr;gap:8px 18px}}
  .tiles{{grid-template-columns:repeat(6,1fr)}}
  .tiles dd{{font-size:12pt}}

@@ -13,18 +13,21 @@ from operator_app.report.markup import Html, element, join
 from operator_app.report.picture import Axis, Band, Layer, Line, Marks, Picture, Shape
 from operator_app.units.numbers import typeset
 
-WIDTH = 360.0
+WIDTH, HEIGHT = 360.0, 196.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 22.0, 34.0
-CHARACTER = 5.6
-"""Mean width of a character of plot text."""
+LARGEST_MARK = 5.0
+"""Radius of a mark whose area is 1."""
+CHARACTER = 6.2
+"""Mean width of a character of plot text, on a phone."""
 
 
-def plot(of: Picture, height: float = 196.0) -> Html:
+def plot(of: Picture) -> Html:
     """Draw layers, first ones below, in one frame."""
     x, y, layers = of.x, of.y, of.layers
+    height = HEIGHT if of.aspect == 0.0 else (WIDTH - LEFT - RIGHT) / of.aspect + TOP + BOTTOM
     right, bottom = WIDTH - RIGHT, height - BOTTOM
     parts = [*_grid(x, y, right, bottom)]
-    size = _mark_size(
+    usual = _mark_size(
         max((len(layer.x) for layer in layers if isinstance(layer, Marks)), default=0)
     )
     for layer in layers:
@@ -41,6 +44,7 @@ def plot(of: Picture, height: float = 196.0) -> Html:
                 if math.isfinite(a) and math.isfinite(b):
                     tip = layer.tips[k] if layer.tips else ""
                     centre = x.place(a, LEFT, right), y.place(b, bottom, TOP)
+                    size = LARGEST_MARK * math.sqrt(layer.sizes[k]) if layer.sizes else usual
                     parts.append(mark(layer.shape, *centre, size, layer.class_, tip))
     parts.append(_legend(layers, right))
     parts.append(label(y.title, 2.0, 12.0, class_="axis"))

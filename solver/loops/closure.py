@@ -248,7 +248,14 @@ class ClosureModel(ABC):
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points of the arm (k, 3), m, and its fixture's axis (3,), in the base frame; None: no picture."""
+        """Points of the arm (k, 3), m, and its fixture's axis (3,), in the base frame; None: no picture.
+
+        The last point is what the fixture holds; an axis of length zero is none.
+        """
+        return None
+
+    def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Where the fixture stands and its axis there (3,), as `drawn` sees it; None: no picture."""
         return None
 
 

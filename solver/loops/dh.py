@@ -185,6 +185,13 @@ class DhLoop(ArmLoop):
         R_0, p_0 = frames.axes[0, 1], frames.origins_m[0, 1]
         return (frames.origins_m[0, 1:] - p_0) @ R_0, frames.axes[0, -1, :, 2] @ R_0
 
+    def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Origin and z axis of frame -1, which no joint moves as frame 0 sees it."""
+        still = np.zeros(self.joint_count)
+        frames = self.frames(x, still[None, :], np.zeros((1, len(self.unsensed_rows))))
+        R_0, p_0 = frames.axes[0, 1], frames.origins_m[0, 1]
+        return -p_0 @ R_0, R_0[2]
+
 
 def _hinge_angle(at_zero: Frames) -> FloatArray:
     """theta_0 (...) that brings R21 to zero, from frames with the hinge at zero: eq. 12."""

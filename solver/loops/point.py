@@ -107,6 +107,16 @@ class PointClosure(ArmLoop):
         ground = (c[0] * x - s[0] * y, s[0] * x + c[0] * y, z + table.s_m[0])
         return dict(zip(TIP + GROUND, map(float, (*tip, *ground)), strict=True))
 
+    def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Origins of frames 0..n and the ball's centre (n + 2, 3), for joint angles `q` (n,)."""
+        frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
+        ball = frames.p_end[0] + frames.R_end[0] @ self.own_values(x)[0, :3]
+        return np.concatenate((frames.origins_m[0], ball[None, :])), np.zeros(3)
+
+    def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Centre of the socket."""
+        return self.own_values(x)[0, 3:], np.zeros(3)
+
     def tip_position(self, x: FloatArray, q: FloatArray) -> FloatArray:
         """Centre of the ball in the base frame for every pose (..., m, 3), m.
 

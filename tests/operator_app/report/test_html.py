@@ -18,6 +18,7 @@ import pytest
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.headless.runner import run
+from operator_app.report.before_after import arm_pair, hand_pair
 from operator_app.report.html import report_html
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.session.calibrated import calibrated, checked
@@ -249,6 +250,56 @@ def test_closure_before_and_after_in_both_readings(page: object, subject: Subjec
     outside = subject.checks.held_out.sigmas
     assert held_out[0] == pytest.approx(1e3 * outside.position_m.rms, rel=1e-3)
     assert held_out[2] == pytest.approx(1e3 * outside.orientation_rad.rms, rel=1e-3)
+
+
+def test_before_and_after_stand_side_by_side(page: object, subject: Subject) -> None:
+    assert subject.solution is not None
+    assert subject.solution.accuracy is not None
+    hand = hand_pair(subject.solution, subject.procedure.arm)
+    arm = arm_pair(subject)
+    assert hand is not None
+    assert arm is not None
+    for pair in (hand, arm):
+        assert (pair.before.x, pair.before.y) == (pair.after.x, pair.after.y)
+        for picture in (pair.before, pair.after):
+            assert picture.title in page.text
+            assert picture.x.high - picture.x.low == pytest.approx(
+                picture.aspect * (picture.y.high - picture.y.low)
+            )
+    # The largest mark is of area 1, all others in proportion to what the table sums up.
+    worst = subject.solution.accuracy.before.worst
+    for picture, spread in (
+        (hand.before, subject.solution.accuracy.before),
+        (hand.after, subject.solution.accuracy.after),
+    ):
+        (marks,) = picture.layers
+        assert max(marks.sizes) * worst == pytest.approx(spread.worst)
+        assert np.sqrt(np.mean(np.square(marks.sizes))) * worst == pytest.approx(spread.rms)
+        said = re.search(r", rms ([\d.]+) mm$", picture.title)
+        assert said is not None
+        assert float(said[1]) == pytest.approx(1e3 * spread.rms, rel=5e-3)
+    # The gap is that of the pose's loop, from the table of poses.
+    number_, size = re.fullmatch(
+        r"After: the loop of pose (\d+) stays open by ([\d.]+) mm", arm.after.title
+    ).groups()
+    (row,) = (row for row in page.rows("Captured poses") if row[0] == number_)
+    assert number(size) == pytest.approx(number(row[10]), rel=5e-3)
+    before = float(arm.before.title.split()[-2])
+    assert before > 3.0 * number(size)
+    # Chain and gap are drawn to scale.
+    factor = re.search(r"drawn (\d+) times", arm.after.description + arm.before.title + arm.note)
+    times = 1.0 if factor is None else float(factor[1])
+    (gap,) = (layer for layer in arm.before.layers if layer.label == "gap")
+    assert np.hypot(np.ptp(gap.x), np.ptp(gap.y)) <= 1.01 * times * before
+
+
+def test_of_whose_parameter_it_is_the_page_says(page: object, subject: Subject) -> None:
+    whose = {row[0]: row[9] for row in page.rows("Identified parameters")}
+    assert whose["theta_off_3"] == "arm"
+    assert (whose["a_0"], whose["theta_off_1"]) == ("ground", "ground")
+    assert (whose["alpha_7"], whose["theta_off_7"]) == ("hand", "hand")
+    assert subject.facts is not None
+    assert subject.facts.data["side"] == whose
 
 
 def test_poses_and_joints_are_all_there(page: object, subject: Subject) -> None:

@@ -10,7 +10,7 @@ from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.closing import close_loops, left_null_space, reduced_jacobian
 from solver.loops.closure import nearest_equivalent, poses_needed
 from solver.loops.dh import DhLoop
-from tests.oracles.loop_oracle import Truth, closed_poses, closure_rates
+from tests.oracles.loop_oracle import Truth, closed_poses, closure_rates, product
 from tests.oracles.pinocchio_chain import PinocchioChain
 from tests.solver.conftest import NAMES, loop_of
 
@@ -31,6 +31,25 @@ def perturbed(model: DhLoop, size: float, seed: int = 0) -> np.ndarray:
 def central(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
     steps = h * np.eye(len(x))
     return np.stack([(f(x + d) - f(x - d)) / (2.0 * h) for d in steps], axis=-1)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.01, 0.3])
+def test_what_is_drawn_is_as_far_apart_as_the_loop_is_open(
+    truth: Truth, closed: np.ndarray, size: float
+) -> None:
+    model = loop_of(truth)
+    x = perturbed(model, size)
+    pin_m, axis = model.stands_at(x)
+    table = model.tables(x)
+    for angles in closed:
+        points, hand_axis = model.drawn(x, angles[1:])
+        # Seen in frame 0: the hinge is before it, whatever its angle.
+        T = product(np.concatenate(([0.0], angles[1:])) + table[0], *table[1:])
+        assert np.linalg.norm(points[-1] - pin_m) == pytest.approx(
+            np.linalg.norm(T[:3, 3]), abs=1e-12
+        )
+        assert hand_axis @ axis == pytest.approx(T[2, 2], abs=1e-12)
+        assert len(points) == 8
 
 
 @pytest.mark.parametrize("names", [NAMES, ALL_ENTRIES])

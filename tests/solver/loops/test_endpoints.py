@@ -41,6 +41,11 @@ def test_the_ball_is_where_the_matrices_put_it():
     np.testing.assert_allclose(model.reduced(x, q).residual, expected - ground, atol=1e-14)
     np.testing.assert_allclose(model.tip_position(x, q), expected, atol=1e-14)
     assert model.reduced(x, q).rotation_rows == 0
+    points, axis = model.drawn(x, q[0])
+    np.testing.assert_allclose(points[-1], expected[0], atol=1e-14)
+    np.testing.assert_array_equal(model.stands_at(x)[0], ground)
+    assert len(points) == 8
+    assert not axis.any()
 
 
 def test_the_measured_endpoint_is_where_the_matrices_put_it():

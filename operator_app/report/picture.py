@@ -41,7 +41,7 @@ class Axis:
         largest = max(abs(t) for t in self.ticks)
         if largest >= 1e5 or step < 1e-4:
             # As many digits as tell neighbours apart.
-            digits = math.floor(math.log10(largest / step) + 1e-9) + 1 if largest > 0.0 else 1
+            digits = math.floor(math.log10(largest)) - math.floor(math.log10(step) + 1e-9) + 1
             return tuple(significant(t, max(2, digits)) for t in self.ticks)
         places = max(0, -math.floor(math.log10(step) + 1e-9))
         return tuple(fixed(t, places) for t in self.ticks)

@@ -6,6 +6,7 @@ import math
 import xml.etree.ElementTree as ET
 
 import pytest
+from hypothesis import example as such_as
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +18,7 @@ NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda v: v == 0.0 or abs
 
 
 @given(st.lists(NUMBERS, max_size=12), st.booleans())
+@such_as([199164480.0, 176843063.0], False)
 def test_an_axis_holds_its_values_and_has_a_few_round_ticks(
     values: list[float], symmetric: bool
 ) -> None:

@@ -3,17 +3,17 @@
 The document is what its file holds, in the units of the file (degrees, metres, millimetres,
 milliradians), so that writing and reading it changes no bit. `ParametersDocument.table` gives SI.
 What is made here in a program is checked as it is written, what is read as it is read. Version 1 had no `side`,
-no `rvdt` and no `forced`.
+no `rvdt` and no `forced`; version 2 was first without `correlations` and `budget`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -26,6 +26,12 @@ from pydantic import (
     field_validator,
 )
 
+from operator_app.config.parameter_uncertainty import (
+    Budget,
+    Correlations,
+    complaints_of_budget,
+    complaints_of_correlations,
+)
 from operator_app.config.quantities import (
     AngleDeg,
     Count,
@@ -39,9 +45,12 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.schema import StrictRecord, check_numbered, report
+from operator_app.config.yaml_document import Path
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
+
+M = TypeVar("M")
 
 CHANGED_IN_ONE_PLACE = "the document was changed in one place only"
 UTC_FORM = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z"
@@ -242,6 +251,12 @@ class ParametersDocument(StrictRecord):
         fixture's where that is a D-H link (hinge, rigid), and all zero where it is none (ball).
     pose_set_sha256
         `solver.chain.poses.PoseSet.sha256` of the poses.
+    correlations
+        Of each calibrated entry but the first: with every one that is listed before it, in their order. With
+        the sigmas this is the whole covariance.
+    budget
+        Of each calibrated entry, by source of error: its share of the variance. Lengths and twists that were
+        corrected within a tolerance have none.
     rvdt
         Of each RVDT that the poses could judge: what to correct its readings by.
     forced
@@ -259,6 +274,8 @@ class ParametersDocument(StrictRecord):
     quality: Quality
     warnings: tuple[DocumentWarning, ...]
     pose_set_sha256: Sha256
+    correlations: Correlations = field(default_factory=dict)
+    budget: Budget = field(default_factory=dict)
     rvdt: tuple[RvdtRemedy, ...] = ()
     forced: ExactText | None = None
 
@@ -330,6 +347,16 @@ class ParametersDocument(StrictRecord):
                 )
         return value
 
+    @field_validator("correlations")
+    @classmethod
+    def _correlations_fit(cls, value: Correlations, info: ValidationInfo) -> Correlations:
+        return _fitting(value, info, complaints_of_correlations)
+
+    @field_validator("budget")
+    @classmethod
+    def _budget_fits(cls, value: Budget, info: ValidationInfo) -> Budget:
+        return _fitting(value, info, complaints_of_budget)
+
     @field_validator("rvdt")
     @classmethod
     def _rvdt_fits(
@@ -355,6 +382,19 @@ class ParametersDocument(StrictRecord):
             text = f"rank {value.rank} for {len(calibrated)} calibrated entries"
             report(info, ("quality", "rank"), text, CHANGED_IN_ONE_PLACE)
         return value
+
+
+def _fitting(
+    value: M,
+    info: ValidationInfo,
+    complaints: Callable[[M, Sequence[str]], Iterable[tuple[Path, str, str]]],
+) -> M:
+    """Note what of a mapping does not fit the entries that are listed as calibrated."""
+    calibrated = info.data.get("calibrated")
+    if calibrated is not None:
+        for place, text, remedy in complaints(value, [part.entry for part in calibrated]):
+            report(info, (str(info.field_name), *place), text, remedy)
+    return value
 
 
 def _entry_complaints(

@@ -117,7 +117,7 @@ def _type(spec: Mapping[str, Any], models: Mapping[str, Any]) -> str:
         case "array":
             return f"list of: {_type(spec['items'], models)}"
         case "object":
-            return "mapping"
+            return f"mapping to: {_type(spec.get('additionalProperties') or {}, models)}"
         case "number" | "integer" as number:
             return _number(spec, "number" if number == "number" else "whole number")
         case "boolean":

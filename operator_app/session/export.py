@@ -18,6 +18,7 @@ from hardware.arm import Arm, UploadReceipt
 from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.remedy import ReadingTable, measured_offsets, reading_tables
 from operator_app.calibration.solution import Solution
+from operator_app.config.parameter_uncertainty import budget_of, correlations_of
 from operator_app.config.parameters import (
     CalibratedEntry,
     Correction,
@@ -79,6 +80,9 @@ def document_of(
         for p, s in zip(model.parameters, estimate.standard_deviation[columns], strict=True)
         if p.name not in own
     )
+    where = dict(zip((p.name for p in model.parameters), columns.tolist(), strict=True))
+    listed = {part.entry: where[part.entry] for part in calibrated}
+    rows = list(listed.values())
     return ParametersDocument(
         arm=WhichArm(model=arm.name, serial=state.serial_number),
         joints=joints_from_table(arm, table, calibrated),
@@ -101,11 +105,26 @@ def document_of(
         ),
         estimator=estimate.estimator,
         pose_set_sha256=state.pose_set().sha256(),
+        correlations=correlations_of(tuple(listed), estimate.covariance[np.ix_(rows, rows)]),
+        budget=_budget(solution, listed),
         rvdt=tuple(map(_remedy, reading_tables(solution))),
         forced=" ".join(forced.split()) or None,
         software_version=version("sarcal"),
         utc=utc,
     )
+
+
+def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
+    """Shares of the variance of what was identified; a corrected length's is mostly its own tolerance."""
+    if solution.components is None:
+        return {}
+    estimate = solution.estimate
+    rows = {
+        n: k for n, k in listed.items() if estimate.parameters[k].name not in solution.tolerated
+    }
+    where = list(rows.values())
+    parts = {source: part[where] for source, part in solution.components.budget.items()}
+    return budget_of(tuple(rows), np.diagonal(estimate.covariance)[where], parts)
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 from typing import Any, get_args
 
@@ -19,7 +20,14 @@ HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 PROCEDURE = resolve("procedure", "hinge").data.decode()
 PROFILE = resolve("profile", "sarcos").data.decode()
-PARAMETERS = format_parameters(make_document()).decode()
+PARAMETERS = format_parameters(
+    replace(
+        make_document(without=("theta_off_3", *(f"theta_off_{j}" for j in range(4, 8)), "a_0", "s_0",
+                               "alpha_0", "s_1", "a_7", "s_7", "alpha_7")),
+        correlations={"theta_off_2": (-0.5,)},
+        budget={"theta_off_1": {"lengths": 0.25, "sag": 0.75}},
+    )
+).decode()  # fmt: skip
 
 
 def found(kind: Any, text: str) -> list[str]:
@@ -73,6 +81,9 @@ BAD = [
     ("parameters", PARAMETERS, "estimator: implicit", "estimator: best"),
     ("parameters", PARAMETERS, "utc: ", "utc: at "),
     ("parameters", PARAMETERS, "sigma_deg: 0.001", "sigma_deg: -0.001"),
+    ("parameters", PARAMETERS, "[-0.5]", "[-1.5]"),
+    ("parameters", PARAMETERS, "[-0.5]", "[none]"),
+    ("parameters", PARAMETERS, "sag: 0.75", "sag: 1.75"),
 ]
 
 

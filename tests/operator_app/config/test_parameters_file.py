@@ -16,9 +16,12 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hardware.objects import MAX_JOINTS
+from hardware.virtual.sdo_server import LONGEST_DOCUMENT
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import load_fixture
+from operator_app.config.parameter_uncertainty import budget_of, correlations_of
 from operator_app.config.parameters import (
     CalibratedEntry,
     Correction,
@@ -238,6 +241,7 @@ def test_version_1_is_still_read_and_has_neither_side_nor_correction() -> None:
     assert found == document()
     assert {entry.side for entry in found.calibrated} == {None}
     assert found.rvdt == ()
+    assert (found.correlations, found.budget) == ({}, {})
 
 
 def with_a_remedy() -> ParametersDocument:
@@ -281,6 +285,88 @@ def test_one_mistake_in_a_remedy_gives_one_complaint(
         parse_parameters(good.replace(old, new, 1).encode())
     assert [p.key for p in caught.value.problems] == [key], str(caught.value)
     assert says in str(caught.value)
+
+
+def with_correlations() -> ParametersDocument:
+    names = [entry.entry for entry in document().calibrated]
+    rng = np.random.default_rng(3)
+    spread = rng.normal(size=(len(names), len(names)))
+    covariance = spread @ spread.T
+    parts = {
+        "lengths": 0.25 * np.diagonal(covariance),
+        "fixture_give": 0.75 * np.diagonal(covariance),
+    }
+    return replace(
+        document(),
+        correlations=correlations_of(names, covariance),
+        budget=budget_of(names, np.diagonal(covariance), {**parts, "sag": np.zeros(len(names))}),
+    )
+
+
+def test_correlations_and_budget_read_back_the_same() -> None:
+    written = format_parameters(with_correlations())
+    assert parse_parameters(written) == with_correlations()
+    data = yaml.safe_load(written)
+    assert list(data["correlations"]) == [e["entry"] for e in data["calibrated"]][1:]
+    assert [len(row) for row in data["correlations"].values()] == list(range(1, 14))
+    assert data["budget"]["theta_off_1"] == {"lengths": 0.25, "fixture_give": 0.75}
+
+
+def test_a_parameter_without_variance_goes_with_none_and_has_no_budget() -> None:
+    covariance = np.diag([4.0, 0.0, 1.0])
+    covariance[0, 2] = covariance[2, 0] = -1.0
+    assert correlations_of(("a", "b", "c"), covariance) == {"b": (0.0,), "c": (-0.5, 0.0)}
+    parts = {"lengths": np.array([1.0, 0.0, 1.0]), "sag": np.array([3.0, 0.0, 0.0])}
+    assert budget_of(("a", "b", "c"), np.diagonal(covariance), parts) == {
+        "a": {"lengths": 0.25, "sag": 0.75},
+        "c": {"lengths": 1.0},
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "says"),
+    [
+        ("  theta_off_3: [", "  theta_off_3: [0.5, ", "correlations.theta_off_3", "has 3 correlations, 2 entries"),
+        ("  theta_off_3: [", "  theta_off_9: [", "correlations", "after the first, in their order"),
+        ("  theta_off_3: [", "  theta_off_3: [1", "correlations.theta_off_3[1]", "at most 1"),
+        ("{lengths: 0.25,", "{lengths: 1.25,", "budget.theta_off_1.lengths", "at most 1"),
+        ("{lengths: 0.25,", "{lengths: 0.2,", "budget.theta_off_1", "add up to 0.95, not 1"),
+        ("  theta_off_1: {lengths", "  theta_off_8: {lengths", "budget.theta_off_8", "not listed as calibrated"),
+    ],
+)  # fmt: skip
+def test_one_mistake_in_them_gives_one_complaint(old: str, new: str, key: str, says: str) -> None:
+    good = format_parameters(with_correlations()).decode()
+    assert old in good
+    with pytest.raises(ConfigError) as caught:
+        parse_parameters(good.replace(old, new, 1).encode())
+    assert [p.key for p in caught.value.problems] == [key], str(caught.value)
+    assert says in str(caught.value)
+    assert caught.value.problems[0].line is not None
+
+
+def test_the_longest_document_there_can_be_fits_into_a_slot() -> None:
+    """As many joints as a bus has, every entry calibrated, sixteen sources in each budget."""
+    n = MAX_JOINTS
+    names = [f"{kind}_{k}" for kind in ("theta_off", "s", "a", "alpha") for k in range(n + 1)]
+    odd = 1.0 / 3.0
+    rows = tuple(
+        DhRow(row=k, theta_off_deg=odd, s_m=odd, a_m=odd, alpha_deg=odd) for k in range(n + 1)
+    )
+    rng = np.random.default_rng(4)
+    spread = rng.normal(size=(len(names), len(names)))
+    variance = np.ones(len(names))
+    longest = replace(
+        document(),
+        joints=tuple(
+            JointParameters(joint=k, theta_off_deg=odd, sigma_deg=odd, home_offset_counts=-(2**31))
+            for k in range(1, n + 1)
+        ),
+        dh=rows,
+        calibrated=tuple(CalibratedEntry.of(name, odd, "ground") for name in names),
+        correlations=correlations_of(names, -spread @ spread.T),
+        budget=budget_of(names, variance, {f"a_long_source_{k}": variance / 16 for k in range(16)}),
+    )
+    assert len(format_parameters(longest)) < LONGEST_DOCUMENT / 2
 
 
 @pytest.mark.parametrize(

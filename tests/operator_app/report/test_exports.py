@@ -189,6 +189,19 @@ def test_csv_json_mat_and_yaml_hold_the_same_numbers(
         assert mat["value_rad_or_m"][k] == pytest.approx(in_si, rel=1e-12)
         assert scale * sigmas[name] == pytest.approx(float(row["sigma"]), rel=1e-9)
         assert row["side"] == said["side"][name] == mat["side"][k]
+    listed, names = [e.entry for e in document.calibrated], list(rows)
+    for k, name in enumerate(names):
+        for j, other in enumerate(names):
+            late, early = (
+                (name, other) if listed.index(name) > listed.index(other) else (other, name)
+            )
+            if late != early:
+                found = document.correlations[late][listed.index(early)]
+                assert found == pytest.approx(said["correlations"][k][j], abs=6e-6)
+    assert document.budget.keys() == said["budget"].keys() == set(names)
+    for name, shares in document.budget.items():
+        for source, share in said["budget"][name].items():
+            assert shares.get(source, 0.0) == pytest.approx(share, abs=6e-5)
     assert [r["side"] for n, r in rows.items() if n in ("theta_off_1", "theta_off_2", "a_7")] == [
         "ground", "arm", "hand",
     ]  # fmt: skip

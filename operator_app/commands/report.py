@@ -35,6 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shown.add_argument(
         "--json", action="store_true", help="print the object of sarcal run --json instead"
     )
+    shown.add_argument(
+        "--plots",
+        type=Path,
+        metavar="FOLDER",
+        help="write figures for a paper there instead, as PDF and PNG (needs the extra [plots])",
+    )
     estimator_options(parser)
     sessions_option(parser)
 
@@ -69,6 +75,8 @@ def execute(args: argparse.Namespace) -> int:
     )
     if args.json or args.text:
         _print(args, subject, opening.folder, state)
+    elif args.plots is not None:
+        _draw(args.plots, subject)
     else:
         _write(args, subject, opening.folder)
     if subject.solution is None:
@@ -101,6 +109,17 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
         say(json.dumps(found, indent=2, allow_nan=False))
     else:
         say(f"{facts_text(facts)}\n\n{session_text(folder, state, accepted=solution.accepted)}")
+
+
+def _draw(folder: Path, subject: Subject) -> None:
+    from operator_app.report.plotted import save_figures
+    from operator_app.report.text import unidentifiable_text
+
+    if subject.solution is None:
+        say(unidentifiable_text(subject.unidentifiable))
+        return
+    for file in save_figures(subject, folder):
+        say(f"Figure      {file}")
 
 
 def _write(args: argparse.Namespace, subject: Subject, folder: Path) -> None:

@@ -144,6 +144,16 @@ class Band:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Ribbon:
+    """Shaded strip between two curves over the same x: how well a curve is known."""
+
+    x: Sequence[float]
+    low: Sequence[float]
+    high: Sequence[float]
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
     """Points joined by a line. `class_` is a line style: ``a``, ``b``, ``dashed``."""
 
@@ -169,7 +179,7 @@ class Marks:
     sizes: Sequence[float] = ()
 
 
-Layer = Band | Line | Marks
+Layer = Band | Ribbon | Line | Marks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,7 @@ from operator_app.report.picture import (
     Line,
     Marks,
     Picture,
+    Ribbon,
     Shape,
     axis,
     log_axis,
@@ -37,6 +38,8 @@ from solver.judging.rvdt_figures import RvdtFigures
 SHAPES: tuple[tuple[Shape, str], ...] = (("dot", "a"), ("square", "b"), ("triangle", "d"))
 ROTATIONS = {2: ("dx", "dy"), 3: ("rx", "ry", "rz")}
 CURVE_POINTS = 61
+KNOWN_SIGMAS = 2.0
+"""Half the width of the strip about a curve: 95 % of what it may be."""
 FAR_OFF = 2.5
 """A pose whose loop fails to close by more than this many times the rms deserves a look."""
 
@@ -166,6 +169,7 @@ def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture
         values_rad=found.deviation_rad,
         allowed_rad=(allowed, "allowed"),
         curve_rad=(grid, curve),
+        known_rad=found.table_rad,
     )
 
 
@@ -207,8 +211,12 @@ def _of_rvdt(
     values_rad: FloatArray,
     allowed_rad: tuple[float, str],
     curve_rad: tuple[FloatArray, FloatArray] | None = None,
+    known_rad: FloatArray | None = None,
 ) -> Picture:
-    """Return values (m,) over angles (m,), within a band about zero."""
+    """Return values (m,) over angles (m,), within a band about zero.
+
+    `known_rad` (k, 3) are the corrections of a curve, by reading, with their standard deviations.
+    """
     x_label, y_label = labels
     x, y = _scaled(at_rad, ANGLE), _scaled(values_rad, CLOSURE_ANGLE)
     allowed, name = CLOSURE_ANGLE.per_si * allowed_rad[0], allowed_rad[1]
@@ -221,6 +229,17 @@ def _of_rvdt(
         Band(low=-allowed, high=allowed, label=f"±{significant(allowed, 2)} {name}"),
         Marks(x=x, y=y, label="pose", tips=tips),
     ]
+    if known_rad is not None:
+        reading, add, sigma = known_rad.T
+        low, high = (-add - KNOWN_SIGMAS * sigma, -add + KNOWN_SIGMAS * sigma)
+        ribbon = Ribbon(
+            x=_scaled(reading + add, ANGLE),
+            low=_scaled(low, CLOSURE_ANGLE),
+            high=_scaled(high, CLOSURE_ANGLE),
+            label=f"±{KNOWN_SIGMAS:g} sigma",
+        )
+        layers.insert(1, ribbon)
+        y = [*y, *ribbon.low, *ribbon.high]
     if curve_rad is not None:
         curve = Line(
             x=_scaled(curve_rad[0], ANGLE),

@@ -140,6 +140,7 @@ svg .axis,svg .legend{{fill:var(--text)}}
 .zero{{stroke:var(--muted);stroke-width:.8}}
 .frame{{stroke:var(--muted);stroke-width:.8}}
 .band{{fill:var(--band)}}
+.ribbon{{fill:var(--second);fill-opacity:.28}}
 .range{{fill:none;stroke:var(--muted);stroke-width:.8}}
 .rug{{stroke:var(--accent);stroke-width:.7;stroke-opacity:.75}}
 .line{{fill:none;stroke-width:1.4}}

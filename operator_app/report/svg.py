@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from operator_app.report.markup import Html, element, join
-from operator_app.report.picture import Axis, Band, Layer, Line, Marks, Picture, Shape
+from operator_app.report.picture import Axis, Band, Layer, Line, Marks, Picture, Ribbon, Shape
 from operator_app.units.numbers import typeset
 
 WIDTH, HEIGHT = 360.0, 196.0
@@ -33,11 +33,13 @@ def plot(of: Picture) -> Html:
     for layer in layers:
         if isinstance(layer, Band):
             parts.append(_band(layer, y, right, bottom))
+        elif isinstance(layer, Ribbon):
+            around = [*zip(layer.x, layer.high, strict=True)]
+            around += reversed([*zip(layer.x, layer.low, strict=True)])
+            points = _points(around, x, y, right, bottom)
+            parts.append(element("polygon", points=points, class_="ribbon"))
         elif isinstance(layer, Line):
-            points = " ".join(
-                f"{x.place(a, LEFT, right):.1f},{y.place(b, bottom, TOP):.1f}"
-                for a, b in zip(layer.x, layer.y, strict=True)
-            )
+            points = _points([*zip(layer.x, layer.y, strict=True)], x, y, right, bottom)
             parts.append(element("polyline", points=points, class_=f"line {layer.class_}"))
         else:
             for k, (a, b) in enumerate(zip(layer.x, layer.y, strict=True)):
@@ -112,6 +114,14 @@ def _grid(x: Axis, y: Axis, right: float, bottom: float) -> Iterable[Html]:
         yield label(words, at, bottom + 14.0, anchor="middle")
 
 
+def _points(
+    places: Iterable[tuple[float, float]], x: Axis, y: Axis, right: float, bottom: float
+) -> str:
+    return " ".join(
+        f"{x.place(a, LEFT, right):.1f},{y.place(b, bottom, TOP):.1f}" for a, b in places
+    )
+
+
 def _band(layer: Band, y: Axis, right: float, bottom: float) -> Html:
     top = y.place(min(layer.high, y.high), bottom, TOP)
     base = y.place(max(layer.low, y.low), bottom, TOP)
@@ -135,6 +145,7 @@ def _legend(layers: Sequence[Layer], right: float) -> Html:
             parts.append(segment(at, 8.5, at + 13.0, 8.5, f"line {layer.class_}"))
         else:
             at -= 4.0
-            parts.append(element("rect", x=at, y=4.5, width=10.0, height=8.0, class_="band"))
+            class_ = "ribbon" if isinstance(layer, Ribbon) else "band"
+            parts.append(element("rect", x=at, y=4.5, width=10.0, height=8.0, class_=class_))
         at -= 9.0
     return join(parts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -24,7 +25,9 @@ from operator_app.report.html import report_html
 from operator_app.report.markup import element, join
 from operator_app.report.of_session import REPORT_NAME
 from operator_app.report.page_table import table_html
-from operator_app.report.subject import subject_of_session
+from operator_app.report.paper_figures import drawings
+from operator_app.report.plotted import figure as draw_figure
+from operator_app.report.subject import Subject, subject_of_session
 from operator_app.report.text import facts_text
 from operator_app.session.calibrated import Calibrated
 from operator_app.session.export import PARAMETERS_NAME, POSES_NAME, document_of
@@ -116,6 +119,26 @@ class Result:
         if found is None:
             raise KeyError(f"no table {name!r}; there are {', '.join(self.tables)}")
         return Table(found.ident, found.title, found)
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Names of the figures that `figure` draws."""
+        return tuple(drawings(self._subject))
+
+    def figure(self, name: str = "parameters") -> Any:
+        """Return one figure for a paper, a ``matplotlib.figure.Figure``; needs the extra ``[plots]``.
+
+        A notebook shows it; ``figure("budget").savefig("budget.pdf")`` keeps it. Widths are those of one
+        or two columns of a journal.
+
+        Raises
+        ------
+        KeyError
+            There is none of that name; lists those there are.
+        SessionError
+            matplotlib is not installed.
+        """
+        return draw_figure(self._subject, name)
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of ``sarcal solve --json``: deg and m, as its keys say."""
@@ -246,6 +269,17 @@ class Result:
     @property
     def _has_table(self) -> bool:
         return self._solution.model.dh_table(self._solution.estimate.x) is not None
+
+    @cached_property
+    def _subject(self) -> Subject:
+        session = self._session()
+        return Subject(
+            name=session.procedure.name,
+            procedure=session.procedure,
+            state=session.state,
+            solution=self._solution,
+            checks=self._checks,
+        )
 
     def _session(self) -> ImportedSession:
         made = ImportedSession(

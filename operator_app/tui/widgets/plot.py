@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from operator_app.report.braille import Canvas
-from operator_app.report.picture import Axis, Band, Line, Marks, Picture
+from operator_app.report.picture import Axis, Band, Line, Marks, Picture, Ribbon
 from operator_app.report.spans import Line as Row
 from operator_app.report.spans import Span
 
@@ -30,7 +30,7 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Row]
             at = y.place(level, bottom, top)
             canvas.segment(0, at, canvas.width - 1, at, "dim", every=3)
     for layer in of.layers:
-        if isinstance(layer, Band):
+        if isinstance(layer, Band | Ribbon):
             continue
         places = [
             (x.place(a, left, right), y.place(b, bottom, top))

@@ -53,7 +53,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.calibrated import calibrated, checked
     from operator_app.session.journal import read_journal
     from operator_app.session.opening import Choices, resume
-    from operator_app.session.state import session_state
+    from operator_app.session.replay import session_state
     from solver.errors import UnidentifiableError
 
     unsensed = parse_joints(args.unsensed) if args.unsensed else None

@@ -15,7 +15,8 @@ from operator_app.config.procedure import Procedure
 from operator_app.report.facts import Facts, facts_of
 from operator_app.session.calibrated import Calibrated
 from operator_app.session.journal_lines import Event
-from operator_app.session.state import CapturedPose, SessionState, replay
+from operator_app.session.replay import replay
+from operator_app.session.state import CapturedPose, SessionState
 from solver.arrays import FloatArray
 from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate

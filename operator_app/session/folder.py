@@ -12,7 +12,8 @@ from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.journal import read_journal
 from operator_app.session.journal_lines import JOURNAL_NAME
-from operator_app.session.state import SessionState, session_state
+from operator_app.session.replay import session_state
+from operator_app.session.state import SessionState
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,7 +28,8 @@ from operator_app.session.journal import Clock, utc_now
 from operator_app.session.journal_files import write_new
 from operator_app.session.journal_lines import JOURNAL_NAME, Event, line_of
 from operator_app.session.opening import KINDS
-from operator_app.session.state import SessionState, apply
+from operator_app.session.replay import apply
+from operator_app.session.state import SessionState
 from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
 

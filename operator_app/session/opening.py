@@ -24,8 +24,8 @@ from operator_app.session.instrument import Instrument
 from operator_app.session.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.mounting import next_due, require_mountable
+from operator_app.session.replay import session_state
 from operator_app.session.session import Session
-from operator_app.session.state import session_state
 from solver.estimators.estimate import require_enough_poses
 
 KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")

@@ -32,7 +32,8 @@ from operator_app.session.journal_lines import (
     read_regular,
     require_ours,
 )
-from operator_app.session.state import SessionState, session_state
+from operator_app.session.replay import session_state
+from operator_app.session.state import SessionState
 
 TAIL = len(',"sum":"0123456789abcdef"}')
 LONGEST_TRIED = 40_000

@@ -46,6 +46,7 @@ from operator_app.session.export import (
 from operator_app.session.going_home import require_in_box
 from operator_app.session.instrument import SOURCES, Instrument
 from operator_app.session.journal import Clock, Journal, utc_now
+from operator_app.session.replay import apply, session_state
 from operator_app.session.sameness import (
     check_counters,
     check_identity,
@@ -54,13 +55,7 @@ from operator_app.session.sameness import (
     require_moving,
 )
 from operator_app.session.solving import Solver, solve_here
-from operator_app.session.state import (
-    CapturedPose,
-    CheckReading,
-    SessionState,
-    apply,
-    session_state,
-)
+from operator_app.session.state import CapturedPose, CheckReading, SessionState
 from operator_app.session.wording import by_hand_words
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel

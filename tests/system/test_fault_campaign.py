@@ -29,7 +29,7 @@ from operator_app.config.parameters_file import format_parameters
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.journal import read_journal
 from operator_app.session.opening import Choices
-from operator_app.session.state import replay
+from operator_app.session.replay import replay
 from oracles.fault_session import CLOSES, PATIENCE_S, Outcome, loop_error, session_with
 from oracles.parameter_documents import VALUES, make_document
 from oracles.profiles import sarcos

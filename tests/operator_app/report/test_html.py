@@ -24,8 +24,8 @@ from operator_app.report.subject import Subject, subject_of_session
 from operator_app.session.calibrated import calibrated, checked
 from operator_app.session.journal import JOURNAL_NAME, Event, read_journal
 from operator_app.session.listener import Listener
+from operator_app.session.replay import replay
 from operator_app.session.session import Session
-from operator_app.session.state import replay
 from solver.errors import UnidentifiableError
 
 MakeSession = Callable[..., Session]

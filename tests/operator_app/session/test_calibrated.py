@@ -16,8 +16,9 @@ from operator_app.session import calibrated as module
 from operator_app.session.calibrated import calibrated, checked, recorded
 from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
+from operator_app.session.replay import apply, replay
 from operator_app.session.session import Session
-from operator_app.session.state import SessionState, apply, replay
+from operator_app.session.state import SessionState
 from operator_app.session.workflow import take_poses
 
 MakeSession = Callable[..., Session]

@@ -18,7 +18,8 @@ from operator_app.session.events import EVENTS
 from operator_app.session.folder import list_sessions, read_session
 from operator_app.session.journal import JOURNAL_NAME, read_journal
 from operator_app.session.opening import Choices, resume
-from operator_app.session.state import SessionState, session_state
+from operator_app.session.replay import session_state
+from operator_app.session.state import SessionState
 from oracles.journals import events, mutated_journal, written
 
 Q = [0.1] * 7

@@ -16,7 +16,8 @@ from operator_app.headless.console import ConsoleListener
 from operator_app.headless.remounting import next_placement, require_mounted, words
 from operator_app.session.journal import Journal, read_journal
 from operator_app.session.opening import Choices, begin, resume
-from operator_app.session.state import SessionState, replay, session_state
+from operator_app.session.replay import replay, session_state
+from operator_app.session.state import SessionState
 from oracles.journals import POSE, sources
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]

@@ -19,6 +19,7 @@ from operator_app.calibration.judgement import Notice
 from operator_app.calibration.solution import Solution
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.calibration_data import calibration_data, checks_data, estimate_data
+from operator_app.report.error_facts import budget_table, components_table, halving_table
 from operator_app.report.parameter_facts import (
     correlation_table,
     dh_table,
@@ -30,20 +31,16 @@ from operator_app.report.parameter_facts import (
 from operator_app.report.quality_facts import (
     CLOSURE_COLUMNS,
     accuracy_table,
-    budget_table,
-    causes_table,
     closure_row,
     closure_table,
-    components_table,
     determined_table,
-    halving_table,
     hand_table,
     observability_table,
-    tests_table,
     trend_table,
 )
 from operator_app.report.remedy_facts import remedy_table, side_note
 from operator_app.report.table import Headline, Table, keyed
+from operator_app.report.verdict_facts import causes_table, tests_table
 from operator_app.units.figure import CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
 from solver.arrays import FloatArray
 from solver.estimators.estimate import Estimate

@@ -1,27 +1,21 @@
-"""Tables of how good a calibration is: condition, closure, sources of error, budget. Knows no renderer."""
+"""Tables of how good a calibration is: condition, accuracy, closure. Knows no renderer."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 
-import numpy as np
-
 from operator_app.calibration.checks import FOLDS, Checks
-from operator_app.calibration.halving import halvings
 from operator_app.calibration.solution import Solution
 from operator_app.report.table import Cell, Column, Headline, Table, figures, words
 from operator_app.units.figure import (
     CHI2,
-    CLOSURE_ANGLE,
     CLOSURE_LENGTH,
     CONDITION,
-    SHARE,
     SIGMA_ORI,
     SIGMA_POS,
     Figure,
     Key,
-    quantity_of,
 )
 from operator_app.units.numbers import (
     plural,
@@ -29,13 +23,9 @@ from operator_app.units.numbers import (
 )
 from solver.estimators.estimate import Estimate
 from solver.estimators.goodness import ClosureSigmas
-from solver.estimators.variance_components import VarianceComponents
 
-SMALLEST_P = 1e-12
-LARGEST = 3
 BAR_PER_DECADE, BAR_DECADES = 10, 4
 """Of a bar that stands for a condition number: 100 is twenty characters, 10,000 and more forty."""
-"""Sources of error that are named where there is no room for all."""
 OBSERVABILITY = (
     "geometric mean of the singular values over root m",
     "smallest over largest singular value",
@@ -252,168 +242,3 @@ def closure_row(
             place = (*key, symbol, last) if key is not None and listed else ()
             cells.append(kind(value, key=place))
     return tuple(cells)
-
-
-def components_table(found: VarianceComponents | None) -> Table | None:
-    """Size of every source of error that was estimated, with its interval."""
-    if found is None or (not found.components and found.flexure is None):
-        return None
-    rows: list[tuple[Cell, ...]] = []
-    for c in found.components:
-        quantity = CLOSURE_LENGTH if c.unit == "m" else CLOSURE_ANGLE
-        fixture = c.name.startswith("fixture")
-        key = f"fixture_{quantity.unit}" if fixture else f"{c.name}_{quantity.unit}"
-        rows.append(
-            (
-                component_words(c.name),
-                quantity.unit,
-                Figure(c.stated, quantity),
-                Figure(c.sd, quantity, role="found", key=("variance_components", key)),
-                Figure(c.low, quantity, key=("variance_components_interval", key, 0)),
-                Figure(c.high, quantity, key=("variance_components_interval", key, 1)),
-            )
-        )
-    note = ""
-    if found.flexure is not None:
-        p = found.flexure.p_value
-        chance = f"= {significant(p, 2)}" if p > SMALLEST_P else f"< {SMALLEST_P:.0e}"
-        asks = "ask" if found.flexure.gives else "do not ask"
-        note = (
-            f"The data {asks} for a fixture that gives more than stated (score test, p {chance})."
-        )
-    return Table(
-        ident="noise",
-        title="Sources of error, sized by the data",
-        columns=(*words("source", "unit"), *figures("stated", "found", "95 % from", "to")),
-        rows=tuple(rows),
-        note=note,
-    )
-
-
-def component_words(name: str) -> str:
-    """Say what a variance component is."""
-    kind, _, which = name.partition("_")
-    match kind:
-        case "rvdt":
-            return f"reading of joint {which} (RVDT)"
-        case "curve":
-            return f"curve of joint {which} (RVDT)"
-        case "fixture":
-            return "fixture, turning" if which == "rad" else "fixture, shifting"
-        case _:
-            return name
-
-
-def budget_table(solution: Solution) -> Table | None:
-    """Share of every parameter's variance that each source of error brings."""
-    if solution.components is None:
-        return None
-    estimate, budget = solution.estimate, solution.components.budget
-    total = np.diagonal(estimate.covariance)
-
-    def share(source: str, k: int, name: str) -> Figure:
-        value = float(budget[source][k] / total[k]) if total[k] > 0.0 else 0.0
-        return Figure(value, SHARE, places=0, key=("budget", name, source))
-
-    rows: list[tuple[Cell, ...]] = []
-    for k, p in enumerate(estimate.parameters):
-        if p.name not in solution.tolerated:
-            shares = {source: share(source, k, p.name) for source in budget}
-            largest = sorted(shares, key=lambda source: -(shares[source].value or 0.0))[:LARGEST]
-            told = ", ".join(f"{source_words(s)} {shares[s].with_unit}" for s in largest)
-            rows.append((p.name, told, *shares.values()))
-    return Table(
-        ident="budget",
-        title="Uncertainty budget: share of each variance by source [%]",
-        columns=(
-            *words("parameter"),
-            Column("largest", words=True, summary=True),
-            *figures(*map(source_words, budget), detail=True),
-        ),
-        rows=tuple(rows),
-        note=f"Assumed, since no file states them: {', '.join(solution.assumed)}."
-        if solution.assumed
-        else "",
-    )
-
-
-def halving_table(solution: Solution) -> Table | None:
-    """What would halve the widest sigmas: the largest source of each, and what half of it leaves."""
-    found = halvings(solution)
-    rows: list[tuple[Cell, ...]] = []
-    for h in found:
-        quantity = quantity_of(h.parameter)
-        rows.append(
-            (
-                h.parameter.name,
-                quantity.unit,
-                Figure(h.sigma, quantity, digits=2),
-                f"{source_words(h.source)} {Figure(h.share, SHARE, places=0).with_unit}",
-                Figure(h.then, quantity, digits=2, key=("halved", h.parameter.name, "sigma")),
-            )
-        )
-    done = dict.fromkeys(f"{source_words(h.source)}: {h.remedy}" for h in found)
-    return None if not rows else Table(
-        ident="halving",
-        title="What narrows the widest sigmas: half of their largest source",
-        columns=(
-            *words("parameter", "unit"),
-            *figures("sigma"),
-            *words("largest source"),
-            *figures("with half of it"),
-        ),
-        rows=tuple(rows),
-        note=f"To halve it: {'; '.join(done)}.",
-    )  # fmt: skip
-
-
-def source_words(source: str) -> str:
-    """Say what a source of the budget is: ``RVDT curve 6``."""
-    return source.replace("_", " ").replace("rvdt", "RVDT")
-
-
-def causes_table(solution: Solution) -> Table | None:
-    """Return what may be wrong, the most probable first; the sentences are page and JSON's affair."""
-    rows = tuple(
-        (
-            cause.code,
-            Figure(cause.probability, SHARE, digits=2, role="warn" if cause.refuses else "text"),
-            "it is refused for this" if cause.refuses else "a warning",
-            cause.text,
-            cause.remedy,
-        )
-        for cause in solution.causes
-    )
-    return None if not rows else Table(
-        ident="causes",
-        title="What may be wrong, by probability",
-        columns=(
-            *words("cause"),
-            *figures("probability", unit=SHARE.unit),
-            *words(""),
-            Column("what", words=True, detail=True),
-            Column("what to do", words=True, detail=True),
-        ),
-        rows=rows,
-    )  # fmt: skip
-
-
-def tests_table(solution: Solution) -> Table | None:
-    """Return every test that the verdict rests on; those that fired are marked."""
-    rows = tuple(
-        (
-            t.code,
-            Figure(t.statistic, role="warn" if t.fires else "text"),
-            Figure(t.threshold),
-            Figure(t.false_alarm, digits=2),
-        )
-        for t in solution.judgement.tests
-    )
-    return None if not rows else Table(
-        ident="tests",
-        title="Tests that the verdict rests on (no unit)",
-        columns=(*words("test"), *figures("statistic", "threshold", "false alarm")),
-        rows=rows,
-        note="A test fires (▲) above its threshold; false alarm is how often a sound set fires it.",
-        detail=True,
-    )  # fmt: skip

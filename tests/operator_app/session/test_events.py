@@ -13,7 +13,7 @@ import pytest
 from operator_app.cli import main
 from operator_app.config.errors import ConfigError
 from operator_app.errors import JournalDamagedError, SessionError
-from operator_app.session import state as state_module
+from operator_app.session import replay as replay_module
 from operator_app.session.events import EVENTS
 from operator_app.session.folder import list_sessions, read_session
 from operator_app.session.journal import JOURNAL_NAME, read_journal
@@ -209,7 +209,7 @@ def read_keys(source: str) -> dict[str, set[str]]:
 
 
 def test_no_key_is_read_that_was_not_looked_at() -> None:
-    read = read_keys(Path(state_module.__file__).read_text(encoding="utf-8"))
+    read = read_keys(Path(replay_module.__file__).read_text(encoding="utf-8"))
     assert {"opened", "pose", "solved", "campaign", "repaired"} <= set(read)
     for name, keys in read.items():
         known = {key.rstrip("?") for key in EVENTS.get(name, {})}

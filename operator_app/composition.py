@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -18,33 +18,15 @@ from pathlib import Path
 
 from fixtures.measured import Measured
 from hardware.arm_offers import ArmOffer, ArmOrder, offer
-from hardware.buses import BusSettings, bus_settings, open_bus
+from hardware.buses import BusSettings, bus_settings
 from hardware.canopen_arm import CanopenArm
 from hardware.connection import BusOpeners
-from hardware.description import (
-    ArmDescription,
-    EncoderDescription,
-    JointDescription,
-    RvdtDescription,
-)
-from hardware.line_port import CalledLines
-from hardware.objects import HEARTBEAT_TIMEOUT_S
 from hardware.outside_arm import OutsideArm
 from hardware.priority import first_in_line
 from hardware.timing import Pace, Timing
 from hardware.virtual.attending import attending
-from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.drawn import Stated
-from hardware.virtual.faults import ScriptedFault
-from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
-from hardware.virtual.parameters import ValidatedParameters
-from hardware.virtual.scenario_names import DEFAULT_SCENARIO
-from hardware.virtual.scenarios import Scenario, scenario, scenario_of
-from hardware.virtual.supervisor_node import ArmLabel
-from operator_app.config.errors import ConfigError
-from operator_app.config.fixture_file import FixtureSpec, load_fixture
-from operator_app.config.parameters_file import parse_parameters
+from operator_app.config.description import describe
 from operator_app.config.procedure import Procedure
 from operator_app.config.user_settings import usual_bus
 from operator_app.errors import SessionError
@@ -52,9 +34,8 @@ from operator_app.session.instrument import Instrument, port_of
 from operator_app.session.opening import Choices, Opening, Rig, open_session, remove_if_empty
 from operator_app.session.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
+from operator_app.virtual_arms import named_scenario, run_controller, virtual_instrument
 from operator_app.words_out import say
-from solver.chain.arm_model import ArmModel
-from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
 EMBEDDED_PATIENCE_S = 10.0
 """An embedded arm and its operator share a processor: either may wait for it, and neither is lost."""
@@ -63,9 +44,6 @@ SWITCH_INTERVAL_S = 0.0005
 
 RARELY = 100_000
 """Collections of middle-aged garbage before one of all."""
-
-SERIAL_NUMBER = "SDA-0001"
-"""Of every virtual arm."""
 
 _channels = count(1)
 
@@ -275,45 +253,14 @@ def carried_procedure(opening: Opening) -> Procedure:
     interface = choices.interface or _bus(choices, procedure).interface
     if interface != "virtual" and choices.scenario is None:
         return procedure
-    return replace(procedure, arm=_named(choices).arm(procedure.arm))
+    return replace(procedure, arm=named_scenario(choices).arm(procedure.arm))
 
 
 def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices:
     if not embedded:
         return replace(choices, interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate)
-    chosen = _named(choices)
+    chosen = named_scenario(choices)
     return replace(choices, interface="virtual", scenario=chosen.name, seed=chosen.seed)
-
-
-def _named(choices: Choices) -> Scenario:
-    """Return the scenario these choices name, whatever arm it is of."""
-    return scenario(choices.scenario or DEFAULT_SCENARIO, choices.seed or 0)
-
-
-def virtual_arm(
-    arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int = 1
-) -> Scenario:
-    """Return the virtual arm that stands in for these files, its fixture mounted for the n-th time.
-
-    Raises
-    ------
-    SessionError
-        None can be built of them. Another one never takes its place.
-    """
-    stated = Stated(
-        arm=arm,
-        fixture=fixture.fixture,
-        tolerance_m=fixture.tolerance_m,
-        tolerance_rad=fixture.tolerance_rad,
-    )
-    named = _named(choices)
-    try:
-        return scenario_of(named.name, named.seed, stated, placement)
-    except ValueError as error:
-        raise SessionError(
-            f"no virtual arm can be built of {arm.name} in {fixture.name}: {error}",
-            "change the files as said, or connect a real bus with -i",
-        ) from error
 
 
 def _instrument(
@@ -327,112 +274,6 @@ def _instrument(
         return virtual_instrument(controller, fixture)
     source = choices.tracker or procedure.tracker
     return None if source is None else Instrument(port_of(source), full_pose=fixture.full_pose)
-
-
-def virtual_instrument(controller: VirtualController, fixture: Measured) -> Instrument:
-    """Return the tracker of a virtual arm of this process, behind the lines any other would send."""
-    if controller.tracker is None:
-        raise SessionError(
-            "no tracker sees the hand of this virtual arm", "take a measured fixture"
-        )
-    port = CalledLines(controller.tracker.answer, "the virtual arm's tracker")
-    return Instrument(port, full_pose=fixture.full_pose)
-
-
-@contextmanager
-def run_controller(
-    arm: ArmModel,
-    choices: Choices,
-    settings: BusSettings,
-    *,
-    fixture: FixtureSpec | None = None,
-    placement: int = 1,
-    slots: Path | None = None,
-    heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
-    script: Sequence[ScriptedFault] = (),
-    attended: bool = False,
-) -> Iterator[VirtualController]:
-    """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory.
-
-    The plant is of this arm in this `fixture` (default: the packaged hinge), mounted for the n-th time
-    (`placement`). `script` are faults that happen at given SYNCs. An `attended` controller is waited for by
-    `VirtualController.attend`.
-    """
-    fixture = load_fixture("hinge") if fixture is None else fixture
-    chosen = virtual_arm(arm, fixture, choices, placement)
-    carried = chosen.arm(arm)
-    try:
-        plant, axes = chosen.build(arm), arm_axes(carried)
-    except ValueError as error:
-        raise SessionError(
-            f"no virtual arm can be built of {arm.name}: {error}",
-            "change its file as said, or connect a real bus with -i",
-        ) from error
-    bus = open_bus(settings)
-    controller = VirtualController(
-        bus,
-        plant,
-        axes=axes,
-        arm=ArmLabel(model=arm.name, serial_number=SERIAL_NUMBER),
-        validate=validated_parameters,
-        store=ParameterStore(MemoryDisk() if slots is None else FolderDisk(slots)),
-        heartbeat_timeout_s=heartbeat_timeout_s,
-        script=script,
-        attended=attended,
-    )
-    if isinstance(fixture.fixture, Measured):
-        controller.tracker = chosen.tracker(plant, fixture.fixture)
-    controller.start()
-    try:
-        yield controller
-    finally:
-        controller.close()
-        bus.shutdown()
-
-
-def describe(arm: ArmModel) -> ArmDescription:
-    """Return what the drives of `arm` should say of themselves."""
-    return ArmDescription(
-        model=arm.name,
-        joints=tuple(
-            JointDescription(
-                name=joint.name,
-                lower_rad=joint.lower_rad,
-                upper_rad=joint.upper_rad,
-                max_speed_rad_per_s=joint.max_speed_rad_per_s,
-                max_torque_nm=joint.max_torque_nm,
-                sensor=_sensor(joint.name, joint.sensor),
-            )
-            for joint in arm.joints
-        ),
-    )
-
-
-def validated_parameters(data: bytes) -> ValidatedParameters:
-    """Parse a document for the virtual supervisor; ValueError with words when it is not strict."""
-    try:
-        document = parse_parameters(data)
-    except ConfigError as error:
-        raise ValueError(str(error)) from error
-    counts = [joint.home_offset_counts for joint in document.joints]
-    return ValidatedParameters(
-        arm_serial=document.arm.serial,
-        home_offset_counts=tuple(0 if c is None else c for c in counts),
-        theta_off_rad=tuple(document.theta_off_rad.tolist()),
-    )
-
-
-def _sensor(name: str, sensor: Encoder | Rvdt | NoSensor) -> EncoderDescription | RvdtDescription:
-    match sensor:
-        case Encoder():
-            return EncoderDescription(counts_per_rev=sensor.counts_per_rev)
-        case Rvdt():
-            return RvdtDescription(bits=sensor.bits, full_scale_rad=sensor.full_scale_rad)
-        case NoSensor():
-            raise SessionError(
-                f"joint {name} has no sensor",
-                "a joint that is moved needs one; leave its reading out with --unsensed instead",
-            )
 
 
 def _bus(choices: Choices, procedure: Procedure) -> BusSettings:

@@ -91,11 +91,11 @@ def execute(args: argparse.Namespace) -> int:
     from hardware.buses import bus_settings
     from hardware.priority import first_in_line
     from hardware.virtual.fault_kinds import scripted
-    from operator_app.composition import run_controller, virtual_arm
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.procedure_file import load_procedure
     from operator_app.signals import ending_signals_interrupt
+    from operator_app.virtual_arms import run_controller, virtual_arm
 
     if _HELP in args.fault:
         say(fault_table())

@@ -24,13 +24,8 @@ from hardware.virtual.controller import VirtualController
 from hardware.virtual.truth import BallTruth, OpenTruth
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verify import Prediction
-from operator_app.composition import (
-    carried_procedure,
-    describe,
-    run_controller,
-    virtual_arm,
-    virtual_instrument,
-)
+from operator_app.composition import carried_procedure
+from operator_app.config.description import describe
 from operator_app.headless.runner import RunResult, run
 from operator_app.session.calibrated import calibrated
 from operator_app.session.drives import drives_of
@@ -38,6 +33,7 @@ from operator_app.session.listener import Listener
 from operator_app.session.opening import Choices, Rig, begin, open_session, resume
 from operator_app.session.session import Session
 from operator_app.session.workflow import verify
+from operator_app.virtual_arms import run_controller, virtual_arm, virtual_instrument
 from solver.chain.parameters import DhEntry
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure

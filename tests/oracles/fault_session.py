@@ -22,7 +22,7 @@ from hardware.virtual.attending import attending
 from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.scenarios import scenario
-from operator_app.composition import describe, run_controller
+from operator_app.config.description import describe
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.journal import Clock, utc_now
 from operator_app.session.listener import Listener
@@ -30,6 +30,7 @@ from operator_app.session.opening import Choices
 from operator_app.session.state import CapturedPose
 from operator_app.session.wording import EXPECTED
 from operator_app.session.workflow import connect, take_poses
+from operator_app.virtual_arms import run_controller
 from oracles.loop_oracle import paper_truth, product
 from oracles.opened import opened
 from oracles.profiles import sarcos

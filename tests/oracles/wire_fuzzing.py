@@ -27,9 +27,10 @@ from hardware.connection import BusOpeners
 from hardware.errors import HardwareError
 from hardware.timing import Pace, Timing
 from hardware.virtual.scenarios import scenario
-from operator_app.composition import describe, run_controller
+from operator_app.config.description import describe
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.opening import Choices
+from operator_app.virtual_arms import run_controller
 from oracles.profiles import sarcos
 
 NODES = (*range(1, 8), 16)

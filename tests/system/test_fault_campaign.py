@@ -24,12 +24,13 @@ from hardware.timing import Pace, Timing
 from hardware.virtual.fault_kinds import FAULT_KINDS
 from hardware.virtual.fault_words import FAULTS
 from hardware.virtual.scenarios import scenario
-from operator_app.composition import describe, run_controller
+from operator_app.config.description import describe
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.journal import read_journal
 from operator_app.session.opening import Choices
 from operator_app.session.replay import replay
+from operator_app.virtual_arms import run_controller
 from oracles.fault_session import CLOSES, PATIENCE_S, Outcome, loop_error, session_with
 from oracles.parameter_documents import VALUES, make_document
 from oracles.profiles import sarcos

@@ -17,8 +17,9 @@ from hardware.virtual.axis import arm_axes
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import scenario
 from operator_app.cli import main
-from operator_app.composition import carried_procedure, describe
+from operator_app.composition import carried_procedure
 from operator_app.config.arm_file import load_arm
+from operator_app.config.description import describe
 from operator_app.headless.runner import RunResult, run
 from operator_app.session.listener import Listener
 from operator_app.session.opening import Choices, Rig, begin, open_session

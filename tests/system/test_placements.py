@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 
 from operator_app.cli import main
-from operator_app.composition import virtual_arm
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.folder import read_session
 from operator_app.session.journal import read_journal
 from operator_app.session.opening import Choices, begin
+from operator_app.virtual_arms import virtual_arm
 from solver.chain.parameters import DhEntry
 
 SARCAL = [sys.executable, "-m", "operator_app.cli"]

@@ -45,10 +45,10 @@ from hardware.errors import (
 )
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenario_names import DEFAULT_SCENARIO
-from operator_app.composition import virtual_arm
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.session.opening import Choices
+from operator_app.virtual_arms import virtual_arm
 from solver.arrays import FloatArray, frozen
 
 __all__ = [

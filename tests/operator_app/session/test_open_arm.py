@@ -14,7 +14,7 @@ from fixtures.measured import Measured
 from hardware.errors import InstrumentError
 from hardware.line_port import CalledLines
 from hardware.virtual.truth import OpenTruth, paper_loop
-from operator_app.composition import carried_procedure, virtual_arm
+from operator_app.composition import carried_procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.instrument import Instrument
 from operator_app.session.listener import Listener
@@ -22,6 +22,7 @@ from operator_app.session.opening import Choices, Rig, begin, open_session, resu
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
 from operator_app.session.workflow import take_poses
+from operator_app.virtual_arms import virtual_arm
 from oracles.journalled_sessions import Quiet
 from oracles.plant_arm import PlantArm
 

@@ -1,0 +1,137 @@
+"""The virtual arm that stands in for a real one: which it is, its controller, its tracker. Opens no session."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from fixtures.measured import Measured
+from hardware.buses import BusSettings, open_bus
+from hardware.line_port import CalledLines
+from hardware.objects import HEARTBEAT_TIMEOUT_S
+from hardware.virtual.axis import arm_axes
+from hardware.virtual.controller import VirtualController
+from hardware.virtual.drawn import Stated
+from hardware.virtual.faults import ScriptedFault
+from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
+from hardware.virtual.parameters import ValidatedParameters
+from hardware.virtual.scenario_names import DEFAULT_SCENARIO
+from hardware.virtual.scenarios import Scenario, scenario, scenario_of
+from hardware.virtual.supervisor_node import ArmLabel
+from operator_app.config.errors import ConfigError
+from operator_app.config.fixture_file import FixtureSpec, load_fixture
+from operator_app.config.parameters_file import parse_parameters
+from operator_app.errors import SessionError
+from operator_app.session.instrument import Instrument
+from operator_app.session.opening import Choices
+from solver.chain.arm_model import ArmModel
+
+SERIAL_NUMBER = "SDA-0001"
+"""Of every virtual arm."""
+
+
+def named_scenario(choices: Choices) -> Scenario:
+    """Return the scenario these choices name, whatever arm it is of."""
+    return scenario(choices.scenario or DEFAULT_SCENARIO, choices.seed or 0)
+
+
+def virtual_arm(
+    arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int = 1
+) -> Scenario:
+    """Return the virtual arm that stands in for these files, its fixture mounted for the n-th time.
+
+    Raises
+    ------
+    SessionError
+        None can be built of them. Another one never takes its place.
+    """
+    stated = Stated(
+        arm=arm,
+        fixture=fixture.fixture,
+        tolerance_m=fixture.tolerance_m,
+        tolerance_rad=fixture.tolerance_rad,
+    )
+    named = named_scenario(choices)
+    try:
+        return scenario_of(named.name, named.seed, stated, placement)
+    except ValueError as error:
+        raise SessionError(
+            f"no virtual arm can be built of {arm.name} in {fixture.name}: {error}",
+            "change the files as said, or connect a real bus with -i",
+        ) from error
+
+
+@contextmanager
+def run_controller(
+    arm: ArmModel,
+    choices: Choices,
+    settings: BusSettings,
+    *,
+    fixture: FixtureSpec | None = None,
+    placement: int = 1,
+    slots: Path | None = None,
+    heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
+    script: Sequence[ScriptedFault] = (),
+    attended: bool = False,
+) -> Iterator[VirtualController]:
+    """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory.
+
+    The plant is of this arm in this `fixture` (default: the packaged hinge), mounted for the n-th time
+    (`placement`). `script` are faults that happen at given SYNCs. An `attended` controller is waited for by
+    `VirtualController.attend`.
+    """
+    fixture = load_fixture("hinge") if fixture is None else fixture
+    chosen = virtual_arm(arm, fixture, choices, placement)
+    carried = chosen.arm(arm)
+    try:
+        plant, axes = chosen.build(arm), arm_axes(carried)
+    except ValueError as error:
+        raise SessionError(
+            f"no virtual arm can be built of {arm.name}: {error}",
+            "change its file as said, or connect a real bus with -i",
+        ) from error
+    bus = open_bus(settings)
+    controller = VirtualController(
+        bus,
+        plant,
+        axes=axes,
+        arm=ArmLabel(model=arm.name, serial_number=SERIAL_NUMBER),
+        validate=validated_parameters,
+        store=ParameterStore(MemoryDisk() if slots is None else FolderDisk(slots)),
+        heartbeat_timeout_s=heartbeat_timeout_s,
+        script=script,
+        attended=attended,
+    )
+    if isinstance(fixture.fixture, Measured):
+        controller.tracker = chosen.tracker(plant, fixture.fixture)
+    controller.start()
+    try:
+        yield controller
+    finally:
+        controller.close()
+        bus.shutdown()
+
+
+def virtual_instrument(controller: VirtualController, fixture: Measured) -> Instrument:
+    """Return the tracker of a virtual arm of this process, behind the lines any other would send."""
+    if controller.tracker is None:
+        raise SessionError(
+            "no tracker sees the hand of this virtual arm", "take a measured fixture"
+        )
+    port = CalledLines(controller.tracker.answer, "the virtual arm's tracker")
+    return Instrument(port, full_pose=fixture.full_pose)
+
+
+def validated_parameters(data: bytes) -> ValidatedParameters:
+    """Parse a document for the virtual supervisor; ValueError with words when it is not strict."""
+    try:
+        document = parse_parameters(data)
+    except ConfigError as error:
+        raise ValueError(str(error)) from error
+    counts = [joint.home_offset_counts for joint in document.joints]
+    return ValidatedParameters(
+        arm_serial=document.arm.serial,
+        home_offset_counts=tuple(0 if c is None else c for c in counts),
+        theta_off_rad=tuple(document.theta_off_rad.tolist()),
+    )

@@ -46,6 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="columns of joints 1, 2, ...: numbers from 1 (2-8) or names of the header (q1,q2,...)",
     )
     parser.add_argument(
+        "--placement",
+        default="",
+        metavar="COLUMN",
+        help="column of a log, by number or name, that says in which placement of the fixture a pose was taken",
+    )
+    parser.add_argument(
         "--serial", default="", metavar="TEXT", help="serial number of the arm, for compare"
     )
     parser.add_argument(
@@ -131,7 +137,13 @@ def _poses(args: argparse.Namespace, joint_count: int) -> PoseSet:
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
     found = []
     for file in args.poses:
-        read = load_joint_log(file, joint_count=joint_count, unit=unit, columns=args.columns)
+        read = load_joint_log(
+            file,
+            joint_count=joint_count,
+            unit=unit,
+            columns=args.columns,
+            placement=args.placement,
+        )
         for warning in read.warnings:
             say(f"sarcal: {file}: {warning.text}", err=True)
         found.append(read.poses)

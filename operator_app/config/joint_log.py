@@ -30,6 +30,8 @@ from operator_app.config.text import decode_text, only
 from solver.chain.poses import PoseSet
 
 Unit = Literal["rad", "deg"]
+WHOLE = re.compile(r"[1-9]\d{0,3}")
+MOST_PLACEMENTS = 100
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 
 
@@ -40,9 +42,14 @@ class _Row:
 
 
 def load_joint_log(
-    path: str | Path, *, joint_count: int, unit: Unit | None = None, columns: str = ""
+    path: str | Path,
+    *,
+    joint_count: int,
+    unit: Unit | None = None,
+    columns: str = "",
+    placement: str = "",
 ) -> LoadedPoses:
-    """Read the poses of one placement from a log, or a poses file as `load_poses` does.
+    """Read the poses of a log, or a poses file as `load_poses` does.
 
     Parameters
     ----------
@@ -51,6 +58,9 @@ def load_joint_log(
     columns
         Which columns are joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of
         the header; empty: all there are.
+    placement
+        The column, by number or name, that says in which placement of the fixture a pose was taken: whole
+        numbers, or names, which are numbered as they come. Empty: all are of one.
 
     Raises
     ------
@@ -61,32 +71,58 @@ def load_joint_log(
     rows = _rows(decode_text(data, file))
     if not rows:
         raise only(file, None, None, "is empty", "a row of joint angles for each pose is wanted")
-    header = rows[0].cells if not _is_number(rows[0].cells[0]) else []
+    first = rows[0].cells
+    # A row of a log may begin with the name of its placement.
+    header = first if not any(map(_is_number, first if placement else first[:1])) else []
     if header and not columns and any(THETA.fullmatch(cell) for cell in header):
         if unit == "rad":
             remedy = (
                 "leave --rad out, or name the columns with --columns if it is the header that errs"
             )
             raise only(file, rows[0].line, None, "its header says degrees", remedy)
+        if placement:
+            remedy = "leave --placement out: such a file has a column placement"
+            raise only(file, rows[0].line, None, "is a poses file", remedy)
         return parse_poses(data, file, joint_count=joint_count)
     body = rows[1:] if header else rows
     if not body:
         raise only(file, None, None, "has a header and no poses", "capture poses first")
-    where = _columns(columns, header, len(body[0].cells), joint_count, file)
+    there = range(len(body[0].cells))
+    by = _column("--placement", placement, header, len(there), file) if placement else None
+    where = _columns(columns, header, [k for k in there if k != by], joint_count, file)
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEW and np.abs(q).max() < 2.0 * np.pi:
         text = (
             f"does not say its unit, and no angle of {len(q)} poses exceeds {np.abs(q).max():.3g}"
         )
         raise only(file, None, None, text, "say --rad, or --deg if these are degrees")
+    numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
     return LoadedPoses(
         poses=PoseSet(
-            placement=np.ones(len(q), dtype=np.int64),
+            placement=np.array(numbers, dtype=np.int64),
             label=tuple(str(k) for k in range(1, len(q) + 1)),
             q_rad=q if unit == "rad" else np.deg2rad(q),
+            notes=notes,
         ),
         warnings=(),
     )
+
+
+def _placements(body: list[_Row], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
+    """Return the number of each row's placement, from 1, and where they have names, these as notes."""
+    names = [row.cells[by] for row in body]
+    for row, name in zip(body, names, strict=True):
+        if not name:
+            remedy = "give the placement a number or a name"
+            raise only(file, row.line, None, f"column {by + 1} is empty", remedy)
+    if all(WHOLE.fullmatch(name) for name in names):
+        return [int(name) for name in names], None
+    order = {name: k for k, name in enumerate(dict.fromkeys(names), 1)}
+    if len(order) > MOST_PLACEMENTS:
+        text = f"column {by + 1} has {len(order)} different entries"
+        remedy = "--placement wants the column with the same entry in every pose of a placement"
+        raise only(file, None, None, text, remedy)
+    return [order[name] for name in names], tuple(f"placement {name}" for name in names)
 
 
 def _rows(text: str) -> list[_Row]:
@@ -107,16 +143,31 @@ def _is_number(cell: str) -> bool:
     return True
 
 
+def _column(option: str, word: str, header: list[str], there: int, file: str) -> int:
+    """Return the index of a column that is named by the header or by its number."""
+    if word in header:
+        return header.index(word)
+    if not re.fullmatch(r"[1-9]\d{0,3}", word):
+        known = f"the header has {', '.join(header)}" if header else "the file has no header"
+        raise only(file, None, None, f"{option}: there is no column {word!r}", known)
+    if int(word) > there:
+        raise only(
+            file, None, None, f"{option}: there is no column {word}", f"the file has {there}"
+        )
+    return int(word) - 1
+
+
 def _columns(
-    wanted: str, header: list[str], there: int, joint_count: int, file: str
+    wanted: str, header: list[str], left: list[int], joint_count: int, file: str
 ) -> tuple[int, ...]:
-    """Return the indices of the columns of joints 1 to n."""
+    """Return the indices of the columns of joints 1 to n; `left` are those that may be of joints."""
+    there = left[-1] + 1 if left else 0
     if not wanted:
-        if there == joint_count:
-            return tuple(range(there))
+        if len(left) == joint_count:
+            return tuple(left)
         names = f" ({', '.join(header)})" if header else ""
-        text = f"{there} columns{names} for an arm of {joint_count} joints"
-        example = f"1-{joint_count}" if there > joint_count else "1-7"
+        text = f"{len(left)} columns{names} for an arm of {joint_count} joints"
+        example = f"1-{joint_count}" if len(left) > joint_count else "1-7"
         raise only(
             file,
             None,
@@ -128,13 +179,8 @@ def _columns(
     for word in (part.strip() for part in wanted.split(",")):
         if match := RANGE.fullmatch(word):
             found += range(int(match[1]) - 1, int(match[2]))
-        elif word in header:
-            found.append(header.index(word))
-        elif re.fullmatch(r"[1-9]\d{0,3}", word):
-            found.append(int(word) - 1)
         else:
-            known = f"the header has {', '.join(header)}" if header else "the file has no header"
-            raise only(file, None, None, f"--columns: there is no column {word!r}", known)
+            found.append(_column("--columns", word, header, there, file))
     if over := [k for k in found if k >= there]:
         text = f"--columns: there is no column {over[0] + 1}"
         raise only(file, None, None, text, f"the file has {there}")

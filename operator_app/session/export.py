@@ -129,18 +129,20 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
     """The loop that the document describes and its parameters: of several placements that of the last."""
-    if isinstance(model, Placements) and not state.imported:
+    if isinstance(model, Placements):
         return model.of(_last(model, state))
     return model, np.arange(len(model.parameters))
 
 
 def _last(model: Placements, state: SessionState) -> int:
     """The placement that the fixture is in, or the last one whose poses count."""
+    if state.imported:
+        return model.numbers[-1]
     return state.placement if state.placement in model.numbers else model.numbers[-1]
 
 
 def _several(model: ClosureModel, state: SessionState) -> tuple[DocumentWarning, ...]:
-    if not isinstance(model, Placements) or state.imported:
+    if not isinstance(model, Placements):
         return ()
     text = (
         f"calibrated in {len(model.numbers)} placements of the fixture; what belongs to its mounting is of "

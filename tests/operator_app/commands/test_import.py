@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sarcal
 
 from operator_app.cli import main
 from operator_app.config.errors import ConfigError
 from operator_app.config.joint_log import load_joint_log
+from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.config.resources import resolve
 from tests.oracles.panda import panda_readings
@@ -58,6 +60,46 @@ def test_a_raw_log_goes_in_with_one_command(
     placement, q_rad = panda_readings()
     np.testing.assert_allclose(kept.q_rad, q_rad[placement <= 2], rtol=0, atol=1e-15)
     assert kept.placements == (1, 2)
+
+
+def test_one_log_of_several_placements_is_that_of_a_log_each(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A column tells the sockets apart, in words; report, compare, verify and export work on it."""
+    sessions = ["--sessions", str(tmp_path / "sessions")]
+    placement, q_rad = panda_readings()
+    rows = [
+        f"{k}.5,{('left', 'right')[p - 1]},{','.join(map(repr, q.tolist()))}"
+        for k, (p, q) in enumerate(zip(placement, q_rad, strict=True))
+        if p <= 2
+    ]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(["t,socket,q1,q2,q3,q4,q5,q6,q7", *rows]) + "\n")
+    columns = ["--columns", "3-9", "--placement", "socket"]
+    assert main(["import", str(log), "--rad", *columns, *PANDA, *sessions, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    apart = raw_logs(tmp_path, (1, 2))
+    assert main(["import", *apart, "--rad", *PANDA, *sessions, "--name", "apart", "--json"]) == 0
+    same = json.loads(capsys.readouterr().out)
+    assert found["parameters"] == same["parameters"]
+    assert {"ground_x[1]", "ground_x[2]"} <= set(found["parameters"])
+    folder = found["session"]["folder"]
+    assert load_poses(f"{folder}/poses.csv").poses.notes[-1].endswith("placement right")
+    assert main(["compare", folder, same["session"]["folder"]]) == 0
+    assert main(["report", folder]) == 0
+    assert main(["export", folder, "--format", "urdf"]) == 0
+    assert main(["export", folder]) == 0
+    said = {w.code: w.text for w in load_parameters(Path(folder) / "parameters.yaml").warnings}
+    assert said["PLACEMENTS"].endswith("is of placement 2, the last")
+    capsys.readouterr()
+    again = sarcal.poses_of(q_rad=q_rad[placement == 2][:8], placement=[2] * 8)
+    assert main(["verify", folder, str(again.to_csv(tmp_path / "again.csv"))]) == 0
+    assert "HOLDS" in capsys.readouterr().out
+    # By number: sockets keep theirs.
+    body = [[p, *q] for p, q in zip(placement, q_rad, strict=True) if p in (3, 4)]
+    np.savetxt(tmp_path / "other.csv", body, delimiter=",", fmt=["%d"] + ["%.17g"] * 7)
+    read = load_joint_log(tmp_path / "other.csv", joint_count=7, unit="rad", placement="1")
+    assert read.poses.placements == (3, 4)
 
 
 def test_report_compare_verify_and_export_work_on_it(
@@ -130,6 +172,10 @@ def test_columns_by_number_and_by_name_with_times_between(tmp_path: Path) -> Non
         ("1,2,3\n", {"unit": "deg", "columns": "q1"}, "no column 'q1'; the file has no header"),
         ("theta1_deg,theta2_deg,theta3_deg\n1,2,3\n", {"unit": "rad"}, "its header says degrees"),
         ("# nothing\n", {}, "is empty"),
+        ("a,1,2,3\n", {"unit": "deg", "placement": "hole"}, "--placement: there is no column 'hole'"),
+        ("a,1,2,3\n", {"unit": "deg", "placement": "5"}, "--placement: .*; the file has 4"),
+        ("p,a,b,c\n1,1,2,3\n,4,5,6\n", {"unit": "deg", "placement": "p"}, ":3: column 1 is empty"),
+        ("p,a,b,c\n1,1,2,3\n", {"unit": "deg"}, "4 columns .p, a, b, c. for an arm of 3"),
         ("1,2,nan\n", {"unit": "deg"}, "not a finite number"),
     ],
 )  # fmt: skip

@@ -26,6 +26,7 @@ import pytest
 from operator_app.cli import main
 from oracles.manual_pages import NOT_OURS, Block, blocks, written_topics
 from oracles.open_arm import measured_csv
+from oracles.panda import panda_readings
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 START = [sys.executable, "-c", "import sys; from operator_app.cli import main; sys.exit(main())"]
@@ -47,6 +48,12 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "my_other_poses.csv").write_text("\n".join([rows[0], *rows[25:45]]) + "\n")
     angles = [[float(cell) for cell in row.split(",")[2:9]] for row in rows[1:25]]
     np.savetxt(folder / "my_log.csv", np.deg2rad(angles), delimiter=",")
+    sockets, q_rad = panda_readings()
+    long = [
+        f"hole {k},{','.join(map(repr, q.tolist()))}" for k, q in zip(sockets, q_rad, strict=True)
+    ]
+    head = "socket," + ",".join(f"q{j}" for j in range(1, 8))
+    (folder / "my_long_log.csv").write_text("\n".join([head, *long[:60]]) + "\n")
     measured_csv(folder / "open_arm.csv")
     with contextlib.chdir(folder):
         assert quietly(SHORT) == 0

@@ -15,19 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from fixtures.base import Fixture, SetupCheck, Severity
+from fixtures.base import SetupCheck, Severity
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode, MoveResult, Reading, Watch
 from hardware.errors import HardwareError, SensorFault
 from hardware.objects import EmergencyCode
 from hardware.trajectory import coming_to_rest_s
-from operator_app.calibration.checks import Checks, check
 from operator_app.calibration.record import to_dict
 from operator_app.calibration.refusals import FixtureRefusedError
 from operator_app.calibration.solution import Solution
-from operator_app.calibration.solve import calibrate
 from operator_app.config.atomic import write_atomically
 from operator_app.config.degrees import degrees_for_file
-from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
@@ -35,18 +32,16 @@ from operator_app.errors import Cancelled, GuardError, JournalLostError, Session
 from operator_app.planning.exploration import Box, box_of, overload, range_watch, waypoints
 from operator_app.planning.held import held_checks
 from operator_app.planning.mode_rule import modes_problem
-from operator_app.session.calibrated import Calibrated, recorded, solved_data
 from operator_app.session.export import (
     PARAMETERS_NAME,
     POSES_NAME,
     Exported,
-    document_of,
     upload,
 )
 from operator_app.session.going_home import require_in_box
 from operator_app.session.instrument import SOURCES, Instrument
 from operator_app.session.journal import Clock, Journal, utc_now
-from operator_app.session.replay import apply, session_state
+from operator_app.session.logbook import Logbook
 from operator_app.session.sameness import (
     check_counters,
     check_identity,
@@ -54,19 +49,16 @@ from operator_app.session.sameness import (
     check_standing,
     require_moving,
 )
-from operator_app.session.solving import Solver, solve_here
-from operator_app.session.state import CapturedPose, CheckReading, SessionState
+from operator_app.session.state import CapturedPose, CheckReading
 from operator_app.session.wording import by_hand_words
 from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
-from solver.estimators.least_squares import Progress
 
 STARTING_SYNCS = 20
 STANDS_STILL_RAD = float(np.deg2rad(0.2))
 """A move that ends within a fifth of a second, this near to where it began, has not begun."""
 
 
-class Session:
+class Session(Logbook):
     """A calibration session on one arm.
 
     Attributes
@@ -86,16 +78,9 @@ class Session:
         instrument: Instrument | None = None,
         clock: Clock = utc_now,
     ) -> None:
+        super().__init__(journal=journal, procedure=procedure, clock=clock)
         self.arm = arm
         self._instrument = instrument
-        self.model: ArmModel = procedure.arm
-        self.fixture: Fixture = procedure.fixture.fixture
-        self.procedure = procedure
-        self.journal = journal
-        self._clock = clock
-        self.state: SessionState = session_state(
-            journal.contents, joint_count=procedure.arm.joint_count
-        )
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
         self.told: Callable[[str], None] = lambda _: None
@@ -103,19 +88,16 @@ class Session:
         self._read_until = -1
         self._let_go = False
 
-    # -- facts -----------------------------------------------------------------------------------
-
     def record(self, name: str, data: Mapping[str, Any]) -> None:
-        """Write an event and let it count; in this order, so that nothing unwritten counts.
+        """Write an event and let it count.
 
         Where the journal was taken away the arm is held: nothing more of it would be kept.
         """
         try:
-            event = self.journal.append(name, data, clock=self._clock)
+            super().record(name, data)
         except JournalLostError:
             self._hold_if_possible()
             raise
-        self.state = apply(self.state, event.name, event.data, event.utc)
 
     # -- 1 Connect -------------------------------------------------------------------------------
 
@@ -469,92 +451,7 @@ class Session:
                 timeout_syncs=rule.timeout_syncs,
             )
 
-    def undo(self) -> CapturedPose:
-        """Take back the last pose that counts."""
-        here = [p for p in self.state.poses if p.placement == self.state.placement]
-        if not here:
-            raise GuardError("there is no pose of this placement to take back", "capture one first")
-        last = here[-1]
-        self.record("pose_undone", {"number": last.number})
-        return last
-
-    def exclude(self, number: int, reason: str) -> None:
-        """Leave a pose out of the calibration; it stays in the journal."""
-        self._require_pose(number)
-        self.record("pose_excluded", {"number": number, "text": reason or "by the operator"})
-
-    def include(self, number: int) -> None:
-        """Let an excluded pose count again."""
-        self._require_pose(number)
-        self.record("pose_included", {"number": number})
-
-    def note(self, number: int, text: str) -> None:
-        """Attach a note to a pose."""
-        self._require_pose(number)
-        self.record("pose_noted", {"number": number, "text": text})
-
-    # -- 5 Calibrate -----------------------------------------------------------------------------
-
-    def calibrated(self) -> Calibrated | None:
-        """Return what the journal has of these poses, if they were solved as the procedure says."""
-        own, then = self.procedure, self.state.solved
-        asked = (
-            own.estimator,
-            sorted({*own.unsensed_joints, *self.model.unsensed_joints}),
-            own.length_tolerance_m,
-        )
-        keys = ("estimator", "unsensed_joints", "length_tolerance_m")
-        if not then or tuple(then.get(k) for k in keys) != asked:
-            return None
-        if then.get("rereads", 0) != len(self.state.rereads):
-            # The arm came back to a pose since: that may speak against it.
-            return None
-        found = recorded(self.state)
-        return found if isinstance(found, Calibrated) else None
-
-    def calibrate(
-        self,
-        progress: Progress | None = None,
-        *,
-        estimator: str | None = None,
-        unsensed_joints: tuple[int, ...] | None = None,
-        solver: Solver = solve_here,
-    ) -> Solution:
-        """Calibrate from the poses that count, by default as the procedure says and in this process."""
-        own = self.procedure
-        solution = solver(
-            calibrate,
-            self.model,
-            self.fixture,
-            self.state.pose_set(),
-            estimator=own.estimator if estimator is None else estimator,
-            unsensed_joints=own.unsensed_joints if unsensed_joints is None else unsensed_joints,
-            length_tolerance_m=own.length_tolerance_m,
-            limits=own.acceptance,
-            rereads=self.state.rereads,
-            progress=progress,
-        )
-        self._record_solution(solution)
-        return solution
-
-    def _record_solution(self, solution: Solution) -> None:
-        """Keep a solution of the poses that count."""
-        kept = solved_data(
-            solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m
-        )
-        self.record("solved", kept)
-
-    def check(self, solution: Solution, solver: Solver = solve_here) -> Checks:
-        """Ask for second opinions on the last calibration, and keep them."""
-        found = solver(check, solution, self.model, self.fixture, self.state.pose_set())
-        self.record("checked", {"record": to_dict(found)})
-        return found
-
     # -- 7 Export --------------------------------------------------------------------------------
-
-    def document(self, solution: Solution, *, forced: str = "") -> ParametersDocument:
-        """Return what an export of this calibration would write."""
-        return document_of(solution, self.state, self.procedure, utc=self._clock(), forced=forced)
 
     def export(
         self, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
@@ -646,8 +543,3 @@ class Session:
     def _raise_if_cancelled(self) -> None:
         if self.cancelled():
             raise Cancelled
-
-    def _require_pose(self, number: int) -> None:
-        if all(pose.number != number for pose in self.state.poses):
-            known = ", ".join(str(p.number) for p in self.state.poses) or "none"
-            raise GuardError(f"there is no pose {number}", f"captured poses: {known}")

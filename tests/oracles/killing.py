@@ -274,7 +274,7 @@ class Chain:
                         self.session = path
 
     def _events(self) -> list[dict[str, Any]]:
-        if self.session is None:
+        if self.session is None or not (self.session / "journal.jsonl").exists():
             return []
         whole, _, _ = (self.session / "journal.jsonl").read_bytes().rpartition(b"\n")
         return [json.loads(line) for line in whole.splitlines()]
@@ -328,7 +328,14 @@ class Chain:
     def _look_at_journal(self) -> None:
         if self.session is None:
             return
-        raw = (self.session / "journal.jsonl").read_bytes()
+        try:
+            raw = (self.session / "journal.jsonl").read_bytes()
+        except FileNotFoundError:
+            if b'"event":"connected"' in self.kept:
+                self._fault("the journal is gone")
+            # A session in which no arm was found goes away again.
+            self.session, self.kept = None, b""
+            return
         if not raw.startswith(self.kept):
             self._fault("lines of the journal that were whole are missing or changed")
         whole = raw[: raw.rfind(b"\n") + 1]

@@ -161,7 +161,7 @@ def measure(app: PtyProgram) -> None:
         load.close()
     finally:
         watch.close()
-    answers(app, "while solving", to=(b"5s", "Calibration"))
+    answers(app, "while solving", solving=True)
     print(f"memory, solved         {app.memory_mb():7.1f} MB")
 
 
@@ -177,15 +177,26 @@ def cpu(app: PtyProgram, what: str) -> None:
     )
 
 
-def answers(app: PtyProgram, what: str, to: tuple[bytes, str] = (b"4", "Captured")) -> None:
-    """Key to screen: back and forth between Connect and another step, until its title is written."""
+def answers(app: PtyProgram, what: str, *, solving: bool = False) -> None:
+    """Key to screen: to Capture and back to Connect, until its title is written.
+
+    `solving`: a calibration is begun before each pair of keys and ended after it, which it says: so it ran.
+    """
     times = []
     app.press(b"1", "Nodes")
     for _ in range(KEYS // 2):
-        for keys, title in (to, (b"1", "Nodes")):
+        mark = app.mark()
+        if solving:
+            app.write(b"5s")
+            threading.Event().wait(0.3)
+        for keys, title in ((b"4", "Captured"), (b"1", "Nodes")):
             times.append(app.press(keys, title))
             # Not in step with the repaints, which are every 50 ms.
             threading.Event().wait(0.05 + 0.03 * (len(times) % 7))
+        if solving:
+            app.write(b"5z")
+            app.seen("ended by the operator", mark)
+            app.press(b"1", "Nodes")
     show(f"key, {what}", times)
 
 

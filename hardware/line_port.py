@@ -6,9 +6,11 @@ the question goes there as a line of its own; an instrument that takes no questi
 
 from __future__ import annotations
 
+import os
 import queue
 import select
 import socket
+import stat
 import sys
 import threading
 import time
@@ -232,14 +234,8 @@ class GrowingFile:
 
     def open(self) -> str:
         """Return the heading."""
-        try:
-            with self._path.open("rb") as file:
-                heading = file.readline(LONGEST)
-        except OSError as error:
-            raise InstrumentError(
-                f"{self._path} cannot be read ({error.strerror or error}). Let the tracker's program write "
-                "its heading first: x_m,y_m,z_m and how the target is turned"
-            ) from error
+        with self._opened() as file:
+            heading = file.readline(LONGEST)
         if not heading.endswith(b"\n"):
             raise InstrumentError(
                 f"{self._path} has no heading yet. Its first line names the columns: x_m,y_m,z_m and how "
@@ -252,7 +248,7 @@ class GrowingFile:
         self._at = self._size()
         self._begun_before = False
         if self._at:
-            with self._path.open("rb") as file:
+            with self._opened() as file:
                 file.seek(self._at - 1)
                 self._begun_before = file.read(1) != b"\n"
 
@@ -277,7 +273,7 @@ class GrowingFile:
                 f"{self._path} has become shorter: it was written anew. Let the tracker's program add rows "
                 "to it, then go on with this session"
             )
-        with self._path.open("rb") as file:
+        with self._opened() as file:
             file.seek(self._at)
             found = file.readline(LONGEST)
         if not found.endswith(b"\n"):
@@ -286,6 +282,24 @@ class GrowingFile:
         self._at += len(found)
         skipped, self._begun_before = self._begun_before, False
         return "" if skipped else found.decode(errors="replace").strip("\r\n")
+
+    def _opened(self) -> BinaryIO:
+        """Open the file; a pipe would keep us waiting for whoever writes to it, and cannot be looked back into."""
+        try:
+            descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except (OSError, ValueError) as error:
+            why = error.strerror if isinstance(error, OSError) else str(error)
+            raise InstrumentError(
+                f"{self._path} cannot be read ({why}). Let the tracker's program write "
+                "its heading first: x_m,y_m,z_m and how the target is turned"
+            ) from error
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise InstrumentError(
+                f"{self._path} is no file but a folder, a pipe or a device. Name a file that the tracker's "
+                "program adds rows to; what comes through a pipe: --tracker stdin"
+            )
+        return os.fdopen(descriptor, "rb")
 
     def _size(self) -> int:
         try:

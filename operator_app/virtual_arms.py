@@ -9,7 +9,7 @@ from pathlib import Path
 from fixtures.measured import Measured
 from hardware.buses import BusSettings, open_bus
 from hardware.line_port import CalledLines
-from hardware.objects import HEARTBEAT_TIMEOUT_S
+from hardware.objects import HEARTBEAT_TIMEOUT_S, Slot
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.drawn import Stated
@@ -91,6 +91,7 @@ def run_controller(
             f"no virtual arm can be built of {arm.name}: {error}",
             "change its file as said, or connect a real bus with -i",
         ) from error
+    store = slots_in(slots)
     bus = open_bus(settings)
     controller = VirtualController(
         bus,
@@ -98,7 +99,7 @@ def run_controller(
         axes=axes,
         arm=ArmLabel(model=arm.name, serial_number=SERIAL_NUMBER),
         validate=validated_parameters,
-        store=ParameterStore(MemoryDisk() if slots is None else FolderDisk(slots)),
+        store=store,
         heartbeat_timeout_s=heartbeat_timeout_s,
         script=script,
         attended=attended,
@@ -111,6 +112,32 @@ def run_controller(
     finally:
         controller.close()
         bus.shutdown()
+
+
+def slots_in(folder: Path | None) -> ParameterStore:
+    """Return the parameter slots in a folder, looked at, or in memory.
+
+    Raises
+    ------
+    SessionError
+        It is no folder, nothing can be written there, or what lies in a slot's place cannot be read.
+    """
+    if folder is None:
+        return ParameterStore(MemoryDisk())
+    try:
+        store = ParameterStore(FolderDisk(folder))
+        for slot in (Slot.A, Slot.B):
+            store.state(slot)
+        _ = store.active
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        file = error.filename if isinstance(error, OSError) else None
+        at = f": {file}" if file is not None and str(file) != str(folder) else ""
+        raise SessionError(
+            f"parameters cannot be kept in {folder} ({why}{at})",
+            "name a folder that can be written, or leave --state out: they are kept in memory then",
+        ) from error
+    return store
 
 
 def virtual_instrument(controller: VirtualController, fixture: Measured) -> Instrument:

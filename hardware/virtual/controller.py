@@ -242,7 +242,7 @@ class VirtualController:
         ahead_of_its_program()
         try:
             while not self._closing:
-                wait_s = _POLL_S if self.disturbances.wire is None else _SHORT_POLL_S
+                wait_s = _POLL_S if self.disturbances.wire_in is None else _SHORT_POLL_S
                 if self._attended:
                     time.sleep(wait_s)
                     self._running.wait()
@@ -258,11 +258,20 @@ class VirtualController:
         """Take in a frame, if there is one, and see to what is due."""
         self._in_turn = threading.get_ident()
         if message is not None:
-            self._take_in(message)
+            self._hear(message)
         self._see_to_time()
         while not self._posted.empty():
             self._posted.get()()
         self._in_turn = None
+
+    def _hear(self, message: can.Message) -> None:
+        """Take in what a bad wire makes of a frame."""
+        wire = self.disturbances.wire_in
+        if wire is None:
+            self._take_in(message)
+            return
+        for passed in wire.passed(message):
+            self._take_in(passed)
 
     def _take_in(self, message: can.Message) -> None:
         if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
@@ -320,6 +329,9 @@ class VirtualController:
     def _see_to_time(self) -> None:
         now = self._clock()
         self._network.send_overdue()
+        if (wire := self.disturbances.wire_in) is not None:
+            for message in wire.overdue():
+                self._take_in(message)
         off_until_s = self.disturbances.off_until_s
         if off_until_s is not None and now >= off_until_s:
             self.disturbances.off_until_s = None
@@ -349,7 +361,7 @@ class VirtualController:
             message = self._bus.recv(0.001)
             if message is None:
                 return
-            self._take_in(message)
+            self._hear(message)
 
     # ---- the supervisor's surroundings -------------------------------------------------------------------
 

@@ -39,7 +39,7 @@ class ControllerNetwork(canopen.Network):
         message = can.Message(
             arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote
         )
-        wire = self._disturbances.wire
+        wire = self._disturbances.wire_out
         with self.send_lock:
             if wire is None:
                 self._out.send(message)
@@ -49,7 +49,7 @@ class ControllerNetwork(canopen.Network):
 
     def send_overdue(self) -> None:
         """Send what a bad wire held back, as far as its time has come."""
-        wire = self._disturbances.wire
+        wire = self._disturbances.wire_out
         if wire is not None:
             with self.send_lock:
                 for message in wire.overdue():

@@ -26,8 +26,8 @@ class Disturbances:
         Joints that answer every SYNC twice.
     frozen_counts
         Joints whose sensor reports this, wherever they are.
-    wire
-        What frames go through; None lets them pass.
+    wire_out, wire_in
+        What frames of the arm go through, and those for it; None lets them pass.
     lost_counts
         Counts by which a joint's sensor is off, and its drive with it.
     astray_counts
@@ -51,7 +51,8 @@ class Disturbances:
     stalled_sdo: set[int] = field(default_factory=set)
     refused_sdo: set[int] = field(default_factory=set)
     off_until_s: float | None = None
-    wire: BadWire | None = None
+    wire_out: BadWire | None = None
+    wire_in: BadWire | None = None
 
     def loses_tpdo(self, joint: int) -> bool:
         """Whether this joint's TPDO1 gets lost now; counts down."""

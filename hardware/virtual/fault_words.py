@@ -71,7 +71,11 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
         ),
         "frames-late": FaultWords(
             broken="5 % of all frames come 5 to 50 ms late",
-            says=(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
+            says=(
+                *(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
+                # A target that comes after its successors is a step back.
+                "target refused",
+            ),
             goes_on=True,
             remedy="A busy gateway or a network in between: connect the arm's bus directly.",
         ),

@@ -88,12 +88,14 @@ class FaultInjector:
         self._victim.post(lambda: _forget(self._victim.disturbances.frozen_counts, joint))
 
     def disturb_frames(self, faults: FrameFaults) -> None:
-        """Let frames of all nodes get lost, come twice, ...; no faults mend the wire."""
+        """Let frames of all nodes and frames for them get lost, come twice, ...; no faults mend the wire."""
         victim = self._victim
 
         def act() -> None:
-            wire = None if faults == FrameFaults() else BadWire(faults, clock=victim.now_s)
-            victim.disturbances.wire = wire
+            sound = faults == FrameFaults()
+            wrong = victim.disturbances
+            wrong.wire_out = None if sound else BadWire(faults, 0, clock=victim.now_s)
+            wrong.wire_in = None if sound else BadWire(faults, 1, clock=victim.now_s)
 
         victim.post(act)
 

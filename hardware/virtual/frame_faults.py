@@ -1,10 +1,14 @@
-"""What happens to frames on a bad bus: lost, doubled, swapped, late, flipped, drowned. Knows no node."""
+"""What happens to frames on a bad bus: lost, doubled, swapped, late, flipped, drowned. Knows no node.
+
+A `BadWire` is one direction; a bus that is bad is bad both ways, and has two.
+"""
 
 from __future__ import annotations
 
 import heapq
 import time
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass
 
 import can
@@ -47,6 +51,8 @@ class BadWire:
         if lost < faults.lost:
             return
         if flipped < faults.flipped and len(message.data):
+            message = copy(message)  # whoever else is on the bus has the same object
+            message.data = bytearray(message.data)
             bit = int(self._rng.integers(8 * len(message.data)))
             message.data[bit // 8] ^= 1 << bit % 8
         if swapped < faults.swapped and self._held is None:

@@ -7,8 +7,11 @@ seen, and whatever happens the slot that the pointer names is whole.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import stat
+import tempfile
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -18,6 +21,8 @@ _POINTER: Final = "active"
 _FILE: Final = {Slot.A: "slot_a", Slot.B: "slot_b"}
 _MAGIC: Final = b"sarcal slot 1 "
 _TEMPORARY: Final = ".new"
+_LONGEST: Final = 1 << 20
+"""Bytes looked at: four times as long as any document that a supervisor takes."""
 
 
 class Disk(Protocol):
@@ -37,22 +42,26 @@ class Disk(Protocol):
 
 
 class FolderDisk:
-    """A real folder; made if it is missing."""
+    """A real folder; made if it is missing. `OSError` if it is none, or nothing can be kept in it."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
+        # Now, and not when the first document comes.
+        tempfile.TemporaryFile(dir=folder).close()
 
     def read(self, name: str) -> bytes | None:
         """See `Disk`."""
         try:
-            return (self._folder / name).read_bytes()
+            descriptor = self._descriptor(name, os.O_RDONLY)
         except FileNotFoundError:
             return None
+        with os.fdopen(descriptor, "rb") as file:
+            return file.read(_LONGEST)
 
     def write(self, name: str, data: bytes) -> None:
         """See `Disk`."""
-        with (self._folder / name).open("wb") as file:
+        with os.fdopen(self._descriptor(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
@@ -65,6 +74,15 @@ class FolderDisk:
             os.fsync(folder)
         finally:
             os.close(folder)
+
+    def _descriptor(self, name: str, flags: int) -> int:
+        """Open a file; a pipe in its place would keep us waiting for whoever is at its other end."""
+        path = self._folder / name
+        descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise OSError(errno.EINVAL, "not a file", str(path))
+        return descriptor
 
 
 class MemoryDisk:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 
 import pytest
 
-from hardware.arm import JointMode
+from hardware.arm import DriveState, JointMode
+from hardware.objects import EmergencyCode
 from hardware.virtual.faults import ScriptedFault
+from hardware.virtual.frame_faults import FrameFaults
 from tests.oracles.virtual_rig import Rig, rig
 
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
@@ -256,6 +259,78 @@ def test_scripted_faults_happen_at_their_sync() -> None:
     assert len(fives) == 13
     trip = next(k for k, (number, _) in enumerate(first) if number == 0x82)
     assert len([n for n, _ in first[:trip] if n == 0x181]) == 11
+
+
+def bad_on_the_way_in(arm: Rig, **shares: float) -> None:
+    """Spoil what the operator sends from now on, and nothing that the arm says."""
+
+    def act() -> None:
+        arm.controller.faults.disturb_frames(FrameFaults(**shares))
+        arm.controller.disturbances.wire_out = None
+
+    arm.settled(act)
+
+
+def taken_in(arm: Rig) -> None:
+    """Wait until what was sent has been taken in, without a frame that the wire could spoil."""
+    arm.peer.quiet()
+    # A turn of the loop takes in one frame at most, and then does what was posted.
+    for _ in range(15):
+        done = threading.Event()
+        arm.controller.post(done.set)
+        assert done.wait(5.0)
+
+
+def test_frames_to_the_arm_are_lost_as_well(arm: Rig) -> None:
+    arm.operational()
+    bad_on_the_way_in(arm, lost=1.0)
+    before, steps = arm.controller.sync_count, arm.plant.steps
+    for _ in range(3):
+        arm.peer.send(0x080)
+    taken_in(arm)
+    assert (arm.controller.sync_count, arm.plant.steps) == (before, steps)
+    arm.controller.faults.disturb_frames(FrameFaults())
+    taken_in(arm)
+    arm.peer.sync()
+    assert arm.controller.sync_count == before + 1
+
+
+def test_a_stop_that_comes_twice_or_late_is_obeyed_and_one_that_is_lost_is_not(arm: Rig) -> None:
+    """NMT's stop quick-stops every drive: what the wire does to it is seen in what the drives do."""
+    arm.operational()
+    bad_on_the_way_in(arm, lost=1.0)
+    arm.peer.send(0x000, b"\x02\x00")
+    taken_in(arm)
+    assert {node.drive.state for node in arm.controller.drives} == {DriveState.OPERATION_ENABLED}
+    arm.controller.faults.disturb_frames(FrameFaults())
+    taken_in(arm)
+    bad_on_the_way_in(arm, late=1.0)
+    arm.peer.send(0x000, b"\x02\x00")
+    taken_in(arm)
+    assert {node.drive.state for node in arm.controller.drives} == {DriveState.OPERATION_ENABLED}
+    arm.clock.time_s += 0.06
+    taken_in(arm)
+    assert {node.drive.state for node in arm.controller.drives} == {DriveState.QUICK_STOP_ACTIVE}
+
+
+def test_frames_to_the_arm_come_twice_and_are_flipped_as_well(arm: Rig) -> None:
+    states = arm.operational()
+    bad_on_the_way_in(arm, doubled=1.0)
+    before = arm.controller.sync_count
+    arm.peer.send(0x080)
+    taken_in(arm)
+    assert arm.controller.sync_count == before + 2
+    arm.controller.faults.disturb_frames(FrameFaults())
+    taken_in(arm)
+    bad_on_the_way_in(arm, flipped=1.0)
+    sent = (0x0F, states[0][1], 8)
+    for _ in range(10):
+        arm.peer.command(1, *sent)
+    taken_in(arm)
+    drive = arm.controller.drives[0].drive
+    had = (drive.controlword, drive.target_counts, drive.mode_request)
+    # A target that is far away is refused; whatever bit it was, something else was heard or refused.
+    assert had != sent or EmergencyCode.REFERENCE_LIMIT in drive.errors
 
 
 def test_there_is_no_joint_8(arm: Rig) -> None:

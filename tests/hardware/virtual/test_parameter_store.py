@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from pathlib import Path
 
 import pytest
@@ -141,6 +142,21 @@ def test_every_flipped_bit_in_a_slot_is_noticed(tmp_path: Path) -> None:
         assert store.state(Slot.B) is SlotState.DAMAGED
         assert store.active is Slot.NONE
         assert store.document(Slot.A) == FIRST
+
+
+def test_a_pipe_in_the_place_of_a_slot_is_an_error_and_keeps_nobody_waiting(
+    tmp_path: Path,
+) -> None:
+    os.mkfifo(tmp_path / "slot_a")
+    store = ParameterStore(FolderDisk(tmp_path))
+    with pytest.raises(OSError, match="not a file"):
+        store.state(Slot.A)
+    os.mkfifo(tmp_path / "slot_b.new")
+    (tmp_path / "slot_a").unlink()
+    assert store.commit(b"first") is Slot.A
+    with pytest.raises(OSError, match="slot_b"):
+        store.commit(b"second")
+    assert store.document(store.active) == b"first"
 
 
 def test_an_unknown_pointer_names_no_slot(tmp_path: Path) -> None:

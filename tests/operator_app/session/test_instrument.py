@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -195,6 +196,29 @@ def test_a_file_without_a_heading_is_refused_at_once(
         path.write_text(text)
     with pytest.raises(InstrumentError, match=words):
         Instrument(GrowingFile(path), full_pose=True).open()
+
+
+def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path: Path) -> None:
+    """A pipe would be waited for without end: who writes to it may never come."""
+    pipe = tmp_path / "rows.csv"
+    os.mkfifo(pipe)
+    for place in (pipe, tmp_path, Path("/dev/zero")):
+        with pytest.raises(InstrumentError, match="is no file but a folder, a pipe or a device"):
+            port_of(f"file:{place}").open()
+    with pytest.raises(InstrumentError, match="cannot be read"):
+        port_of("file:x\0y").open()
+
+
+def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "rows.csv"
+    file.write_text("x_m,y_m,z_m\n")
+    port = GrowingFile(file)
+    port.open()
+    port.ask("")
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(InstrumentError, match=r"shorter|a pipe"):
+        port.line(0.0)
 
 
 def test_standard_input_gives_lines_until_it_ends() -> None:

@@ -12,7 +12,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from hardware.errors import MappingDiffers, SdoRefused
 from hardware.objects import (
     COB_EMCY,
+    COB_HEARTBEAT,
+    COB_NMT,
+    COB_SDO_FROM_SERVER,
+    COB_SDO_TO_SERVER,
     COB_SYNC,
+    CONTROL_PERIOD_S,
     DEVICE_TYPE,
     EMCY_COB_ID,
     POSITION_ACTUAL,
@@ -24,7 +29,7 @@ from hardware.objects import (
     TPDO_EVERY_SYNC,
     Abort,
 )
-from hardware.profile import BusProfile, Entry, Pdo, map_words
+from hardware.profile import BusProfile, Entry, JointProfile, Pdo, map_words
 from hardware.scale import JointScale
 from hardware.sdo import ObjectAccess
 
@@ -37,8 +42,24 @@ IDENTIFIER = 0x1FFFFFFF
 ON_RECEIPT = (254, 255)
 """Not with the next SYNC: STOP must not wait for one."""
 EVERY_SYNC = (TPDO_EVERY_SYNC,)
-_PREDEFINED = range(1, 5)
-"""PDO1 to PDO4 of the predefined connection set: those not in use are allowed, but not on our identifiers."""
+_SYNC_COUNTER = 0x1019
+"""Synchronous counter overflow value, which ours do not have; other than 0, a SYNC carries a counter."""
+MOST_PDOS, PDOS_OF_AN_AXIS, LOOKED_AHEAD = 512, 64, 16
+"""CiA 301 has 512 records each way, CiA 402 gives each axis of a device 64 of them. None is known of from
+outside: of the first axis we look until so many in a row are absent, of the others where the first is there."""
+INHIBIT_S, LONGEST_INHIBIT_S = 1e-4, 0.5 * CONTROL_PERIOD_S
+"""Unit of 1800h sub 3, and what is no more than a maker's way to keep a bus from filling up."""
+_INHIBIT, _SYNC_START = 3, 6
+"""Sub-indices of 1800h."""
+_RESERVED = frozenset(
+    {
+        COB_NMT,
+        *range(COB_SYNC, COB_EMCY + 0x80),
+        *range(COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER + 0x80),
+        *range(COB_HEARTBEAT, COB_HEARTBEAT + 0x80),
+    }
+)
+"""NMT, SYNC, and the emergencies, objects and heartbeats of all nodes, ours and the supervisor's among them."""
 _ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 
 
@@ -92,10 +113,10 @@ def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterato
     """What of a drive's PDOs is not as it has to be: node, object, expected and found, in words."""
     yield from _cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=_GENERATES_SYNC)
     yield from _cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=NOT_VALID)
+    counter = read_number(access, node, _SYNC_COUNTER, 0)
+    if counter:
+        yield difference_words(node, _SYNC_COUNTER, 0, "0 (a SYNC without counter)", f"{counter}")
     joint = profile.joints[profile.joint_of[node] - 1]
-    taken = {pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)} | {
-        COB_SYNC
-    }
     for letter, communication, mapping, types, pdos in (
         ("R", RPDO1_COMMUNICATION, RPDO1_MAP, ON_RECEIPT, joint.commands),
         ("T", TPDO1_COMMUNICATION, TPDO1_MAP, EVERY_SYNC, joint.answers),
@@ -104,20 +125,63 @@ def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterato
             at = pdo.number - 1
             yield from _cob_id(access, node, communication + at, 1, pdo.cob_id, refused=NOT_VALID)
             yield from _type(access, node, communication + at, types)
+            if types is EVERY_SYNC:
+                yield from _on_every_sync(access, node, communication + at)
             yield from _map(access, node, mapping + at, f"{letter}PDO{pdo.number}", pdo)
+    yield from _others(access, node, profile, joint)
+
+
+def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:
+    """Read number and identifier (sub 1, with the bits beside it) of every PDO of a kind that a drive has."""
+    for axis in range(0, MOST_PDOS, PDOS_OF_AN_AXIS):
+        absent = 0 if axis == 0 else LOOKED_AHEAD - 1
+        for at in range(axis, axis + PDOS_OF_AN_AXIS):
+            value = read_number(access, node, communication + at, 1)
+            if value is not None:
+                yield at + 1, value
+            absent = 0 if value is not None else absent + 1
+            if absent == LOOKED_AHEAD:
+                break
+
+
+def _others(
+    access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
+) -> Iterator[str]:
+    """PDOs that this program does not use may be in use, but not on identifiers of the arm's own frames.
+
+    A drive that takes the commands to another one obeys them, whatever it is asked itself.
+    """
+    taken = _RESERVED | {
+        pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
+    }
+    for communication, pdos in (
+        (RPDO1_COMMUNICATION, joint.commands),
+        (TPDO1_COMMUNICATION, joint.answers),
+    ):
         used = {pdo.number for pdo in pdos}
-        for number in _PREDEFINED:
-            if number in used:
+        for number, value in read_records(access, node, communication):
+            if number in used or value & NOT_VALID or value & IDENTIFIER not in taken:
                 continue
-            value = read_number(access, node, communication + number - 1, 1)
-            if value is not None and not value & NOT_VALID and value & IDENTIFIER in taken:
-                yield difference_words(
-                    node,
-                    communication + number - 1,
-                    1,
-                    "another identifier, or none",
-                    f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel",
-                )
+            yield difference_words(
+                node,
+                communication + number - 1,
+                1,
+                "another identifier, or none",
+                f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel",
+            )
+
+
+def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[str]:
+    """What a TPDO may have beside its type, that would keep it from following a SYNC."""
+    inhibit = read_number(access, node, index, _INHIBIT) or 0
+    if inhibit * INHIBIT_S >= LONGEST_INHIBIT_S:
+        limit = f"an inhibit time below {1e3 * LONGEST_INHIBIT_S:g} ms"
+        found = f"{1e3 * INHIBIT_S * inhibit:g} ms"
+        yield difference_words(node, index, _INHIBIT, limit, found)
+    start = read_number(access, node, index, _SYNC_START)
+    if start:
+        expected = "SYNC start value 0 (with the next SYNC)"
+        yield difference_words(node, index, _SYNC_START, expected, f"{start}")
 
 
 def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from hardware.errors import SdoRefused
-from hardware.mapping import IDENTIFIER, NOT_VALID, read_map, read_number
+from hardware.mapping import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
 from hardware.objects import (
     CONTROL_PERIOD,
     ENCODER_RESOLUTION,
@@ -23,8 +23,6 @@ from hardware.sdo import ObjectAccess
 
 DESCRIBING: Final = (POSITION_LIMITS, ENCODER_RESOLUTION, CONTROL_PERIOD, SENSOR)
 """What can be compared with an arm file."""
-MOST_PDOS: Final = 16
-"""Looked at of each kind; drives have four, some eight."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,14 +62,14 @@ def _pdos(access: ObjectAccess, node: int, *, sent: bool) -> Iterator[FoundPdo]:
     communication, mapping = (
         (TPDO1_COMMUNICATION, TPDO1_MAP) if sent else (RPDO1_COMMUNICATION, RPDO1_MAP)
     )
-    for at in range(MOST_PDOS):
-        cob_id = read_number(access, node, communication + at, 1)
-        if cob_id is None or cob_id & NOT_VALID:
+    for number, cob_id in read_records(access, node, communication):
+        if cob_id & NOT_VALID:
             continue
+        at = number - 1
         transmission = read_number(access, node, communication + at, 2)
         yield FoundPdo(
             sent=sent,
-            number=at + 1,
+            number=number,
             cob_id=cob_id & IDENTIFIER,
             transmission=255 if transmission is None else transmission,
             entries=read_map(access, node, mapping + at) or (),

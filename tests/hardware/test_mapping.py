@@ -54,6 +54,21 @@ def u32(value: int) -> bytes:
         ((1, 0x1005, 0), u32(0x40000080), "node 1, 1005h sub 0: expected 080h, found 40000080h"),
         ((1, 0x1014, 0), u32(0x82), "node 1, 1014h sub 0: expected 081h, found 082h"),
         ((4, 0x1401, 1), u32(0x201), "node 4, 1401h sub 1: expected another identifier, or none"),
+        (
+            (2, 0x1019, 0),
+            b"\xf0",
+            "node 2, 1019h sub 0: expected 0 (a SYNC without counter), found 240",
+        ),
+        (
+            (2, 0x1800, 3),
+            b"\xe8\x03",
+            "1800h sub 3: expected an inhibit time below 5 ms, found 100 ms",
+        ),
+        (
+            (2, 0x1800, 6),
+            b"\x01",
+            "1800h sub 6: expected SYNC start value 0 (with the next SYNC), found 1",
+        ),
     ],
 )
 def test_what_differs_is_named_with_node_object_expected_and_found(
@@ -66,6 +81,43 @@ def test_what_differs_is_named_with_node_object_expected_and_found(
     assert len(refused.value.differences) == 1
 
 
+RPDO, TPDO = 0x1400, 0x1800
+
+
+@pytest.mark.parametrize(
+    ("record", "number", "cob_id"),
+    [
+        (RPDO, 5, 0x201),  # it would follow joint 1's commands
+        (RPDO, 16, 0x207),
+        (RPDO, 6, 0x186),  # and here joint 6
+        (RPDO, 65, 0x201),  # the second axis of one device
+        (TPDO, 5, 0x182),
+        (TPDO, 2, 0x203),
+        *((TPDO, 2, cob_id) for cob_id in (0x000, 0x080, 0x082, 0x0FF)),
+        *((TPDO, 2, cob_id) for cob_id in (0x583, 0x605, 0x610, 0x704, 0x710, 0x77F)),
+    ],
+)
+def test_a_pdo_that_nobody_uses_on_an_identifier_of_the_arm_is_refused(
+    bus: FakeArmBus, record: int, number: int, cob_id: int
+) -> None:
+    bus.objects[4, record + number - 1, 1] = u32(cob_id)
+    with pytest.raises(MappingDiffers) as refused:
+        make(bus).connect()
+    assert refused.value.differences == (
+        f"node 4, {record + number - 1:04X}h sub 1: expected another identifier, or none, "  # noqa: ISC004
+        f"found {cob_id:03X}h, on which this arm's own frames travel",
+    )
+
+
+def test_a_record_far_behind_the_others_is_found(bus: FakeArmBus) -> None:
+    """Looked for is until 16 in a row are absent."""
+    for at in (8, 20, 36):
+        bus.objects[4, RPDO + at, 1] = u32(0x80000000)
+    bus.objects[4, RPDO + 52, 1] = u32(0x201)
+    with pytest.raises(MappingDiffers, match="node 4, 1434h sub 1"):
+        make(bus).connect()
+
+
 def test_everything_that_differs_is_named_at_once(bus: FakeArmBus) -> None:
     bus.objects[3, 0x1A00, 2] = u32(0x606C0020)
     bus.objects[5, 0x1400, 2] = b"\x00"
@@ -76,7 +128,12 @@ def test_everything_that_differs_is_named_at_once(bus: FakeArmBus) -> None:
 
 def test_a_further_pdo_elsewhere_is_nobodys_business(bus: FakeArmBus) -> None:
     bus.objects[4, 0x1401, 1] = u32(0x304)
+    bus.objects[4, 0x1404, 1] = u32(0x80000201)
     bus.objects[4, 0x1801, 1] = u32(0x80000181)
+    bus.objects[4, 0x1802, 1] = u32(0x384)
+    bus.objects[4, 0x1800, 3] = b"\x0a\0"  # 1 ms: as some makers deliver it
+    bus.objects[4, 0x1800, 6] = b"\0"
+    bus.objects[4, 0x1019, 0] = b"\0"
     arm = make(bus)
     arm.connect()
     arm.close()

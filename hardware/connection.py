@@ -1,7 +1,8 @@
 """A connection to the arm on the bus: opened, checked, running; closed again. Knows no motion.
 
-Order: listen for another operator before a single frame is sent; reset the nodes' communication and
-wait for every boot-up; compare the arm with its description; heartbeat; NMT start; SYNC.
+Order: listen for another operator or master before a single frame is sent; reset the communication of the
+arm's nodes (and of nothing else on the bus) and wait for every boot-up; compare the arm with its description;
+heartbeat; NMT start; SYNC.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from hardware.errors import (
     BusError,
     ControlDenied,
     DriveFault,
+    Intruder,
     NodeMissing,
     SdoRefused,
     Stopped,
@@ -142,14 +144,20 @@ class Connection:
 
         Raises
         ------
-        ControlDenied, NodeMissing, WrongArm, MappingDiffers, BusError, SdoRefused
+        ControlDenied, Intruder, NodeMissing, WrongArm, MappingDiffers, BusError, SdoRefused
         """
-        loop, wire, access, profile = self.loop, self._wire, self.access, self.profile
+        loop, access, profile = self.loop, self.access, self.profile
         loop.start()
         if loop.nodes.wait_for_other_operator(LISTEN_S):
             raise ControlDenied(OPERATOR_NODE)
+        if loop.nodes.intrusion:
+            raise Intruder(
+                f"Somebody else works on this bus: {loop.nodes.intrusion} came from another program. Nothing "
+                "was sent to the arm. End that program, or take its device off this bus, then connect again; "
+                "`sarcal monitor` shows what it sends."
+            )
         loop.nodes.expect_boot_up()
-        wire.send(COB_NMT, bytes([NmtCommand.RESET_COMMUNICATION, 0]))
+        self._command_nodes(NmtCommand.RESET_COMMUNICATION)
         missing = loop.nodes.wait_for_boot_up(BOOT_TIMEOUT_S)
         if missing:
             # Of an arm that is set up in another way some nodes may well be there: say all of it.
@@ -167,7 +175,7 @@ class Connection:
         loop.following = Following(following_windows_counts(access, profile, self.scales))
         self._rated_nm = identifying.read_rated_torques_nm(access, profile)
         loop.begin_heartbeat()
-        wire.send(COB_NMT, bytes([NmtCommand.START, 0]))
+        self._command_nodes(NmtCommand.START)
         _require(loop.nodes.wait_for_state(NmtState.OPERATIONAL, BOOT_TIMEOUT_S))
         if profile.supervisor is not None:
             self.token = access.read_unsigned(profile.supervisor, TOKEN)
@@ -177,6 +185,11 @@ class Connection:
         self._learn_of_trips(first)
         self.read_modes()
         return identity
+
+    def _command_nodes(self, command: NmtCommand) -> None:
+        """Send an NMT command to the arm's nodes, one by one: what else is on this bus is not ours to reset."""
+        for node in self.profile.nodes:
+            self._wire.send(COB_NMT, bytes([command, node]))
 
     def _require_single(self) -> None:
         twice = self.access.answering_twice()

@@ -153,6 +153,7 @@ class ControlLoop:
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
         self._tasks = TaskQueue(self._thread.is_alive, self._gone)
         self._syncing = False
+        self._watching = False
         self._syncs_owed = SYNCS_AFTER_STOP
         self._beating = False
         self._next_beat_s = 0.0
@@ -240,6 +241,8 @@ class ControlLoop:
     def _run(self) -> None:
         ahead_of_its_program()
         try:
+            self._drain()  # what an adapter still had: whoever said it may be gone
+            self._watching = True
             while not self._closing:
                 task = self._tasks.first
                 if task is not None:
@@ -348,7 +351,7 @@ class ControlLoop:
         if COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
             self._on_sdo(identifier, bytes(message.data))
         else:
-            if self._syncing:
+            if self._watching:
                 self.nodes.note_command(identifier, message.data)
             self.nodes.note(
                 identifier, message.data, self.attention.listened_s, self.sample.sync_count

@@ -181,7 +181,7 @@ class NodeWatch:
 
     def _command_of_others(self, identifier: int, data: bytes) -> str:
         """Say what a frame commands; empty if nothing, or nothing but a stop."""
-        if identifier == COB_SYNC and not data:
+        if identifier == COB_SYNC and len(data) <= 1:  # with a counter or without
             return "a SYNC (080h)"
         if identifier == COB_NMT:
             return "an NMT command (000h)"

@@ -92,6 +92,8 @@ class FakeArmBus(can.BusABC):
         self.operational = False
         self.token = 0
         self.other_operator = False
+        self.other_master: tuple[tuple[int, bytes], ...] = ()
+        self._next_cycle = 0.0
         self.document = b""
         self.written: bytes | None = None
         self.refusal = ""
@@ -149,6 +151,9 @@ class FakeArmBus(can.BusABC):
 
     def _beat(self) -> None:
         now = time.monotonic()
+        if self.other_master and now >= self._next_cycle:
+            self._next_cycle = now + 0.01
+            self._queue.extend(self.other_master)
         if now < self._next_beat:
             return
         self._next_beat = now + 0.1
@@ -164,7 +169,7 @@ class FakeArmBus(can.BusABC):
             if data[0] == 0x82:
                 self.operational = False
                 for node in (*self.drives, SUPERVISOR):
-                    if node not in self.dead:
+                    if node not in self.dead and data[1] in (0, node):
                         self._queue.append((0x700 + node, b"\x00"))
                         self._queue.append((0x700 + node, b"\x7f"))
             elif data[0] == 0x01:

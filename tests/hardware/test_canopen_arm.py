@@ -32,6 +32,7 @@ from hardware.errors import (
     CommandRefused,
     ControlDenied,
     DriveFault,
+    Intruder,
     ModeNotReached,
     NodeMissing,
     Stopped,
@@ -165,6 +166,60 @@ def test_nothing_is_sent_before_the_others_were_listened_to(bus: FakeArmBus) -> 
         make(bus).connect()
     assert denied.value.holder == 127
     assert bus.sent == []
+
+
+COMMANDS_JOINT_1 = bytes.fromhex("0f000500000008")
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [
+        (((0x080, b""), (0x201, COMMANDS_JOINT_1)), r"a SYNC \(080h\)"),
+        (((0x080, b"\x07"),), r"a SYNC \(080h\)"),
+        (((0x201, COMMANDS_JOINT_1),), r"a command to joint 1 \(201h\)"),
+        (((0x000, b"\x82\x00"),), r"an NMT command \(000h\)"),
+    ],
+)
+def test_nothing_is_sent_where_another_master_works(
+    bus: FakeArmBus,
+    monkeypatch: pytest.MonkeyPatch,
+    frames: tuple[tuple[int, bytes], ...],
+    words: str,
+) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.3)
+    bus.other_master = frames
+    with pytest.raises(Intruder, match=f"else works on this bus: {words} came .* End that program"):
+        make(bus).connect()
+    assert bus.sent == []
+
+
+def test_what_a_master_said_before_anybody_listened_bars_nobody(bus: FakeArmBus) -> None:
+    """Our own predecessor may have been killed a moment ago, and an adapter have kept its last frames."""
+    for frame in ((0x080, b""), (0x201, COMMANDS_JOINT_1), (0x000, b"\x82\x00")):
+        bus.say(*frame)
+    arm = make(bus)
+    arm.connect()
+    arm.close()
+
+
+def test_a_master_that_comes_while_connecting_is_named() -> None:
+    class Contested(FakeArmBus):
+        def _handle(self, identifier: int, data: bytes) -> None:
+            super()._handle(identifier, data)
+            if (identifier, data) == (0x000, b"\x82\x07"):
+                self._queue.append((0x000, b"\x80\x00"))
+
+    with pytest.raises(Intruder, match=r"commands this arm: an NMT command \(000h\)"):
+        make(Contested()).connect()
+
+
+def test_other_devices_on_the_bus_are_not_reset_and_not_started(bus: FakeArmBus) -> None:
+    arm = make(bus)
+    arm.connect()
+    arm.close()
+    nodes = [*range(1, 8), 16]
+    told = [data for identifier, data in bus.sent if identifier == 0x000]
+    assert told == [bytes([command, node]) for command in (0x82, 0x01) for node in nodes]
 
 
 def test_missing_nodes_are_named(bus: FakeArmBus) -> None:

@@ -146,15 +146,16 @@ class ForeignArm:
             node.nmt.stop_heartbeat()
         self.network.disconnect()
 
-    def _boot(self) -> None:
+    def _boot(self, number: int = 0) -> None:
         for node in self.nodes:
-            node.nmt.stop_heartbeat()
-            node.nmt.send_command(129)
-            node.nmt.send_command(128)
+            if number in (0, node.id):
+                node.nmt.stop_heartbeat()
+                node.nmt.send_command(129)
+                node.nmt.send_command(128)
 
     def _nmt(self, _id: int, data: bytearray, _stamp: float) -> None:
         if data[0] in (129, 130):
-            self._boot()
+            self._boot(data[1])
             return
         for node in self.nodes:
             if data[1] in (0, node.id):

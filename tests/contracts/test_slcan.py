@@ -14,8 +14,6 @@ from oracles.profiles import sarcos
 from oracles.slcan_adapter import SlcanAdapter
 from tests.contracts.test_arm_contract import MODEL, TWO_DRIVEN, controller_on, describe
 
-pytest.importorskip("serial", reason="pyserial, which python-can's slcan needs, is not installed")
-
 
 @pytest.fixture(autouse=True)
 def a_shorter_listen(monkeypatch: pytest.MonkeyPatch) -> None:

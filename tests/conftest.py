@@ -21,6 +21,7 @@ PROGRAMS = {
     "dcfchk": "extra 'test'",
     "ip": "Debian package iproute2",
     "linux.uml": "Debian package user-mode-linux",
+    "node": "Debian package nodejs",
     "tmux": "Debian package tmux",
     "tshark": "Debian package tshark",
 }

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
-from collections import deque
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import can
 
 from hardware.errors import BusError
+from hardware.recording import Recording
 
 _PASSED_OVER = 200
 """Frames of other kinds in a row, after which `receive` lets its caller look at the clock."""
@@ -28,13 +25,7 @@ class Wire:
     bus
         Open bus; `close` shuts it down.
     record_to
-        File to record to, in the format its suffix names (``.blf``, ``.asc``, ``.log``, ...). What was
-        recorded before is evidence: beside a file of that name another is begun, ``bus-2.blf``.
-
-    Attributes
-    ----------
-    recording_failure
-        Why recording ended early, None if it did not: a full disk must not stop the arm.
+        File to record to, see `Recording`.
 
     Raises
     ------
@@ -45,18 +36,12 @@ class Wire:
     def __init__(self, bus: can.BusABC, *, record_to: Path | None = None) -> None:
         self._bus = bus
         self._send_lock = threading.Lock()
-        self._record_lock = threading.Lock()
-        self.recording_failure: str | None = None
-        self._writer: Any = None
-        self._unrecorded: deque[can.Message] = deque()
-        self._numbers_channels = record_to is not None and record_to.suffix.lower() == ".blf"
-        if record_to is not None:
-            try:
-                self._writer = can.Logger(str(_unused(record_to)))
-            except (OSError, ValueError) as error:
-                raise BusError(
-                    f"The bus cannot be recorded to {record_to}: {error}. Choose another file."
-                ) from error
+        self._recording = None if record_to is None else Recording(record_to)
+
+    @property
+    def recording_failure(self) -> str | None:
+        """Why recording ended early, None if it did not: a full disk must not stop the arm."""
+        return None if self._recording is None else self._recording.failure
 
     def send(self, identifier: int, data: bytes) -> None:
         """Send a data frame with a standard identifier.
@@ -76,9 +61,9 @@ class Wire:
             raise BusError(
                 f"The bus does not take frames any more: {error}. Check adapter, cable and power."
             ) from error
-        if self._writer is not None:
+        if self._recording is not None:
             message.is_rx = False
-            self._record(message)
+            self._recording.record(message)
 
     def send_at_once(self, message: can.Message) -> None:
         """Send a frame without waiting for the lock that keeps senders apart: for STOP.
@@ -95,9 +80,9 @@ class Wire:
 
     def note_sent(self, message: can.Message) -> None:
         """Have a frame recorded that went out another way, with its own time stamp. Waits for nothing."""
-        if self._writer is not None:
+        if self._recording is not None:
             message.is_rx = False
-            self._unrecorded.append(message)
+            self._recording.note(message)
 
     def receive(self, timeout_s: float) -> can.Message | None:
         """Next data frame with a standard identifier, or None after at most `timeout_s`.
@@ -118,8 +103,8 @@ class Wire:
                 ) from error
             if message is None:
                 return None
-            if self._writer is not None:
-                self._record(message)
+            if self._recording is not None:
+                self._recording.record(message)
             if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):
                 return message
             timeout_s = 0.0
@@ -127,39 +112,6 @@ class Wire:
 
     def close(self) -> None:
         """End the recording and shut the bus down. Safe to call twice."""
-        with self._record_lock:
-            writer, self._writer = self._writer, None
-            if writer is not None:
-                try:
-                    while self._unrecorded:
-                        writer(self._unrecorded.popleft())
-                    writer.stop()
-                except (OSError, ValueError, struct.error) as error:
-                    self.recording_failure = str(error)
+        if self._recording is not None:
+            self._recording.close()
         self._bus.shutdown()
-
-    def _record(self, message: can.Message) -> None:
-        with self._record_lock:
-            if self._writer is None:
-                return
-            if self._numbers_channels:
-                message.channel = (
-                    None  # a name that ends in digits is taken for a number, of any size
-                )
-            try:
-                while self._unrecorded:
-                    self._writer(self._unrecorded.popleft())
-                self._writer(message)
-            except (OSError, ValueError, struct.error) as error:
-                self.recording_failure = str(error)
-                writer, self._writer = self._writer, None
-                with suppress(OSError, ValueError, struct.error):  # said already
-                    writer.stop()
-
-
-def _unused(path: Path) -> Path:
-    """Find a file that is not there yet: of this name, or of the first number beside it that is free."""
-    candidate, k = path, 2
-    while candidate.exists():
-        candidate, k = path.with_name(f"{path.stem}-{k}{path.suffix}"), k + 1
-    return candidate

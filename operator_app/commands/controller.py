@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import textwrap
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,12 +15,14 @@ from operator_app.commands.options import (
     bus_options,
     choices_from,
     placement_count,
+    record_option,
     scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
 if TYPE_CHECKING:
+    from hardware.buses import BusSettings
     from hardware.virtual.tracker import SimulatedTracker
 
 _HELP = "help"
@@ -83,6 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="at which SYNC since the controller began (default 1000: 10 s into a session in real time)",
     )
     bus_options(parser, profile=False)
+    record_option(parser)
     scenario_options(parser)
 
 
@@ -125,6 +128,7 @@ def execute(args: argparse.Namespace) -> int:
     with (
         ending_signals_interrupt(),
         first_in_line(),
+        _recorded(settings, args.record),
         run_controller(
             arm,
             choices,
@@ -167,6 +171,27 @@ def _out_of_order(failure: Exception) -> Exception:
             f"The bus cannot be used any more: {failure}. Look at adapter and interface, and start again."
         )
     return failure
+
+
+@contextmanager
+def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
+    """Record the bus, if asked to: from before the first boot-up to after the last frame."""
+    from hardware.bystander import recorded
+
+    if path is None:
+        yield
+        return
+    ended: Callable[[], str | None] | None = None
+    try:
+        with recorded(settings, path) as ended:
+            yield
+    finally:
+        if ended is not None and (why := ended()):
+            say(
+                f"sarcal: the recording of the bus, {path}, ends early: {why}. "
+                "Free some space, or record to another disk.",
+                err=True,
+            )
 
 
 @contextmanager

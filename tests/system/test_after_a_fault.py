@@ -7,8 +7,10 @@ import os
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 
 import can
@@ -250,7 +252,7 @@ def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
     tmp_path: Path, channel: str
 ) -> None:
     bus = ["-i", "loopback", "-c", channel]
-    with controller_on(tmp_path, channel):
+    with controller_on(tmp_path, channel, "--record", "all.log") as controller:
         look = ("arm-check", *bus, "--through", "look", "--json", "--record", "look.log")
         code, out, said = finish(start(tmp_path, *look))
         assert code == 0, (out, said)
@@ -265,3 +267,16 @@ def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
         assert code == 0, (out, said)
         assert "Enable them? [y/N]" in said
         assert "not tried: nobody agreed to it" in out
+        # What the controller records is all that both sides said, in the order of time.
+        controller.send_signal(signal.SIGINT)
+        controller.wait(PATIENCE_S)
+    with can.LogReader(tmp_path / "all.log") as recorded:
+        everything = list(recorded)
+    assert all(a.timestamp <= b.timestamp for a, b in pairwise(everything))
+    times = Counter((f.arbitration_id, bytes(f.data)) for f in everything)
+    assert everything[0].arbitration_id == 0x701
+    assert times[0x000, b"\x01\x00"] == 2  # both connected
+    assert times[0x77F, b"\x05"] > 2
+    with can.LogReader(tmp_path / "look.log") as recorded:
+        looked = Counter((f.arbitration_id, bytes(f.data)) for f in recorded)
+    assert all(times[frame] >= count for frame, count in looked.items())

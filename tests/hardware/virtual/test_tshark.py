@@ -9,14 +9,7 @@ import can
 import pytest
 
 from tests.oracles.virtual_rig import rig
-
-
-def _decoded(file: Path, *fields: str) -> list[list[str]]:
-    arguments = ["tshark", "-r", str(file), "-d", "can.subdissector,canopen", "-T", "fields"]
-    for field in fields:
-        arguments += ["-e", field]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=True, timeout=60)
-    return [line.split("\t") for line in done.stdout.splitlines()]
+from tests.oracles.wireshark import dissected
 
 
 @pytest.mark.needs("tshark")
@@ -33,7 +26,7 @@ def test_wireshark_reads_the_bus_as_it_was_meant(tmp_path: Path) -> None:
         with can.Logger(str(file)) as writer:
             while (message := tap.recv(0.0)) is not None:
                 writer(message)
-    rows = _decoded(
+    rows = dissected(
         file,
         "can.id",
         "canopen.function_code",

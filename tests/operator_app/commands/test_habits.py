@@ -11,6 +11,7 @@ import canopen
 import pytest
 
 from operator_app.cli import COMMANDS, main
+from operator_app.commands.table import APP, parser_of
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 
@@ -34,6 +35,18 @@ def test_nonsense_gets_no_guess_but_the_list(capsys: pytest.CaptureFixture[str])
     assert "did you mean" not in said
     assert all(command in said for command in COMMANDS)
     assert "\x1b" not in said
+
+
+def test_every_command_that_opens_a_bus_can_record_it() -> None:
+    options = {
+        command: {word for action in parser_of(command)._actions for word in action.option_strings}
+        for command in (*COMMANDS, APP)
+    }
+    open_a_bus = {command for command, words in options.items() if "--interface" in words}
+    assert open_a_bus == {
+        "app", "arm-check", "controller", "export", "monitor", "probe", "reset", "run", "verify",
+    }  # fmt: skip
+    assert {command for command, words in options.items() if "--record" in words} == open_a_bus
 
 
 def test_eds_files_are_read_by_canopen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -90,6 +90,8 @@ class CanopenArm:
         self._openers = openers or BusOpeners()
         self._n = len(description.joints)
         self._connection: Connection | None = None
+        self._opening: Connection | None = None
+        self._connecting = False
         self._recording_failure: str | None = None
         self._latch = StopLatch()  # here, so that a new connection does not lift a STOP
         self._closing = False
@@ -101,32 +103,36 @@ class CanopenArm:
     def connect(self) -> ArmIdentity:
         """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
 
-        A STOP latched before stays latched.
+        A STOP latched before stays latched; one pressed meanwhile ends this.
 
         Raises
         ------
-        BusError, NodeMissing, WrongArm, MappingDiffers, ControlDenied, SdoRefused
+        BusError, NodeMissing, WrongArm, MappingDiffers, ControlDenied, Intruder, SdoRefused, Stopped
             The connection is closed again.
         """
         if self._connection is not None:
             raise ValueError("this arm is connected already")
-        connection = Connection(
-            self._description,
-            self._settings,
-            self._profile,
-            pace=self._pace,
-            timing=self._timing,
-            openers=self._openers,
-            record_to=self._record_to,
-        )
-        connection.loop.latch = self._latch
+        press, self._connecting = self._latch.last, True
         try:
-            identity = connection.open()
-        except BaseException:
-            connection.close()
-            raise
-        self._connection = connection
-        return identity
+            self._opening = connection = Connection(
+                self._description,
+                self._settings,
+                self._profile,
+                pace=self._pace,
+                timing=self._timing,
+                openers=self._openers,
+                record_to=self._record_to,
+            )
+            connection.loop.latch = self._latch
+            try:
+                identity = connection.open(press)
+            except BaseException:
+                connection.close()
+                raise
+            self._connection = connection
+            return identity
+        finally:
+            self._connecting, self._opening = False, None
 
     def close(self) -> bool:
         """Leave the arm held, give the token back, end heartbeats and recording. Safe to call twice.
@@ -314,14 +320,20 @@ class CanopenArm:
     def stop(self) -> None:
         """Quick stop to all drives at once; latches. From any thread; waits for no lock and no queue.
 
+        It ends connecting as well, and goes out if the bus is open by then.
+
         Raises
         ------
         BusError
             If a frame could not be sent; all others were.
         """
-        link = self._link
+        # In this order: connecting, an arm is there as `_opening` until it is there as `_connection`.
+        connecting, link = self._connecting, self._opening or self._connection
+        if link is None and not connecting:
+            raise BusError("The arm is not connected.")
         self._latch.press()
-        link.send_quick_stops()
+        if link is not None:
+            link.send_quick_stops()
 
     def reset_stop(self) -> None:
         """Clear the latch and drive faults; the drives stay disabled until `take_control`.

@@ -139,17 +139,21 @@ class Connection:
         except BusError:
             return None
 
-    def open(self) -> ArmIdentity:
+    def open(self, press: object | None = None) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC.
+
+        `press` is the last STOP before; a newer one ends this.
 
         Raises
         ------
-        ControlDenied, Intruder, NodeMissing, WrongArm, MappingDiffers, BusError, SdoRefused
+        Stopped, ControlDenied, Intruder, NodeMissing, WrongArm, MappingDiffers, BusError, SdoRefused
         """
         loop, access, profile = self.loop, self.access, self.profile
+        loop.nodes.given_up = lambda: loop.latch.last is not press
         loop.start()
         if loop.nodes.wait_for_other_operator(LISTEN_S):
             raise ControlDenied(OPERATOR_NODE)
+        self._go_on()
         if loop.nodes.intrusion:
             raise Intruder(
                 f"Somebody else works on this bus: {loop.nodes.intrusion} came from another program. Nothing "
@@ -159,13 +163,16 @@ class Connection:
         loop.nodes.expect_boot_up()
         self._command_nodes(NmtCommand.RESET_COMMUNICATION)
         missing = loop.nodes.wait_for_boot_up(BOOT_TIMEOUT_S)
+        self._go_on()
         if missing:
             # Of an arm that is set up in another way some nodes may well be there: say all of it.
             check_mapping(access, profile, missing)
         _require(missing)
         identity = identifying.read_identity(access, profile, self._description)
         self._require_single()
+        self._go_on()
         check_mapping(access, profile)
+        self._go_on()
         identifying.check_arm(
             access, identity, self._description, profile, period_s=self._timing.period_s
         )
@@ -174,9 +181,12 @@ class Connection:
         identity = replace(identity, unwatching=check_watch(access, profile))
         loop.following = Following(following_windows_counts(access, profile, self.scales))
         self._rated_nm = identifying.read_rated_torques_nm(access, profile)
+        self._go_on()
         loop.begin_heartbeat()
         self._command_nodes(NmtCommand.START)
-        _require(loop.nodes.wait_for_state(NmtState.OPERATIONAL, BOOT_TIMEOUT_S))
+        waiting = loop.nodes.wait_for_state(NmtState.OPERATIONAL, BOOT_TIMEOUT_S)
+        self._go_on()
+        _require(waiting)
         if profile.supervisor is not None:
             self.token = access.read_unsigned(profile.supervisor, TOKEN)
         loop.begin_sync()
@@ -184,7 +194,16 @@ class Connection:
         check_positions(access, profile, first.counts, self.scales)
         self._learn_of_trips(first)
         self.read_modes()
+        self._go_on()
         return identity
+
+    def _go_on(self) -> None:
+        """Raise if STOP was pressed since this began: nothing was enabled, and nothing will be."""
+        if self.loop.nodes.given_up():
+            raise Stopped(
+                "STOP was pressed while connecting, and stays latched: nothing was enabled, and the connection "
+                "is closed. Connect again first"
+            )
 
     def _command_nodes(self, command: NmtCommand) -> None:
         """Send an NMT command to the arm's nodes, one by one: what else is on this bus is not ours to reset."""

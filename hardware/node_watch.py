@@ -7,6 +7,8 @@ of a clock that stands still while nobody listens (`hardware.attention`).
 from __future__ import annotations
 
 import threading
+import time
+from collections.abc import Callable
 
 from hardware.arm import Fault
 from hardware.cia402 import CONTROLWORD_QUICK_STOP
@@ -24,8 +26,10 @@ from hardware.objects import (
 )
 from hardware.profile import BusProfile
 
-_INITIATE_DOWNLOAD = 1
-"""Client command specifier of an SDO that writes."""
+_DOWNLOAD, _BLOCK_DOWNLOAD, _BLOCK_END = 1, 6, 0x01
+"""Client command specifiers of an SDO that writes, and the bit by which a block's end differs from its start."""
+_GIVEN_UP_S = 0.05
+"""How soon a wait notices that it was given up."""
 
 
 class NodeWatch:
@@ -48,6 +52,8 @@ class NodeWatch:
         When another operator's heartbeat was last heard, None if never.
     restarted
         Nodes that booted without being told to.
+    given_up
+        Whether nobody wants any more what is waited for.
     intrusion
         What somebody else commands on this bus, in words; empty if nobody was seen to.
     """
@@ -65,6 +71,7 @@ class NodeWatch:
         self.other_operator_at_s: float | None = None
         self.restarted: frozenset[int] = frozenset()
         self.intrusion = ""
+        self.given_up: Callable[[], bool] = lambda: False
         self._expecting = False
         self._booted: set[int] = set()
         self._changed = threading.Condition()
@@ -97,7 +104,7 @@ class NodeWatch:
     def wait_for_boot_up(self, timeout_s: float) -> tuple[int, ...]:
         """Wait until every node has booted; return those that have not after `timeout_s`."""
         with self._changed:
-            self._changed.wait_for(lambda: self._booted.issuperset(self.nodes), timeout_s)
+            self._wait_for(lambda: self._booted.issuperset(self.nodes), timeout_s)
             self._expecting = False
             return tuple(node for node in self.nodes if node not in self._booted)
 
@@ -108,13 +115,13 @@ class NodeWatch:
             return tuple(node for node in self.nodes if self.nmt_state.get(node) != state)
 
         with self._changed:
-            self._changed.wait_for(lambda: not others(), timeout_s)
+            self._wait_for(lambda: not others(), timeout_s)
             return others()
 
     def wait_for_other_operator(self, timeout_s: float) -> bool:
         """Listen for `timeout_s`; whether another operator's heartbeat was heard."""
         with self._changed:
-            return self._changed.wait_for(lambda: self.other_operator_at_s is not None, timeout_s)
+            return self._wait_for(lambda: self.other_operator_at_s is not None, timeout_s)
 
     def silent(self, now_s: float, limit_s: float) -> tuple[int, ...]:
         """Nodes that were heard once, and not for longer than `limit_s`."""
@@ -145,6 +152,16 @@ class NodeWatch:
         """Start a new list of emergencies."""
         self.faults = ()
         self.intrusion = ""
+
+    def _wait_for(self, happened: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until something has happened, or nobody wants it any more: STOP wakes nobody, it takes no lock."""
+        end_s = time.monotonic() + timeout_s
+        while not happened() and not self.given_up():
+            left_s = end_s - time.monotonic()
+            if left_s <= 0.0:
+                break
+            self._changed.wait(min(left_s, _GIVEN_UP_S))
+        return happened()
 
     def _heartbeat(self, node: int, state: int, now_s: float) -> None:
         if node == OPERATOR_NODE:
@@ -191,7 +208,13 @@ class NodeWatch:
                 return ""  # our own STOP, which has a handle of its own, or somebody else's: both are good
             return f"a command to joint {joint} ({identifier:03X}h)"
         node = identifier - COB_SDO_TO_SERVER
-        if node in self.nodes and len(data) == 8 and data[0] >> 5 == _INITIATE_DOWNLOAD:
+        if node in self.nodes and len(data) == 8 and _begins_to_write(data[0]):
             index = int.from_bytes(data[1:3], "little")
             return f"a write to {index:04X}h of node {node}"
         return ""
+
+
+def _begins_to_write(command: int) -> bool:
+    """Whether an SDO's first byte is that of a download, whole, by segments or by blocks."""
+    kind = command >> 5
+    return kind == _DOWNLOAD or (kind == _BLOCK_DOWNLOAD and not command & _BLOCK_END)

@@ -183,8 +183,13 @@ class Runner:
 
     @property
     def connected(self) -> bool:
-        """Whether there is an arm to stop."""
-        return self.session.identity is not None
+        """Whether there is an arm to stop: also one that is being connected to."""
+        return self.session.identity is not None or self._connecting
+
+    @property
+    def _connecting(self) -> bool:
+        job = self._current
+        return job is not None and job.kind is TaskKind.CONNECT
 
     # -- commands ----------------------------------------------------------------------------------
 
@@ -316,7 +321,8 @@ class Runner:
                 self.say(Level.WARNING, news)
             if now.arm is not None and now.stop is not None:
                 self._count_stopped(now, now.stop)
-            if now.data is DataState.LOST and not lost:
+            # While connecting anew there are none yet, and a STOP would end it.
+            if now.data is DataState.LOST and not lost and not self._connecting:
                 lost = True
                 sent = "quick stop sent" if self._stop_quietly() else "quick stop NOT sent"
                 self.say(

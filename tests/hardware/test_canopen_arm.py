@@ -689,6 +689,70 @@ def test_a_command_under_way_when_stop_comes_is_followed_by_quick_stop(
     assert set(words[late + 1 :]) == {0x0002}
 
 
+STAGES = {
+    "listening": lambda identifier, _: identifier == -1,
+    "the reset": lambda identifier, data: identifier == 0x000 and data[0] == 0x82,
+    "reading": lambda identifier, data: identifier == 0x604 and data[1:3] == b"\x00\x1a",
+    "the start": lambda identifier, data: identifier == 0x000 and data[0] == 0x01,
+    "SYNC": lambda identifier, _: identifier == 0x080,
+}
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_stop_while_connecting_is_latched_and_sent_and_ends_it(
+    stage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the time a STOP is pressed the bus may be open, and a drive may be moving for whoever was before us."""
+
+    class Pressed(FakeArmBus):
+        pressed = False
+
+        def _handle(self, identifier: int, data: bytes) -> None:
+            super()._handle(identifier, data)
+            if STAGES[stage](identifier, data) and not self.pressed:
+                self.pressed = True
+                arm.stop()
+
+        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+            if stage == "listening" and not self.pressed:
+                self.pressed = True
+                arm.stop()
+            return super()._recv_internal(timeout)
+
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 30.0 if stage == "listening" else 0.02)
+    bus = Pressed()
+    bus.drives[7].counts = 100
+    arm = make(bus)
+    begun = time.monotonic()
+    with pytest.raises(Stopped, match="STOP was pressed while connecting"):
+        arm.connect()
+    assert time.monotonic() - begun < 10.0
+    assert [data[:2] for _, data in frames(bus, 0x200)] == [b"\x02\x00"] * JOINTS
+    with pytest.raises(BusError, match="not connected"):
+        arm.stop()
+    arm.connect()
+    assert arm.snapshot().stopped
+    with pytest.raises(Stopped):
+        arm.take_control()
+    arm.close()
+
+
+def test_stop_before_the_bus_is_open_is_latched_and_ends_connecting(bus: FakeArmBus) -> None:
+    def opened(_: BusSettings) -> can.BusABC:
+        arm.stop()
+        return bus
+
+    arm = CanopenArm(
+        describe(),
+        BusSettings(channel="fake"),
+        sarcos(),
+        openers=BusOpeners(main=opened, stop=lambda _: bus.stop_handle()),
+    )
+    with pytest.raises(Stopped, match="STOP was pressed while connecting"):
+        arm.connect()
+    assert bus.sent == []
+
+
 def test_stop_needs_no_lock(driven: CanopenArm) -> None:
     with driven._link._wire._send_lock:
         driven.stop()

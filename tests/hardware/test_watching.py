@@ -63,6 +63,8 @@ def driven(bus: FakeArmBus) -> Iterator[CanopenArm]:
         ((0x080, b""), "a SYNC"),
         ((0x000, b"\x02\x03"), "an NMT command"),
         ((0x610, bytes.fromhex("2100200000010000")), "a write to 2000h of node 16"),
+        ((0x610, bytes.fromhex("c600200000010000")), "a write to 2000h of node 16"),
+        ((0x603, bytes.fromhex("c07d600108000000")), "a write to 607Dh of node 3"),
     ],
 )
 def test_whoever_else_commands_is_named(
@@ -76,6 +78,7 @@ def test_whoever_else_commands_is_named(
 
 def test_whoever_only_asks_or_stops_is_welcome(driven: CanopenArm, bus: FakeArmBus) -> None:
     bus.say(0x610, bytes.fromhex("4000200000000000"))
+    bus.say(0x610, bytes.fromhex("a400200020000000"))  # a block upload
     bus.say(0x203, struct.pack("<Hib", 0x02, 0, 8))
     driven.capture(20)
 

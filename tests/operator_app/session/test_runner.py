@@ -85,6 +85,14 @@ def test_work_is_shown_before_it_begins_and_while_it_lasts(runner: Runner) -> No
     assert runner.snapshot().task is None
 
 
+def test_what_is_being_connected_to_can_be_stopped(runner: Runner) -> None:
+    seen: list[bool] = []
+    runner.submit(TaskKind.CONNECT, "connecting", lambda: seen.append(runner.connected))
+    finish(runner)
+    assert seen == [True]
+    assert not runner.connected
+
+
 def test_what_waits_behind_cancelled_work_never_begins(runner: Runner) -> None:
     begun, go_on = threading.Event(), threading.Event()
     ran: list[str] = []

@@ -6,10 +6,9 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,8 +18,8 @@ import pytest
 from hardware.buses import BusSettings, open_bus
 from operator_app.cli import main
 from operator_app.session.journal import read_journal
+from oracles.own_process import start, wait_for_poses
 
-SARCAL = [sys.executable, "-m", "operator_app.cli"]
 PATIENCE_S = 240
 Start = Callable[..., subprocess.Popen[str]]
 
@@ -28,17 +27,6 @@ Start = Callable[..., subprocess.Popen[str]]
 @pytest.fixture
 def channel(request: pytest.FixtureRequest) -> str:
     return f"fault-{os.getpid()}-{request.node.name[:24]}"
-
-
-def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [*SARCAL, *arguments],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
 
 
 @contextmanager
@@ -61,17 +49,6 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
 
 def poses_of(folder: Path) -> list[int]:
     return [e.data["number"] for e in read_journal(folder).events if e.name == "pose"]
-
-
-def wait_for_poses(sessions: Path, wanted: int, process: subprocess.Popen[str]) -> Path:
-    while True:
-        for journal in sessions.glob("*/journal.jsonl"):
-            if journal.read_bytes().count(b'"event":"pose"') >= wanted:
-                return journal.parent
-        with suppress(subprocess.TimeoutExpired):
-            # Not in a spin: the program needs the processor to keep its heartbeat.
-            process.wait(0.05)
-            raise AssertionError(process.communicate()[1])
 
 
 def test_after_a_kill_the_same_command_goes_on(tmp_path: Path, channel: str) -> None:

@@ -7,11 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import re
-import subprocess
-import sys
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -23,29 +19,16 @@ from operator_app.session.folder import read_session
 from operator_app.session.journal import read_journal
 from operator_app.session.opening import Choices, begin
 from operator_app.virtual_arms import virtual_arm
+from oracles.own_process import start, wait_for_poses
 from solver.chain.parameters import DhEntry
 
-SARCAL = [sys.executable, "-m", "operator_app.cli"]
 POSES = 10
 
 
 def killed_after(folder: Path, poses: int, *arguments: str) -> None:
     """Run a program and kill it as soon as its session has so many poses."""
-    process = subprocess.Popen(
-        [*SARCAL, *arguments],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    while not any(
-        journal.read_bytes().count(b'"event":"pose"') >= poses
-        for journal in folder.glob("sessions/*/journal.jsonl")
-    ):
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(0.02)
-            raise AssertionError(process.communicate()[0])
+    process = start(folder, *arguments)
+    wait_for_poses(folder / "sessions", poses, process)
     process.kill()
     process.communicate()
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,8 +15,8 @@ import yaml
 from operator_app.cli import main
 from operator_app.config.resources import resolve
 from operator_app.session.journal import read_journal
+from oracles.own_process import SARCAL, environment, start
 
-SARCAL = [sys.executable, "-m", "operator_app.cli"]
 HINGE = {"theta_off_1": 9.9, "theta_off_5": 27.1, "a_0": 0.202, "alpha_7": 99.8}
 """Some of Table 2, deg and m."""
 
@@ -45,7 +43,7 @@ def datasheet(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subproces
     done = subprocess.run(
         [*SARCAL, "run", "hinge_planned", "--poses", "6", "--json"],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+        env=environment(),
         capture_output=True,
         text=True,
         check=False,
@@ -100,19 +98,9 @@ def test_a_planned_session_is_verified_with_the_drives_it_chose(
 
 
 def test_interrupted_in_the_middle_of_a_plan_it_goes_on(tmp_path: Path) -> None:
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
-
-    def start(*arguments: str) -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            [*SARCAL, *arguments],
-            cwd=tmp_path,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    process = start("run", "hinge", "--plan", "planned", "--scenario", "exact", "--poses", "3")
+    process = start(
+        tmp_path, "run", "hinge", "--plan", "planned", "--scenario", "exact", "--poses", "3"
+    )
     assert process.stderr is not None
     # Said when the plan is made: the first planned move is what the interrupt meets.
     assert any("Explored" in line for line in process.stderr)
@@ -123,7 +111,7 @@ def test_interrupted_in_the_middle_of_a_plan_it_goes_on(tmp_path: Path) -> None:
     (folder,) = (tmp_path / "sessions").iterdir()
     before = [e.data for e in read_journal(folder).events if e.name == "pose"]
 
-    process = start("run", "--resume", "latest", "--json")
+    process = start(tmp_path, "run", "--resume", "latest", "--json")
     out, words = process.communicate(timeout=120)
     assert process.returncode == 0, words
     found = json.loads(out)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +15,13 @@ from operator_app.cli import main
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.resources import resolve
 from operator_app.session.journal import read_journal
+from oracles.own_process import start, wait_for_poses
 
 TRUTH = {
     "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,
     "theta_off_5": 27.1, "theta_off_6": 116.3, "theta_off_7": 89.3, "a_0": 0.202, "s_0": 0.014,
     "alpha_0": -38.5, "s_1": 0.273, "a_7": -0.101, "s_7": 0.038, "alpha_7": 99.8,
 }  # fmt: skip
-SARCAL = [sys.executable, "-m", "operator_app.cli"]
 
 
 def run_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict]:
@@ -141,26 +139,6 @@ def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(
     mine.write_text(yaml.safe_dump(procedure, sort_keys=False))
     assert main(["run", str(mine), "--sessions", str(tmp_path)]) == 5
     assert "joint 4 does not move" in capsys.readouterr().err
-
-
-def start(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [*SARCAL, *arguments],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def wait_for_poses(sessions: Path, wanted: int, process: subprocess.Popen[str]) -> Path:
-    """Poll the journal of the one session until it holds `wanted` poses."""
-    while process.poll() is None:
-        for journal in sessions.glob("*/journal.jsonl"):
-            if journal.read_bytes().count(b'"event":"pose"') >= wanted:
-                return journal.parent
-    raise AssertionError(process.communicate()[1])
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

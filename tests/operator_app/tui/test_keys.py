@@ -7,16 +7,12 @@ import re
 from dataclasses import replace
 
 import pytest
-from textual import events
 
-from operator_app.session.actions import ACTIONS, by_name, footer, for_key
 from operator_app.session.snapshot import TaskKind
 from operator_app.session.steps import Step
-from operator_app.tui.dialogs import Ask, Choose, Confirm, Read
-from operator_app.tui.help import help_text
-from operator_app.tui.palette import ActionProvider, title
+from operator_app.tui.dialogs import Ask, Choose, Confirm
 from oracles.still_runner import entry
-from oracles.story import busy, real, stale, stopped, story
+from oracles.story import busy, real, stale, story
 
 ASKS = [
     # step, told, key, what the runner is asked
@@ -102,73 +98,6 @@ async def test_stale_data_block_capture_and_are_marked(still):
         assert d.runner.asked == []
 
 
-async def test_stop_works_at_every_step(still):
-    async with still(story()["solved"]) as d:
-        for step in Step:
-            for key in ("space", "f8"):
-                await d.see(story()["solved"], step)
-                await d.press(key)
-                assert (d.runner.stops, d.runner.asked) == (1, []), (step, key)
-
-
-async def test_stop_does_not_wait_for_the_event_loop(still):
-    async with still(story()["solved"], step=Step.RESULTS) as d:
-        d.app._driver.process_message(events.Key("f8", None))
-        # Nothing was awaited: the loop has had no turn yet.
-        assert d.runner.stops == 1
-        await d.settle()
-        assert d.runner.stops == 1
-        await d.press("n", "f8")
-        assert d.runner.stops == 2
-
-
-DIALOGS = [
-    (Step.MODES, "ticked", "a", Confirm),
-    (Step.CAPTURE, "capturing", "n", Ask),
-    (Step.EXPORT, "written", "u", Ask),
-    (Step.EXPORT, "written", "N", Confirm),
-    (Step.EXPORT, "solved", "y", Confirm),
-    (Step.CAPTURE, "capturing", "q", Confirm),
-    (Step.CAPTURE, "capturing", "ctrl+c", Confirm),
-    (Step.CAPTURE, "capturing", "ctrl+q", Confirm),
-    (Step.CAPTURE, "capturing", "question_mark", Read),
-    (Step.CAPTURE, "capturing", "f1", Read),
-]
-
-
-async def test_a_dialog_opens_does_nothing_on_escape_and_f8_stops_in_it(still):
-    async with still(story()["start"]) as d:
-        for step, told, key, kind in DIALOGS:
-            await d.see(story()[told], step)
-            await d.press(key)
-            assert isinstance(d.app.screen, kind), (step, key)
-            if kind is Confirm:
-                assert d.app.focused.id == "cancel"
-            await d.press("f8")
-            assert d.runner.stops == 1
-            await d.press("escape")
-            assert d.app.screen is d.app.main, (step, key)
-            assert d.runner.asked == []
-            assert d.app.step is step
-            assert d.app.is_running
-
-
-async def test_space_stops_in_a_dialog_but_is_a_space_in_a_note(still):
-    async with still(story()["capturing"], step=Step.CAPTURE) as d:
-        await d.press("q")
-        await d.press("space")
-        assert d.runner.stops == 1
-        await d.press("escape")
-        await d.press("n")
-        await d.press("a", "space", "b")
-        assert d.runner.stops == 1
-        await d.press("f8")
-        assert d.runner.stops == 2
-        await d.press("enter")
-        await d.settle()
-        assert [k for k, _ in d.runner.asked] == [TaskKind.NOTE]
-
-
 async def test_yes_applies_the_modes_and_enter_on_cancel_does_not(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
         await d.press("a", "enter")
@@ -185,24 +114,6 @@ async def test_verifying_moves_only_after_a_question(still):
     async with still(story()["solved"], step=Step.EXPORT) as d:
         await d.press("y", "y")
         assert [k for k, _ in d.runner.asked] == [TaskKind.VERIFY]
-
-
-async def test_stop_is_heard_with_shift_and_by_mouse_under_a_dialog(still):
-    async with still(story()["solved"], step=Step.EXPORT) as d:
-        await d.press("y")
-        d.app._driver.process_message(events.Key("shift+space", " "))
-        d.app._driver.process_message(events.Key("ctrl+f8", None))
-        assert d.runner.stops == 2
-        for x, y in [(3, 0), (40, 0), (3, 1)]:
-            d.app._driver.process_message(mouse_down(x, y))
-        assert d.runner.stops == 3
-        await d.settle()
-
-
-def mouse_down(x: int, y: int) -> events.MouseDown:
-    return events.MouseDown(
-        None, x, y, 0, 0, button=1, shift=False, meta=False, ctrl=False, screen_x=x, screen_y=y
-    )
 
 
 async def test_a_key_that_means_nothing_here_says_so(still):
@@ -242,23 +153,6 @@ async def test_z_cancels_a_calibration_and_other_keys_go_on(still):
         assert d.runner.cancels == 0
         await d.press("z")
         assert d.runner.cancels == 1
-
-
-async def test_stop_during_a_motion_is_stop_not_only_its_end(still):
-    async with still(busy(story()["capturing"], TaskKind.MOVE, moves=True), step=Step.CAPTURE) as d:
-        await d.press("space")
-        assert (d.runner.stops, d.runner.cancels) == (1, 0)
-
-
-async def test_after_stop_only_the_reset_is_offered(still):
-    async with still(stopped(story()["capturing"]), step=Step.CAPTURE) as d:
-        assert "SOFTWARE STOP" in d.text("#banner")
-        assert "all 7 drives stopped within 12 ms" in d.text("#banner")
-        await d.press("a")
-        await d.until(lambda: "STOP is latched" in d.hint)
-        assert d.runner.asked == []
-        await d.press("R")
-        assert [k for k, _ in d.runner.asked] == [TaskKind.RESET]
 
 
 async def test_back_goes_back_and_loses_nothing(still):
@@ -446,66 +340,3 @@ async def test_what_to_do_between_two_mountings_is_on_the_screen_whole(still, si
         for what in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "hinge off the table",
                      "3. Mount", "4. Bring the arm to its home", "5. Only then", "Let go of the arm"):  # fmt: skip
             assert what in shown
-
-
-# -- the table itself ------------------------------------------------------------------------------
-
-
-def test_no_key_means_two_things_at_one_step():
-    for step in Step:
-        here = [a for a in ACTIONS if step in a.steps]
-        keys = [k for a in here for k in a.keys]
-        assert len(keys) == len(set(keys)), step
-
-
-def test_the_footer_has_at_most_six_keys_that_all_work_there_and_stop_is_first():
-    for step in Step:
-        shown = footer(step)
-        assert len(shown) <= 6
-        assert shown[0].name == "stop"
-        assert "help" in [a.name for a in shown]
-        for action in shown:
-            assert for_key(action.keys[0], step) is action
-
-
-async def test_every_action_is_in_the_palette_and_in_help(still):
-    async with still(story()["start"]) as d:
-        provider = ActionProvider(d.app.main)
-        found = [str(hit.text) async for hit in provider.discover()]
-        for action in ACTIONS:
-            assert title(action) in found
-            searched = [str(hit.text) async for hit in provider.search(action.label)]
-            assert title(action) in searched
-            page = help_text(min(action.steps), None, 400)
-            assert f"{action.label}: {action.help}" in page
-
-
-async def test_help_explains_the_focused_panel(still):
-    async with still(story()["capturing"], step=Step.CAPTURE) as d:
-        await d.press("tab", "question_mark")
-        assert isinstance(d.app.screen, Read)
-        panel = d.app.main.focused
-        assert panel.HELP[:40] in " ".join(d.app.screen._text.split())
-
-
-async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still):
-    async with still(story()["captured"], step=Step.CONNECT) as d:
-        d.app.face.do_anywhere(by_name("calibrate"))
-        assert d.app.step is Step.CALIBRATE
-        assert [k for k, _ in d.runner.asked] == [TaskKind.CALIBRATE]
-        d.app.face.do_anywhere(by_name("write"))
-        assert d.app.step is Step.CALIBRATE
-        assert len(d.runner.asked) == 1
-
-
-async def test_a_calibration_of_other_poses_is_said_to_be_one_and_nothing_of_it_is_shown(still):
-    solved = story()["solved"]
-    poses = tuple(replace(p, excluded="bumped") for p in solved.state.poses)
-    none_counts = replace(solved, state=replace(solved.state, poses=poses))
-    async with still(story()["solved"], step=Step.RESULTS) as d:
-        for step in (Step.RESULTS, Step.CALIBRATE, Step.EXPORT):
-            await d.see(none_counts, step)
-            for _ in range(3):
-                await d.press("v")
-        await d.see(none_counts, Step.RESULTS)
-        assert "is of other poses than those that count now" in d.words("#verdict")

@@ -1,0 +1,112 @@
+"""STOP by key and by mouse: at every step, under every dialog, and what is offered after it."""
+
+from __future__ import annotations
+
+from textual import events
+
+from operator_app.session.snapshot import TaskKind
+from operator_app.session.steps import Step
+from operator_app.tui.dialogs import Ask, Confirm, Read
+from oracles.story import busy, stopped, story
+
+
+async def test_stop_works_at_every_step(still):
+    async with still(story()["solved"]) as d:
+        for step in Step:
+            for key in ("space", "f8"):
+                await d.see(story()["solved"], step)
+                await d.press(key)
+                assert (d.runner.stops, d.runner.asked) == (1, []), (step, key)
+
+
+async def test_stop_does_not_wait_for_the_event_loop(still):
+    async with still(story()["solved"], step=Step.RESULTS) as d:
+        d.app._driver.process_message(events.Key("f8", None))
+        # Nothing was awaited: the loop has had no turn yet.
+        assert d.runner.stops == 1
+        await d.settle()
+        assert d.runner.stops == 1
+        await d.press("n", "f8")
+        assert d.runner.stops == 2
+
+
+DIALOGS = [
+    (Step.MODES, "ticked", "a", Confirm),
+    (Step.CAPTURE, "capturing", "n", Ask),
+    (Step.EXPORT, "written", "u", Ask),
+    (Step.EXPORT, "written", "N", Confirm),
+    (Step.EXPORT, "solved", "y", Confirm),
+    (Step.CAPTURE, "capturing", "q", Confirm),
+    (Step.CAPTURE, "capturing", "ctrl+c", Confirm),
+    (Step.CAPTURE, "capturing", "ctrl+q", Confirm),
+    (Step.CAPTURE, "capturing", "question_mark", Read),
+    (Step.CAPTURE, "capturing", "f1", Read),
+]
+
+
+async def test_a_dialog_opens_does_nothing_on_escape_and_f8_stops_in_it(still):
+    async with still(story()["start"]) as d:
+        for step, told, key, kind in DIALOGS:
+            await d.see(story()[told], step)
+            await d.press(key)
+            assert isinstance(d.app.screen, kind), (step, key)
+            if kind is Confirm:
+                assert d.app.focused.id == "cancel"
+            await d.press("f8")
+            assert d.runner.stops == 1
+            await d.press("escape")
+            assert d.app.screen is d.app.main, (step, key)
+            assert d.runner.asked == []
+            assert d.app.step is step
+            assert d.app.is_running
+
+
+async def test_space_stops_in_a_dialog_but_is_a_space_in_a_note(still):
+    async with still(story()["capturing"], step=Step.CAPTURE) as d:
+        await d.press("q")
+        await d.press("space")
+        assert d.runner.stops == 1
+        await d.press("escape")
+        await d.press("n")
+        await d.press("a", "space", "b")
+        assert d.runner.stops == 1
+        await d.press("f8")
+        assert d.runner.stops == 2
+        await d.press("enter")
+        await d.settle()
+        assert [k for k, _ in d.runner.asked] == [TaskKind.NOTE]
+
+
+async def test_stop_is_heard_with_shift_and_by_mouse_under_a_dialog(still):
+    async with still(story()["solved"], step=Step.EXPORT) as d:
+        await d.press("y")
+        d.app._driver.process_message(events.Key("shift+space", " "))
+        d.app._driver.process_message(events.Key("ctrl+f8", None))
+        assert d.runner.stops == 2
+        for x, y in [(3, 0), (40, 0), (3, 1)]:
+            d.app._driver.process_message(mouse_down(x, y))
+        assert d.runner.stops == 3
+        await d.settle()
+
+
+def mouse_down(x: int, y: int) -> events.MouseDown:
+    return events.MouseDown(
+        None, x, y, 0, 0, button=1, shift=False, meta=False, ctrl=False, screen_x=x, screen_y=y
+    )
+
+
+async def test_stop_during_a_motion_is_stop_not_only_its_end(still):
+    async with still(busy(story()["capturing"], TaskKind.MOVE, moves=True), step=Step.CAPTURE) as d:
+        await d.press("space")
+        assert (d.runner.stops, d.runner.cancels) == (1, 0)
+
+
+async def test_after_stop_only_the_reset_is_offered(still):
+    async with still(stopped(story()["capturing"]), step=Step.CAPTURE) as d:
+        assert "SOFTWARE STOP" in d.text("#banner")
+        assert "all 7 drives stopped within 12 ms" in d.text("#banner")
+        await d.press("a")
+        await d.until(lambda: "STOP is latched" in d.hint)
+        assert d.runner.asked == []
+        await d.press("R")
+        assert [k for k, _ in d.runner.asked] == [TaskKind.RESET]

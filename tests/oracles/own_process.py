@@ -1,0 +1,41 @@
+"""The program as a process of its own, run from these sources."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+SARCAL = [sys.executable, "-m", "operator_app.cli"]
+
+
+def environment() -> dict[str, str]:
+    """Return an environment in which another folder's Python finds the program."""
+    return {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """Start a command in a folder; what it says is kept in pipes."""
+    return subprocess.Popen(
+        [*SARCAL, *arguments],
+        cwd=folder,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def wait_for_poses(sessions: Path, wanted: int, process: subprocess.Popen[str]) -> Path:
+    """Wait until a journal holds so many poses, and return its folder; an error if the command ends before."""
+    while True:
+        for journal in sessions.glob("*/journal.jsonl"):
+            if journal.read_bytes().count(b'"event":"pose"') >= wanted:
+                return journal.parent
+        with suppress(subprocess.TimeoutExpired):
+            # Not in a spin: the program needs the processor to keep its heartbeat.
+            process.wait(0.02)
+            raise AssertionError(process.communicate()[1])

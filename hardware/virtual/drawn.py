@@ -8,6 +8,7 @@ joint that does not move), is what the file says it is.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,15 +77,25 @@ def drawn_truth(stated: Stated, rng: np.random.Generator, *, maker_errors: bool)
     if maker_errors:
         rows[1:] += own.maker
     off, seen = own.of(model), _seen(stated, model, nominal, here)
-    for _ in range(TRIES):
-        truth = _truth(model, nominal + seen * (off + _placed(model, stated, rng)), rows)
+    placed = (nominal + seen * (off + _placed(model, stated, rng)) for _ in range(TRIES))
+    return _first_that_closes(
+        (_truth(model, x, rows) for x in placed),
+        arm,
+        here,
+        f"in none of {TRIES} placements drawn within the tolerance of its file does this arm close near its "
+        "home_deg: state the placement more narrowly, or another home; another --seed is another arm",
+    )
+
+
+def _first_that_closes(
+    drawn: Iterable[Truth], arm: ArmModel, here: FloatArray, otherwise: str
+) -> Truth:
+    """Return the first of some placements in which the arm closes near `here` (n,); ValueError if in none."""
+    for truth in drawn:
         pose = _pose(truth, arm, arm.home_rad)
         if pose is not None and np.abs(pose - here).max() < NEAR_HOME_RAD:
             return truth
-    raise ValueError(
-        f"in none of {TRIES} placements drawn within the tolerance of its file does this arm close near its "
-        "home_deg: state the placement more narrowly, or another home; another --seed is another arm"
-    )
+    raise ValueError(otherwise)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -229,15 +240,13 @@ def mounted_anew(stated: Stated, truth: Truth, rng: np.random.Generator) -> Trut
         raise ValueError("as first mounted, this arm does not close near its home_deg")
     seen = _seen(stated, model, nominal, here) > 0.0
     new = seen & np.array([p.name in sides for p in model.parameters])
-    for _ in range(TRIES):
-        drawn = centre + size * _thirds(rng, (len(size),))
-        found = _truth(model, np.where(new, drawn, true), rows)
-        pose = _pose(found, arm, arm.home_rad)
-        if pose is not None and np.abs(pose - here).max() < NEAR_HOME_RAD:
-            return found
-    raise ValueError(
+    drawn = (centre + size * _thirds(rng, (len(size),)) for _ in range(TRIES))
+    return _first_that_closes(
+        (_truth(model, np.where(new, x, true), rows) for x in drawn),
+        arm,
+        here,
         f"mounted anew within the tolerance of its file, in none of {TRIES} placements does this arm close "
-        "near its home_deg: state the placement more narrowly"
+        "near its home_deg: state the placement more narrowly",
     )
 
 

@@ -88,8 +88,8 @@ def figure(subject: Subject, name: str) -> Any:
         matplotlib is not installed.
     """
     found = drawing(subject, name)
-    with _style() as plt:
-        return _drawn(found, plt)
+    with _style() as Paper:
+        return _drawn(found, Paper)
 
 
 def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
@@ -107,9 +107,9 @@ def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise WriteError(file=str(folder), reason=error.strerror or str(error)) from error
-    with _style() as plt:
+    with _style() as Paper:
         for name, found in drawings(subject).items():
-            made = _drawn(found, plt)
+            made = _drawn(found, Paper)
             for ending in ENDINGS:
                 file = io.BytesIO()
                 # No time of day: the same calibration gives the same file.
@@ -122,40 +122,54 @@ def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
 
 @contextmanager
 def _style() -> Iterator[Any]:
-    """Set our style while something is drawn; give matplotlib's figures."""
+    """Set our style while something is drawn or saved; give the class of figures that keep to it."""
     try:
         import matplotlib as mpl  # type: ignore[import-not-found,unused-ignore]
-        from matplotlib import figure as plt  # type: ignore[import-not-found,unused-ignore]
+        from matplotlib.figure import Figure  # type: ignore[import-not-found,unused-ignore]
     except ImportError as error:
         raise SessionError(
             "figures for a paper need matplotlib, which is not installed",
             "pip install 'sarcal[plots]'",
         ) from error
     settings: Any = dict(STYLE)
+    methods = {"savefig": _saved, "_repr_png_": _as_png}
     with mpl.rc_context(settings):
-        yield plt
+        yield type("Figure", (Figure,), methods)
 
 
-def _drawn(found: Drawing, plt: Any) -> Any:
+def _saved(self: Any, *args: Any, **options: Any) -> None:
+    """Save in our style: whether text stays text is settled only then."""
+    with _style():
+        super(type(self), self).savefig(*args, **options)
+
+
+def _as_png(self: Any) -> bytes:
+    """Show it in a notebook, which would show a figure made without pyplot as its name."""
+    file = io.BytesIO()
+    self.savefig(file, format="png", dpi=self.dpi)
+    return file.getvalue()
+
+
+def _drawn(found: Drawing, Paper: Any) -> Any:
     match found:
         case Panels():
-            return _panels(found, plt)
+            return _panels(found, Paper)
         case Shares():
-            return _shares(found, plt)
+            return _shares(found, Paper)
         case _:
-            return _estimates(found, plt)
+            return _estimates(found, Paper)
 
 
 # ---- pictures of the page ------------------------------------------------------------------------
 
 
-def _panels(found: Panels, plt: Any) -> Any:
+def _panels(found: Panels, Paper: Any) -> Any:
     columns = min(found.columns, len(found.pictures))
     rows = -(-len(found.pictures) // columns)
     width = ONE_COLUMN if columns == 1 else TWO_COLUMNS
     aspect = found.pictures[0].aspect
     height = PANEL if aspect == 0.0 else 0.86 * width / columns / aspect + 0.25
-    made = plt.Figure(figsize=(width, rows * (height + 0.12) + 0.12), layout="constrained")
+    made = Paper(figsize=(width, rows * (height + 0.12) + 0.12), layout="constrained")
     axes = made.subplots(rows, columns, squeeze=False).ravel()
     for k, (ax, picture) in enumerate(zip(axes, found.pictures, strict=False)):
         _picture(ax, picture)
@@ -219,9 +233,9 @@ def _legend(ax: Any, *, columns: int) -> None:
 # ---- figures of the facts ------------------------------------------------------------------------
 
 
-def _estimates(found: Iterable[Estimates], plt: Any) -> Any:
+def _estimates(found: Iterable[Estimates], Paper: Any) -> Any:
     groups = list(found)
-    made = plt.Figure(figsize=(TWO_COLUMNS, 3.5), layout="constrained")
+    made = Paper(figsize=(TWO_COLUMNS, 3.5), layout="constrained")
     widths = [len(group.names) + 2.0 for group in groups]
     axes = made.subplots(2, len(groups), squeeze=False, sharex="col", width_ratios=widths)
     for (upper, lower), of in zip(axes.T, groups, strict=True):
@@ -263,9 +277,9 @@ def _round_ticks(low: float, high: float) -> list[float]:
     return [m * 10.0**k for k in powers for m in (1.0, 2.0, 5.0) if low <= m * 10.0**k <= high]
 
 
-def _shares(found: Shares, plt: Any) -> Any:
+def _shares(found: Shares, Paper: Any) -> Any:
     height = BAR * len(found.names) + 1.0
-    made = plt.Figure(figsize=(ONE_COLUMN, height), layout="constrained")
+    made = Paper(figsize=(ONE_COLUMN, height), layout="constrained")
     ax = made.subplots()
     at = range(len(found.names))
     left = [0.0] * len(found.names)

@@ -86,6 +86,18 @@ def test_marks_are_the_residuals_and_areas_the_hands_errors(hinge: sarcal.Result
         hinge.figure("nothing")
 
 
+def test_a_figure_is_shown_in_a_notebook_and_saved_with_its_text(
+    hinge: sarcal.Result, tmp_path: Path, mpl: Any
+) -> None:
+    made = hinge.figure("condition")
+    assert isinstance(made, mpl.figure.Figure)
+    assert made._repr_png_().startswith(b"\x89PNG")
+    made.axes[0].set_title("Fig. 3")
+    made.savefig(tmp_path / "condition.pdf")
+    pdf = (tmp_path / "condition.pdf").read_bytes()
+    assert b"/Type3" not in pdf
+
+
 def test_symbols_are_the_papers() -> None:
     assert symbol("alpha_0") == r"$\alpha_{0}$"
     assert symbol("theta_off_1[2]") == r"$\theta^{\mathrm{off}}_{1,2}$"

@@ -278,7 +278,7 @@ class OutsideArm:
             if self._latch.latched:
                 with self._in_words():
                     self._there.stop()
-                raise Stopped("STOP was pressed meanwhile: reset it before anything moves again")
+                raise Stopped("STOP came meanwhile: reset it before anything moves again")
 
     def _require_no_stop(self) -> None:
         if self._latch.latched:

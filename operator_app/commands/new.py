@@ -33,7 +33,8 @@ Look at these before use; nobody stated them there:
 - sensor of every joint: encoder of {counts} counts/rev assumed. joints: {{kind: rvdt, ...}} and
   {{kind: none}} are known as well; accuracy_deg, gain, backlash_deg and sag_deg have their
   defaults.
-- free: the entries to calibrate beside the fixture's. home_deg: the middle of the ranges.
+- free: the entries to calibrate beside the fixture's. home_deg: the middle of the ranges, which for
+  many arms is stretched out: take a pose with the elbow bent, before a fixture is made for it.
 - tolerance: how well lengths and twists are known, by default 0.5 mm and 0.1 deg.
 - offset_tolerance_deg: how well the joints' zeros are known before; without it nothing is."""
 

@@ -117,8 +117,10 @@ def predict_drives(
             ),
         )
     except ValueError as error:
+        singular = isinstance(error, np.linalg.LinAlgError)
+        why = "the arm is stretched out, or else singular, where it stands" if singular else error
         raise SessionError(
-            f"drive joints cannot be ranked: {error}",
+            f"drive joints cannot be ranked: {why}",
             "check where the arm stands and the fixture's measures, or name the joints: "
             "modes: {position: [1, 5]}",
         ) from error

@@ -106,7 +106,7 @@ def test_stop_pressed_while_a_command_is_under_way_has_the_last_word(
 ) -> None:
     arm.take_control()
     plain.meanwhile, plain.asks_the_watch = arm.stop, asks_the_watch
-    with pytest.raises(arms.Stopped, match="STOP was pressed meanwhile: reset it"):
+    with pytest.raises(arms.Stopped, match="STOP came meanwhile: reset it"):
         command(arm)
     assert not plain.on
     assert arm.snapshot().stopped

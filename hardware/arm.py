@@ -62,6 +62,7 @@ class ArmIdentity:
 
     `speaks` is what its nodes are, for people. `by_hand`: a person moves it, and nothing else
     can: no hardware stop is asked for. `Arm.move` waits until the joints are where they are wanted.
+    `keeps_parameters`: its controller holds a parameter document; where none does, nothing is uploaded.
     `unwatching` are joints whose drives do not say that they watch the operator's heartbeat.
     """
 
@@ -71,6 +72,7 @@ class ArmIdentity:
     speaks: str = "CANopen"
     by_hand: bool = False
     unwatching: tuple[int, ...] = ()
+    keeps_parameters: bool = True
 
     @property
     def simulated(self) -> bool:

@@ -57,6 +57,7 @@ def read_identity(
     return ArmIdentity(
         model=model,
         serial_number=serial_number,
+        keeps_parameters=supervisor is not None,
         nodes=tuple(
             NodeIdentity(
                 node=node,

@@ -45,9 +45,19 @@ class OutsideArm:
         The arm file's joints, whose ranges and speeds are the limits.
     name
         What it is called in errors.
+    keeps_parameters
+        Whether it takes a parameter document, as its offer says.
     """
 
-    def __init__(self, make: Callable[[], Arm], description: ArmDescription, name: str) -> None:
+    def __init__(
+        self,
+        make: Callable[[], Arm],
+        description: ArmDescription,
+        name: str,
+        *,
+        keeps_parameters: bool = False,
+    ) -> None:
+        self._keeps_parameters = keeps_parameters
         self._make, self._description, self._name = make, description, name
         self._arm: Arm | None = None
         self._latch = StopLatch()  # a new connection does not lift a STOP
@@ -87,7 +97,7 @@ class OutsideArm:
                 arm.close()
             raise
         self._arm = arm
-        return identity
+        return replace(identity, keeps_parameters=self._keeps_parameters)
 
     def close(self) -> bool:
         """Leave the arm held, its drives off; False if it did not answer.

@@ -167,7 +167,12 @@ def _outside_arm(
     order = ArmOrder(
         description=description, channel=bus.channel, bitrate=bus.bitrate, record_to=record_to
     )
-    arm = OutsideArm(lambda: found.make(order), description, f"the arm {bus.interface}")
+    arm = OutsideArm(
+        lambda: found.make(order),
+        description,
+        f"the arm {bus.interface}",
+        keeps_parameters=found.keeps_parameters,
+    )
     try:
         yield arm
     finally:

@@ -272,6 +272,8 @@ def may_force(s: SessionSnapshot) -> Missing:
 
 
 def _may_send(s: SessionSnapshot) -> Missing:
+    if s.identity is not None and not s.identity.keeps_parameters:
+        return ("this arm keeps no parameters: they are in the session's folder",)
     missing = may_use_data(s)
     if missing:
         return missing

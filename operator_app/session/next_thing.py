@@ -173,6 +173,12 @@ def _export(s: SessionSnapshot) -> NextThing:
         return NextThing(
             action="write", label="Write file", hint="Enter writes parameters.yaml and poses.csv"
         )
+    if s.identity is not None and not s.identity.keeps_parameters:
+        return NextThing(
+            action="quit",
+            label="Finish",
+            hint="done: the files are written; this arm keeps no parameters. Enter or q leaves",
+        )
     if s.receipt is None:
         if s.connected and any(j.drive is not DriveState.OPERATION_ENABLED for j in _joints(s)):
             return NextThing(

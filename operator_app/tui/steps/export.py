@@ -37,6 +37,9 @@ class FilePanel(Lines):
                 line((" File       ", "dim"), ("✓ ", "text"), str(s.written.parameters)),
                 line((" SHA-256    ", "dim"), s.written.sha256),
             ]
+        if s.identity is not None and not s.identity.keeps_parameters:
+            rows.append(line((" Controller ", "dim"), f"none: {serial} keeps no parameters"))
+            return [clip(row, width) for row in rows]
         rows.append(line((" To         ", "dim"), f"controller {serial} over {s.bus}"))
         if s.receipt is None:
             table = _difference(s)

@@ -11,6 +11,8 @@ import pytest
 
 from hardware.timing import Pace
 from operator_app.composition import open_arm
+from operator_app.session import guards
+from operator_app.session.next_thing import next_thing
 from operator_app.session.opening import Choices
 from operator_app.session.sessions import Sessions
 from operator_app.session.steps import Step
@@ -57,6 +59,15 @@ async def test_an_arm_that_moves_is_calibrated_by_keys(installed: Path, tmp_path
             assert len(d.s.state.used_poses) == 6
             await d.to_step(Step.RESULTS)
             assert d.s.solution.accepted, d.s.solution.reasons
+            # It keeps no parameters: they are written, and nobody is asked for an upload.
+            await d.to_step(Step.EXPORT)
+            await d.press("enter")
+            await d.idle()
+            assert (d.s.folder / "parameters.yaml").is_file()
+            assert next_thing(Step.EXPORT, d.s).action == "quit"
+            assert guards.may_upload(d.s) == (
+                "this arm keeps no parameters: they are in the session's folder",
+            )
 
 
 async def test_an_arm_moved_by_hand_says_where_to_take_it(installed: Path, tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ class VirtualController:
     clock
         Monotonic time, s.
     script
-        Faults that happen at given SYNCs.
+        Faults that happen at given SYNCs, those of SYNC 0 before the first.
     attended
         The operator is in this process and calls `attend` while it waits for frames.
 
@@ -82,6 +82,8 @@ class VirtualController:
     ----------
     drives, supervisor
         The nodes. To be looked at from other threads under their `lock` only.
+    plant
+        What they move.
     sync_count
         SYNCs answered so far.
     tracker
@@ -132,6 +134,7 @@ class VirtualController:
             plant,
             self.disturbances,
         )
+        self.plant = plant
         self.supervisor = SupervisorNode(
             arm=arm,
             axes=axes,
@@ -161,10 +164,14 @@ class VirtualController:
     # ---- life ----------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Step the plant once for a first reading, boot all nodes, begin to listen."""
+        """Step the plant once for a first reading, boot all nodes, begin to listen.
+
+        Faults of SYNC 0 are there before anybody is heard.
+        """
         self._group.step()
         for node in self._nodes:
             node.boot()
+        self._happen(0)
         self._next_beat_s = self._clock() + HEARTBEAT_PERIOD_S
         self._worker.start()
         self._loop.start()
@@ -307,8 +314,7 @@ class VirtualController:
 
     def _on_sync(self) -> None:
         self.sync_count += 1
-        while self._script and self._script[-1].at_sync <= self.sync_count:
-            self._script.pop().happen(self.faults)
+        self._happen(self.sync_count)
         self._group.step()
         disturbances, send = self.disturbances, self._network.send_message
         for node in self.drives:
@@ -323,6 +329,11 @@ class VirtualController:
         for number in disturbances.storming:
             for _ in range(STORM):
                 send(objects.COB_EMCY + number, _COMPLAINT)
+
+    def _happen(self, sync_count: int) -> None:
+        """Let those faults happen whose SYNC has come."""
+        while self._script and self._script[-1].at_sync <= sync_count:
+            self._script.pop().happen(self.faults)
 
     # ---- wall-clock duties -------------------------------------------------------------------------------
 
@@ -349,7 +360,7 @@ class VirtualController:
             # From now, not from when it was due: a loop that was late does not send a burst.
             self._next_beat_s = now + HEARTBEAT_PERIOD_S
             for node in self._nodes:
-                if node.number not in self.disturbances.no_heartbeat:
+                if self.disturbances.beats(node.number, now):
                     node.beat()
 
     def _lost(self, node: int, now: float) -> bool:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from hardware.virtual.frame_faults import BadWire
 
@@ -20,6 +23,8 @@ class Disturbances:
         Nodes whose cable is cut, and since when (the controller's clock).
     no_heartbeat
         Nodes that work but send no heartbeat.
+    heartbeat_period_s
+        Nodes that send one every so often only.
     lost_tpdos
         How many TPDO1 of a joint will yet be lost.
     doubled_tpdos
@@ -32,6 +37,11 @@ class Disturbances:
         Counts by which a joint's sensor is off, and its drive with it.
     astray_counts
         Counts by which a joint's drive is away from where it was told to be; they grow.
+    ripple_counts
+        Joints whose sensor has so much noise (one standard deviation) beside its own.
+    blocked, sagging
+        Joints that stay where they are though they should be free, and joints that hold nothing though
+        they should be in position mode.
     storming
         Joints that send emergencies on every SYNC.
     stalled_sdo, refused_sdo
@@ -42,17 +52,43 @@ class Disturbances:
 
     cut_since_s: dict[int, float] = field(default_factory=dict)
     no_heartbeat: set[int] = field(default_factory=set)
+    heartbeat_period_s: dict[int, float] = field(default_factory=dict)
     lost_tpdos: dict[int, int] = field(default_factory=dict)
     doubled_tpdos: set[int] = field(default_factory=set)
     frozen_counts: dict[int, int] = field(default_factory=dict)
     lost_counts: dict[int, int] = field(default_factory=dict)
     astray_counts: dict[int, int] = field(default_factory=dict)
+    ripple_counts: dict[int, float] = field(default_factory=dict)
+    blocked: set[int] = field(default_factory=set)
+    sagging: set[int] = field(default_factory=set)
     storming: set[int] = field(default_factory=set)
     stalled_sdo: set[int] = field(default_factory=set)
     refused_sdo: set[int] = field(default_factory=set)
     off_until_s: float | None = None
     wire_out: BadWire | None = None
     wire_in: BadWire | None = None
+    _next_beat_s: dict[int, float] = field(default_factory=dict)
+    _rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+
+    def beats(self, node: int, now_s: float) -> bool:
+        """Whether a node sends the heartbeat that is due now."""
+        if node in self.no_heartbeat:
+            return False
+        period_s = self.heartbeat_period_s.get(node)
+        if period_s is None:
+            return True
+        if now_s < self._next_beat_s.get(node, -math.inf):
+            return False
+        self._next_beat_s[node] = now_s + period_s
+        return True
+
+    def read(self, joint: int, counts: int) -> int:
+        """What a joint's sensor says where a sound one would say `counts`."""
+        if joint in self.frozen_counts:
+            return self.frozen_counts[joint]
+        ripple = self.ripple_counts.get(joint, 0.0)
+        noise = round(self._rng.normal(0.0, ripple)) if ripple else 0
+        return counts + self.lost_counts.get(joint, 0) + noise
 
     def loses_tpdo(self, joint: int) -> bool:
         """Whether this joint's TPDO1 gets lost now; counts down."""

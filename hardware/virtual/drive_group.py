@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hardware.arm import DriveState
+from hardware.arm import DriveState, JointMode
 from hardware.objects import EmergencyCode
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveNode
@@ -32,7 +32,7 @@ class DriveGroup:
     plant
         What they move.
     disturbances
-        Joints whose sensor is stuck or off, and those that go astray; looked at in every period.
+        Joints whose sensor or drive is not as it should be; looked at in every period.
     """
 
     def __init__(
@@ -48,7 +48,6 @@ class DriveGroup:
     def step(self) -> None:
         """One control period: commands out, readings in, trips."""
         reading = self._plant.step([self._command_of(node) for node in self._drives])
-        frozen, lost = self._disturbances.frozen_counts, self._disturbances.lost_counts
         for node, counts, torque, speed in zip(
             self._drives,
             reading.position_counts,
@@ -57,14 +56,17 @@ class DriveGroup:
             strict=True,
         ):
             with node.lock:
-                seen = counts + lost.get(node.number, 0)
-                node.drive.read(frozen.get(node.number, seen), torque, speed)
+                node.drive.read(self._disturbances.read(node.number, counts), torque, speed)
         if any(node.drive.state in _FAULTED for node in self._drives):
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
         """What a drive does: it goes by its own sensor, and so as far off as that one is."""
         command, wrong = node.drive.command(), self._disturbances
+        if command.mode is JointMode.FREE and node.number in wrong.blocked:
+            return replace(command, mode=None)
+        if command.mode is JointMode.POSITION and node.number in wrong.sagging:
+            return replace(command, mode=JointMode.FREE)
         off = wrong.astray(node.number) - wrong.lost_counts.get(node.number, 0)
         if not off:
             return command

@@ -36,6 +36,11 @@ class DriveNode(VirtualNode):
         The joint's settings; the joint number is the node number.
     serial_number
         1018h sub 4.
+
+    Attributes
+    ----------
+    reports_speed
+        TPDO1 carries 606Ch where 6064h belongs.
     """
 
     def __init__(self, axis: AxisSettings, *, serial_number: int) -> None:
@@ -44,6 +49,7 @@ class DriveNode(VirtualNode):
         self.drive = Drive(axis, on_error=self._error, on_all_clear=self._all_clear)
         self.tpdo1_id = objects.COB_TPDO1 + self.number
         self.home_offset_counts = 0
+        self.reports_speed = False
         self._per_mille = 1000.0 / axis.rated_torque_nm
         self._serve_objects()
 
@@ -63,7 +69,10 @@ class DriveNode(VirtualNode):
         drive = self.drive
         return TPDO1.pack(
             cia402.statusword(drive.state, drive.flags),
-            max(-_HIGHEST_I32 - 1, min(_HIGHEST_I32, drive.counts)),
+            max(
+                -_HIGHEST_I32 - 1,
+                min(_HIGHEST_I32, self._speed() if self.reports_speed else drive.counts),
+            ),
             self._torque_per_mille(),
         )
 
@@ -91,6 +100,10 @@ class DriveNode(VirtualNode):
         for code in self.drive.errors:
             register |= ErrorBit.GENERIC | _REGISTER.get(code, ErrorBit.PROFILE)
         return register
+
+    def _speed(self) -> int:
+        """606Ch, counts/s."""
+        return round(self.drive.speed_rad_per_s * self.axis.scale.counts_per_rad)
 
     def _torque_per_mille(self) -> int:
         value = round(self.drive.torque_nm * self._per_mille)
@@ -122,11 +135,7 @@ class DriveNode(VirtualNode):
             lambda: 0 if drive.mode is None else objects.MODE_CODE[drive.mode],
         )
         self.serve(objects.POSITION_ACTUAL, 0, lambda: drive.counts)
-        self.serve(
-            objects.VELOCITY_ACTUAL,
-            0,
-            lambda: round(drive.speed_rad_per_s * axis.scale.counts_per_rad),
-        )
+        self.serve(objects.VELOCITY_ACTUAL, 0, self._speed)
         self.serve(objects.TARGET_TORQUE, 0, lambda: 0)
         self.serve(objects.TORQUE_ACTUAL, 0, self._torque_per_mille)
         self.serve(objects.TARGET_POSITION, 0, lambda: drive.target_counts)

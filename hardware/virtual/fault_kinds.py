@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from hardware.objects import (
-    HEARTBEAT_PRODUCER,
-    SUPERVISOR_NODE,
-    TPDO1_MAP,
-    VELOCITY_ACTUAL,
-    EmergencyCode,
-)
+from hardware.objects import SUPERVISOR_NODE, EmergencyCode
 from hardware.virtual.faults import FaultInjector, ScriptedFault
 from hardware.virtual.frame_faults import FrameFaults
 
@@ -37,14 +32,11 @@ FAULT_KINDS: Mapping[str, Happen] = MappingProxyType(
         "silent-node": FaultInjector.silence,
         "silent-supervisor": lambda faults, _joint: faults.silence(SUPERVISOR_NODE),
         "no-heartbeat": FaultInjector.stop_heartbeat,
-        "other-heartbeat": lambda faults, joint: faults.set_up_otherwise(
-            joint, HEARTBEAT_PRODUCER, 0, 5000
-        ),
+        "other-heartbeat": lambda faults, joint: faults.beat_seldom(joint, 5.0),
         "missed-answers": lambda faults, joint: faults.lose_tpdos(joint, 10),
         "double-answers": FaultInjector.answer_twice,
-        "other-map": lambda faults, joint: faults.set_up_otherwise(
-            joint, TPDO1_MAP, 2, VELOCITY_ACTUAL << 16 | 32
-        ),
+        "wrong-node": FaultInjector.answer_as_another,
+        "other-map": FaultInjector.report_speed,
         "sdo-stall": FaultInjector.stall_sdo,
         "sdo-stall-supervisor": lambda faults, _joint: faults.stall_sdo(SUPERVISOR_NODE),
         "sdo-abort": FaultInjector.refuse_sdo,
@@ -54,9 +46,15 @@ FAULT_KINDS: Mapping[str, Happen] = MappingProxyType(
         "unwatched": FaultInjector.stop_watching,
         "lost-counts-5": lambda faults, joint: faults.lose_counts(joint, -5),
         "lost-counts-500": lambda faults, joint: faults.lose_counts(joint, -500),
+        "sensor-jump": lambda faults, joint: faults.jump(joint, math.radians(2.0)),
+        "ripple": FaultInjector.ripple,
         "frozen-sensor": FaultInjector.freeze_sensor,
         "broken-sensor": FaultInjector.break_sensor,
         "collision": lambda faults, joint: faults.trip(joint, EmergencyCode.EXCESS_TORQUE),
+        "blocked-joint": FaultInjector.block,
+        "sagging-drive": FaultInjector.sag,
+        "slipped-fixture": lambda faults, _joint: faults.slip_fixture(1e-3),
+        "bound-hinge": lambda faults, _joint: faults.bind_hinge(),
         "stray": FaultInjector.go_astray,
         "emcy-storm": FaultInjector.storm,
         "refused-modes": FaultInjector.refuse_modes,

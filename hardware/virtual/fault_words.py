@@ -1,4 +1,6 @@
-"""Every fault that can be made on purpose, in words: what is broken, what is said of it, what to do. No code.
+"""Every fault that can be made on purpose, in words: what is broken, what is said of it, what to do.
+
+Knows no bus and breaks nothing.
 
 `FAULTS` is the documentation of all of them: `sarcal controller --fault help` prints it,
 and the fault campaign holds the program to it.
@@ -8,7 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from types import MappingProxyType
+
+
+class Arm(StrEnum):
+    """What the arm does once a fault has been told; the fault campaign looks at drives and plant."""
+
+    STANDS = "goes nowhere; all drives are held or off as the session ends"
+    HOLDS = "all drives stop and hold by themselves"
+    TRIPS = "that drive blocks its valve or holds, all others stop and hold"
+    BLOCKS = "all valves are blocked"
+    STRAYS = "that drive may go on until the session ends, which takes its power: press STOP"
+
+
+POSES = "every pose accepted before"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,12 +41,21 @@ class FaultWords:
         Whether a session may also go on to its end without a word.
     remedy
         What to do.
+    arm
+        What the arm does once it has been told.
+    kept
+        What of the session is left then.
+    at_connect
+        Whether it shows as an arm is connected, and has to be there before.
     """
 
     broken: str
     says: tuple[str, ...] = ()
     goes_on: bool = False
     remedy: str
+    arm: Arm = Arm.STANDS
+    kept: str = POSES
+    at_connect: bool = False
 
     def seen(self) -> str:
         """What an operator sees, in a sentence."""
@@ -38,6 +63,12 @@ class FaultWords:
         if not self.goes_on:
             return f"is told {told}"
         return f"goes on, or is told {told}" if told else "goes on"
+
+    def does(self) -> str:
+        """What the arm does, in a sentence."""
+        if not self.goes_on:
+            return str(self.arm)
+        return f"goes on; once it is told: {self.arm}" if self.says else "goes on"
 
 
 _GONE = ("no answer from node", "does not answer", "has gone silent", "has left operation")
@@ -111,8 +142,11 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             broken="the bus is out for 3 s, and back (bus-off, a plug pulled and put in again)",
             says=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
             remedy=f"{_CABLE} The drives hold meanwhile; `sarcal reset` clears their 8130h.",
+            arm=Arm.HOLDS,
         ),
-        "silent-node": FaultWords(broken="a joint's cable is cut", says=_GONE, remedy=_CABLE),
+        "silent-node": FaultWords(
+            broken="a joint's cable is cut", says=_GONE, remedy=_CABLE, arm=Arm.HOLDS
+        ),
         "silent-supervisor": FaultWords(
             broken="the supervisor's cable is cut", says=_GONE, goes_on=True, remedy=_CABLE
         ),
@@ -121,9 +155,10 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
         ),
         "other-heartbeat": FaultWords(
             broken="a joint sends a heartbeat every 5 s only",
-            says=("a heartbeat every 1 ..",),
+            says=("a heartbeat every 1 ..", *_GONE),
             goes_on=True,
             remedy=_COMMISSION,
+            at_connect=True,
         ),
         "missed-answers": FaultWords(
             broken="a joint misses ten SYNCs",
@@ -135,11 +170,20 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             says=("two devices answer as node {joint}",),
             remedy="Two devices have one number: give one of them another.",
         ),
+        "wrong-node": FaultWords(
+            broken="a joint answers with the number of the next one",
+            says=(*_GONE, "two devices answer as node"),
+            remedy="Give each drive its own number again.",
+        ),
         "other-map": FaultWords(
             broken="a joint's TPDO1 carries its speed where its position belongs",
-            says=("are not set up as this program drives them",),
-            goes_on=True,
+            says=(
+                "are not set up as this program drives them",
+                # Of a drive that is set up otherwise in mid-session: it reads near zero, whatever happens.
+                *("poses could be reached", "does not come to rest", "jumped by"),
+            ),
             remedy=_COMMISSION,
+            at_connect=True,
         ),
         "sdo-stall": FaultWords(
             broken="a joint answers no object access (SDO)",
@@ -151,7 +195,8 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             broken="the supervisor answers no object access (SDO)",
             says=("Node 16 does not answer when asked for",),
             goes_on=True,
-            remedy="Whatever was active before an upload stays active. " + _RECONNECT,
+            remedy=_RECONNECT,
+            kept=f"{POSES}; of an upload, the document that was active",
         ),
         "sdo-abort": FaultWords(
             broken="a joint refuses every object access (08000000h)",
@@ -163,12 +208,14 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             broken="a joint's drive restarts, its counter at zero",
             says=("has left operation", "has restarted", "reads 0.000 deg"),
             remedy="Find out why it lost its power; reference its counter, then connect again.",
+            kept=f"{POSES}; not the zero of that drive's counter",
         ),
         "restart": FaultWords(
             broken="the whole controller restarts",
             says=(*_GONE, "heartbeat lost", "refused", "in control"),
             goes_on=True,
             remedy=_RECONNECT,
+            arm=Arm.BLOCKS,
         ),
         "hang": FaultWords(broken="the control loop hangs", says=_GONE, remedy=_RECONNECT),
         "unwatched": FaultWords(
@@ -176,6 +223,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             says=("'s heartbeat watched, for",),
             goes_on=True,
             remedy=_COMMISSION,
+            at_connect=True,
         ),
         "lost-counts-5": FaultWords(
             broken="an encoder loses 5 counts",
@@ -189,6 +237,18 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             goes_on=True,
             remedy=_SENSOR,
         ),
+        "sensor-jump": FaultWords(
+            broken="a sensor, encoder or RVDT, reads 2 deg more from one SYNC to the next",
+            says=("joint {joint} jumped",),
+            goes_on=True,
+            remedy=_SENSOR,
+        ),
+        "ripple": FaultWords(
+            broken="a sensor has noise of ten counts, as of an unsteady supply",
+            says=("does not come to rest",),
+            goes_on=True,
+            remedy="Supply and shield of that sensor; RVDT amplifier.",
+        ),
         "frozen-sensor": FaultWords(
             broken="a sensor stands still",
             says=(
@@ -201,11 +261,47 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             broken="a drive sees that its sensor has failed (7305h)",
             says=("angle sensor failed", "the drive is in"),
             remedy="Mend the sensor, reset (R, or `sarcal reset`), then go on.",
+            arm=Arm.TRIPS,
         ),
         "collision": FaultWords(
             broken="a joint trips for excess torque (8311h)",
             says=("excess torque", "the drive is in"),
             remedy="The arm holds. Free what it met, reset (R, or `sarcal reset`), then go on.",
+            arm=Arm.TRIPS,
+        ),
+        "blocked-joint": FaultWords(
+            broken="a joint that should be free does not give way",
+            says=(
+                "excess torque",
+                "the drive is in",
+                "poses could be reached",
+                "does not come to rest",
+            ),
+            goes_on=True,
+            remedy="Look at that joint's valve; reset (R, or `sarcal reset`), then go on.",
+            arm=Arm.TRIPS,
+        ),
+        "sagging-drive": FaultWords(
+            broken="a drive in position mode holds nothing, and does not say so",
+            says=(
+                *("following error", "from where it was told to be", "excess torque"),
+                *("poses could be reached", "does not come to rest", "the drive is in"),
+            ),
+            remedy="Press STOP; take that drive out of service.",
+            arm=Arm.STRAYS,
+        ),
+        "slipped-fixture": FaultWords(
+            broken="the fixture slips by 1 mm on the table",
+            goes_on=True,
+            remedy="No reading shows it by itself: the verdict does, where there are poses enough before and "
+            "after. Fasten it, and begin a new session.",
+        ),
+        "bound-hinge": FaultWords(
+            broken="the hinge turns no more",
+            says=("excess torque", "following error", "the drive is in"),
+            goes_on=True,
+            remedy="Clean and grease the hinge; reset (R, or `sarcal reset`), then go on.",
+            arm=Arm.TRIPS,
         ),
         "stray": FaultWords(
             broken="a drive goes where it was not told to, 5 deg, and does not say so",
@@ -213,7 +309,8 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
                 *("from where it was told to be", "excess torque"),
                 *("does not come to rest", "the drive is in"),
             ),
-            remedy="Take that drive out of service.",
+            remedy="Press STOP; take that drive out of service.",
+            arm=Arm.STRAYS,
         ),
         "emcy-storm": FaultWords(
             broken="a drive sends fifty emergencies on every SYNC",
@@ -230,7 +327,60 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             broken="the external stop is pressed (5441h)",
             says=("external stop", "the drive is in"),
             remedy="Release it when it is safe, reset (R, or `sarcal reset`), then go on.",
+            arm=Arm.BLOCKS,
         ),
     }
 )
 """In the order of bus, nodes, sensors, mechanics, people."""
+
+OPERATOR_SIDE: Mapping[str, FaultWords] = MappingProxyType(
+    {
+        # tests/system/test_after_a_fault.py, test_a_freeze_of_0_3_s_costs_nothing
+        "frozen for 0.3 s": FaultWords(
+            broken="the operator's program stands still, shorter than the drives wait for its heartbeat (0.5 s)",
+            goes_on=True,
+            remedy="Nothing.",
+        ),
+        # tests/system/test_after_a_fault.py, a run that was stopped by SIGSTOP
+        "frozen for longer": FaultWords(
+            broken="the operator's program stands still for longer than that",
+            says=("operator's heartbeat lost",),
+            remedy="Go on as the last line says: `sarcal run --resume` resets and compares the arm first.",
+            arm=Arm.HOLDS,
+        ),
+        # tests/system/test_kills.py and tests/oracles/killing.py
+        "killed": FaultWords(
+            broken="the operator's program, or its computer, dies",
+            says=("--resume",),
+            remedy="Start it again with `--resume latest`: every accepted pose is on disk.",
+            arm=Arm.HOLDS,
+        ),
+        # tests/operator_app/session/test_journal.py
+        "disk full": FaultWords(
+            broken="the journal cannot be written",
+            says=("cannot write",),
+            remedy="Make room, then go on: a pose that was not written was not accepted.",
+        ),
+        # tests/system/test_fault_campaign.py, a wall clock that is set back and forth
+        "clock set back": FaultWords(
+            broken="somebody sets the computer's clock",
+            goes_on=True,
+            remedy="Nothing: poses count in the order in which they were taken.",
+        ),
+        # tests/system/test_busy_bus.py, tests/benchmarks/busy_bus.py
+        "busy computer": FaultWords(
+            broken="other programs take the processor",
+            says=("operator's heartbeat lost",),
+            goes_on=True,
+            remedy="End them, or give `sarcal` real-time priority.",
+            arm=Arm.HOLDS,
+        ),
+        # tests/contracts/test_arm_contract.py, two operators exclude each other; tests/hardware/test_watching.py
+        "second operator": FaultWords(
+            broken="another program wants to command the arm",
+            says=("in control", "Somebody else commands this arm"),
+            remedy="End one of the two.",
+        ),
+    }
+)
+"""What can go wrong where the operator sits: no switch of the virtual controller makes it."""

@@ -10,11 +10,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from hardware.objects import HEARTBEAT_CONSUMER, EmergencyCode, NmtCommand
+from hardware.objects import (
+    COB_TPDO1,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER,
+    TPDO1_MAP,
+    VELOCITY_ACTUAL,
+    EmergencyCode,
+    NmtCommand,
+    joint_node,
+)
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveNode
 from hardware.virtual.frame_faults import BadWire, FrameFaults
+from hardware.virtual.port import FixturePort, PlantPort
 from hardware.virtual.supervisor_node import SupervisorNode
+
+RIPPLE_COUNTS = 10.0
+"""Ten times what an RVDT's converter has by itself."""
 
 
 class Victim(Protocol):
@@ -23,6 +36,7 @@ class Victim(Protocol):
     disturbances: Disturbances
     drives: tuple[DriveNode, ...]
     supervisor: SupervisorNode
+    plant: PlantPort
 
     def post(self, action: Callable[[], None]) -> None:
         """Run something in the control loop, soon."""
@@ -120,6 +134,57 @@ class FaultInjector:
         """Let an object of a drive read as somebody else has set it up."""
         node = self._drive(joint)
         self._victim.post(lambda: node.serve(index, subindex, lambda: value))
+
+    def report_speed(self, joint: int) -> None:
+        """Let a drive's TPDO1 carry its speed where its position belongs, and 1A00h say so."""
+        node = self._drive(joint)
+
+        def act() -> None:
+            with node.lock:
+                node.reports_speed = True
+
+        self.set_up_otherwise(joint, TPDO1_MAP, 2, VELOCITY_ACTUAL << 16 | 32)
+        self._victim.post(act)
+
+    def beat_seldom(self, joint: int, period_s: float) -> None:
+        """Let a drive send a heartbeat every so often only, and 1017h say so."""
+        periods = self._victim.disturbances.heartbeat_period_s
+        self.set_up_otherwise(joint, HEARTBEAT_PRODUCER, 0, round(period_s * 1e3))
+        self._victim.post(lambda: periods.update({joint: period_s}))
+
+    def answer_as_another(self, joint: int) -> None:
+        """Let a joint's TPDO1 come with the identifier of the next one's, the last one's with the first's."""
+        node, other = self._drive(joint), joint % len(self._victim.drives) + 1
+        wrong_id = COB_TPDO1 + joint_node(other)
+        self._victim.post(lambda: setattr(node, "tpdo1_id", wrong_id))
+
+    def jump(self, joint: int, angle_rad: float) -> None:
+        """Let a joint's sensor be off by so much more, whichever sensor it is."""
+        self.lose_counts(joint, self._drive(joint).axis.scale.to_counts(angle_rad))
+
+    def ripple(self, joint: int) -> None:
+        """Let a joint's sensor have noise of ten counts beside its own, as of an unsteady supply."""
+        self._drive(joint)
+        ripple = self._victim.disturbances.ripple_counts
+        self._victim.post(lambda: ripple.update({joint: RIPPLE_COUNTS}))
+
+    def block(self, joint: int) -> None:
+        """Let a joint stay where it is whenever it should be free: a valve that does not open."""
+        self._drive(joint)
+        self._victim.post(lambda: self._victim.disturbances.blocked.add(joint))
+
+    def sag(self, joint: int) -> None:
+        """Let a joint hold nothing whenever it should be in position mode."""
+        self._drive(joint)
+        self._victim.post(lambda: self._victim.disturbances.sagging.add(joint))
+
+    def slip_fixture(self, slip_m: float) -> None:
+        """Let what holds the hand stand so much further along its x from now on."""
+        self._victim.post(lambda: self._loop().slip(slip_m))
+
+    def bind_hinge(self) -> None:
+        """Let the hinge turn no more."""
+        self._victim.post(lambda: self._loop().bind_hinge())
 
     def stop_watching(self, joint: int) -> None:
         """Let a drive go on when the operator's heartbeat is lost, and 1016h say that it does."""
@@ -232,6 +297,12 @@ class FaultInjector:
         """Let the control loop go on."""
         self._victim.unhang()
 
+    def _loop(self) -> FixturePort:
+        plant = self._victim.plant
+        if not isinstance(plant, FixturePort):
+            raise TypeError("this plant has no fixture that could slip or bind")
+        return plant
+
     def _drive(self, joint: int) -> DriveNode:
         if not 1 <= joint <= len(self._victim.drives):
             raise ValueError(f"there is no joint {joint}")
@@ -240,7 +311,7 @@ class FaultInjector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScriptedFault:
-    """Something that happens at a SYNC, before the plant moves on; SYNCs count from 1."""
+    """Something that happens at a SYNC, before the plant moves on; SYNCs count from 1, 0 is before the first."""
 
     at_sync: int
     happen: Callable[[FaultInjector], None]

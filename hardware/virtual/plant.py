@@ -27,6 +27,8 @@ from solver.arrays import FloatArray, frozen
 CONVERGED_RAD = 1e-9
 """Newton stops after a step this small; convergence is fast, the next one would be far smaller."""
 MAX_NEWTON_STEPS = 12
+BOUND_NM_PER_RAD = 6e4
+"""A hinge that binds gives as little as ten servos."""
 LONGEST_NEWTON_STEP_RAD = 0.1
 """Near a fold a joint wants to jump: let it run, but over a path that the chain can follow."""
 
@@ -123,6 +125,8 @@ class Plant:
         self._bristle = np.zeros(n + 1)
         self._valve: list[float | None] = [None] * n
         self._point = truth.point()
+        self._slip = np.zeros(len(self._point.error))
+        self._bound_at: float | None = None
         if len(dynamics.fixture) != len(self._point.error):
             raise ValueError("the fixture's stiffness is for another number of closure components")
         self._point.at(self._angles)
@@ -141,7 +145,15 @@ class Plant:
     @property
     def closure_error(self) -> FloatArray:
         """How far the fixture gives: closure components (k,), rotation vector (rad) over position (m)."""
-        return self._point.error.copy()
+        return self._point.error + self._slip
+
+    def slip(self, slip_m: float) -> None:
+        """Shift what holds the hand along x of its frame; where nothing holds it nothing slips."""
+        self._slip[-3:-2] += slip_m
+
+    def bind_hinge(self) -> None:
+        """Let the hinge turn no more; where there is none, nothing binds."""
+        self._bound_at = float(self._angles[0])
 
     def step(self, commands: Sequence[JointCommand]) -> PlantReading:
         """Advance one control period (see the module's head).
@@ -168,6 +180,8 @@ class Plant:
     def _servos(self, commands: Sequence[JointCommand]) -> tuple[FloatArray, FloatArray]:
         """Stiffness and true target angle of every joint, shape (n + 1,); the hinge has none."""
         stiffness, target = np.zeros(self.joint_count + 1), self._angles.copy()
+        if self._bound_at is not None:
+            stiffness[0], target[0] = BOUND_NM_PER_RAD, self._bound_at
         now = self._angles.tolist()
         offsets = self._offsets.tolist()
         for j, command in enumerate(commands, start=1):
@@ -200,7 +214,7 @@ class Plant:
             J = point.jacobian
             KJ = K @ J
             force = stiffness * (target - angles) - self._damping * (angles - start) + gravity
-            force -= point.error @ KJ
+            force -= (point.error + self._slip) @ KJ
             H = J.T @ KJ
             tangent = diagonal
             if self._rubs:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from hardware.arm import JointMode
 
@@ -44,4 +44,17 @@ class PlantPort(Protocol):
 
     def step(self, commands: Sequence[JointCommand]) -> PlantReading:
         """Advance one control period with one command per joint."""
+        ...
+
+
+@runtime_checkable
+class FixturePort(Protocol):
+    """A plant whose hand is held by something that can fail."""
+
+    def slip(self, slip_m: float) -> None:
+        """Shift what holds the hand, along x of its frame."""
+        ...
+
+    def bind_hinge(self) -> None:
+        """Let the hinge turn no more."""
         ...

@@ -23,9 +23,12 @@ from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from hardware.buses import BusSettings
+    from hardware.virtual.faults import ScriptedFault
     from hardware.virtual.tracker import SimulatedTracker
 
 _HELP = "help"
+_AT_CONNECT = tuple(kind for kind, words in FAULTS.items() if words.at_connect)
+_AT_SYNC = 1000
 _LOOK_S = 0.2
 """How often it is looked whether the controller still lives."""
 
@@ -80,9 +83,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     faults.add_argument(
         "--fault-sync",
         type=int,
-        default=1000,
         metavar="N",
-        help="at which SYNC since the controller began (default 1000: 10 s into a session in real time)",
+        help="at which SYNC since the controller began; 0: before anybody connects (default 0 for "
+        f"{', '.join(_AT_CONNECT)}, which show as an arm is connected; else 1000: 10 s into a session in real time)",
     )
     bus_options(parser, profile=False)
     record_option(parser)
@@ -93,7 +96,6 @@ def execute(args: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from hardware.buses import bus_settings
     from hardware.priority import first_in_line
-    from hardware.virtual.fault_kinds import scripted
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.procedure_file import load_procedure
@@ -118,13 +120,7 @@ def execute(args: argparse.Namespace) -> int:
     else:
         procedure = load_procedure(args.procedure)
         arm, fixture, run = procedure.arm, procedure.fixture, args.procedure
-    if not 1 <= args.fault_joint <= arm.joint_count:
-        raise UsageError(f"--fault-joint: joints are 1 to {arm.joint_count}")
-    if args.fault_sync < 1:
-        raise UsageError("--fault-sync: SYNCs count from 1")
-    script = [
-        scripted(kind, joint=args.fault_joint, at_sync=args.fault_sync) for kind in args.fault
-    ]
+    script = script_of(args, arm.joint_count)
     with (
         ending_signals_interrupt(),
         first_in_line(),
@@ -149,8 +145,9 @@ def execute(args: argparse.Namespace) -> int:
             f"-i {settings.interface} -c {settings.channel}"
             f"{' --scenario exact' if chosen.name == 'exact' else ''}{tracker}\n"
             + "".join(
-                f"At SYNC {args.fault_sync}: {FAULTS[kind].broken} (joint {args.fault_joint}).\n"
-                for kind in args.fault
+                f"{f'At SYNC {fault.at_sync}' if fault.at_sync else 'From the beginning'}: "
+                f"{FAULTS[kind].broken} (joint {args.fault_joint}).\n"
+                for kind, fault in zip(args.fault, script, strict=True)
             )
             + "Ctrl-C ends it.",
             err=True,
@@ -158,6 +155,25 @@ def execute(args: argparse.Namespace) -> int:
         while controller.failure is None:
             time.sleep(_LOOK_S)
     raise _out_of_order(controller.failure)
+
+
+def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
+    """Return the faults that were asked for, in that order; UsageError for a joint or SYNC there is not."""
+    from hardware.virtual.fault_kinds import scripted
+
+    if not 1 <= args.fault_joint <= joints:
+        raise UsageError(f"--fault-joint: joints are 1 to {joints}")
+    if args.fault_sync is not None and args.fault_sync < 0:
+        raise UsageError("--fault-sync: SYNCs count from 1, 0 is before anybody connects")
+    usual = {kind: 0 if kind in _AT_CONNECT else _AT_SYNC for kind in args.fault}
+    return [
+        scripted(
+            kind,
+            joint=args.fault_joint,
+            at_sync=usual[kind] if args.fault_sync is None else args.fault_sync,
+        )
+        for kind in args.fault
+    ]
 
 
 def _out_of_order(failure: Exception) -> Exception:
@@ -213,7 +229,7 @@ def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str
 
 
 def fault_table() -> str:
-    """Say for every fault what is broken, what an operator sees, what to do."""
+    """Say for every fault what is broken, what an operator sees, what the arm does, what is kept, what to do."""
     rows = [
         f"{kind}\n"
         + "\n".join(
@@ -227,6 +243,8 @@ def fault_table() -> str:
             for head, text in (
                 ("broken", words.broken),
                 ("you see", words.seen()),
+                ("arm", words.does()),
+                ("kept", words.kept),
                 ("do", words.remedy),
             )
         )

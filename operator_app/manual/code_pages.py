@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware.eds.dictionary import EDS_FILES, product_dictionary, variables
 from hardware.objects import JOINT_PRODUCT
-from hardware.virtual.fault_words import FAULTS
+from hardware.virtual.fault_words import FAULTS, OPERATOR_SIDE, FaultWords
 from operator_app.exit_codes import MEANING
 from operator_app.manual.markup import table
 from operator_app.session.actions import ACTIONS
@@ -64,20 +64,33 @@ def _keys(actions: Iterable[Entry]) -> str:
 
 def faults_page() -> str:
     """Return the page of faults that can be made on purpose."""
-    rows = [
-        (f"`{name}`", fault.broken, fault.seen(), fault.remedy) for name, fault in FAULTS.items()
-    ]
+    head = ("fault", "what is broken", "the operator", "the arm", "what is kept", "what to do")
     return "\n\n".join(
         (
             "# Faults",
             (
                 "What can go wrong on the bus and in the arm, what you see of it, and what to do. "
-                "`sarcal controller --fault NAME` makes each of them on the virtual controller, so that you "
-                "see it once before it matters. J is the joint."
+                "`sarcal controller --fault NAME` makes each of the first table on the virtual controller, so "
+                "that you see it once before it matters. J is the joint. What shows as an arm is connected "
+                f"({', '.join(f'`{name}`' for name, fault in FAULTS.items() if fault.at_connect)}) is there "
+                "before anybody connects, the others 1000 SYNCs later; `--fault-sync N` says otherwise, 0 is "
+                "before. An upload that one of them meets ends whole, or what was active stays active."
             ),
-            table(("fault", "what is broken", "the operator", "what to do"), rows) + "\n",
+            table(head, _faults(FAULTS)),
+            "## Where the operator sits",
+            table(head, _faults(OPERATOR_SIDE, code=False)) + "\n",
         )
     )
+
+
+def _faults(faults: Mapping[str, FaultWords], *, code: bool = True) -> list[tuple[str, ...]]:
+    return [
+        (
+            f"`{name}`" if code else name,
+            *(fault.broken, fault.seen(), fault.does(), fault.kept, fault.remedy),
+        )
+        for name, fault in faults.items()
+    ]
 
 
 def objects_page() -> str:

@@ -8,19 +8,25 @@ from __future__ import annotations
 
 import itertools
 import os
+import queue
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
+from hardware.arm import DriveState, JointMode
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.attending import attending
+from hardware.virtual.controller import VirtualController
 from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
 from hardware.virtual.faults import ScriptedFault
+from hardware.virtual.plant import Plant
 from hardware.virtual.scenarios import scenario
 from operator_app.config.description import describe
 from operator_app.config.procedure_file import load_procedure
@@ -39,6 +45,9 @@ CLOSES = 3e-4
 """Largest element of the loop's error, rad and m: 400,000-count encoders round to 8e-6 rad each."""
 
 PATIENCE_S = 1.5
+LIVES_ON_SYNCS = 150
+"""How long the arm is looked at after the words: 1.5 s of its time."""
+T = TypeVar("T")
 _channels = itertools.count()
 
 
@@ -47,6 +56,8 @@ class Outcome:
     """What the operator was told ("" if nothing), and what the journal accepted.
 
     `reaction_s` is the CPU time of this process, virtual arm and all, from the fault to the words; 0 without.
+    `moved_deg` is how far any true angle went in the 1.5 s after the words, nobody commanding, and `then` what
+    each drive was at when they were said; `ended` what it does once the session is closed.
     """
 
     kind: str
@@ -55,6 +66,9 @@ class Outcome:
     poses: tuple[CapturedPose, ...]
     wrong: tuple[int, ...]
     reaction_s: float
+    moved_deg: float
+    then: tuple[tuple[DriveState, JointMode | None], ...]
+    ended: tuple[JointMode | None, ...]
 
 
 def loop_error(q_rad: np.ndarray) -> float:
@@ -66,6 +80,48 @@ def loop_error(q_rad: np.ndarray) -> float:
     theta_0 = np.arctan2(wanted[1, 0], wanted[0, 0])
     hinge = product(np.array([theta_0]), truth.s[:1], truth.a[:1], truth.alpha[:1])
     return float(np.abs(hinge @ arm - np.eye(4)).max())
+
+
+def in_the_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
+    """Run something where the drives live, and return what it says."""
+    found: queue.SimpleQueue[T] = queue.SimpleQueue()
+    controller.unhang()
+    controller.post(lambda: found.put(reader()))
+    return found.get(timeout=10.0)
+
+
+def drives_of(
+    controller: VirtualController,
+) -> tuple[tuple[DriveState, JointMode | None], ...]:
+    """What each drive is at, and what it does about it: None blocks its valve."""
+    return tuple((node.drive.state, node.drive.command().mode) for node in controller.drives)
+
+
+def lives_on(
+    controller: VirtualController,
+) -> tuple[tuple[tuple[DriveState, JointMode | None], ...], float]:
+    """What the drives are at, and how far any true angle (deg) goes while nobody tells them anything."""
+
+    def live() -> tuple[tuple[tuple[DriveState, JointMode | None], ...], float]:
+        plant = controller.plant
+        assert isinstance(plant, Plant)
+        then, begun, farthest = drives_of(controller), plant.true_angles_rad, 0.0
+        for _ in range(LIVES_ON_SYNCS):
+            controller._group.step()
+            farthest = max(farthest, float(np.abs(plant.true_angles_rad - begun).max()))
+        return then, float(np.rad2deg(farthest))
+
+    return in_the_loop(controller, live)
+
+
+def come_to_hold(controller: VirtualController) -> tuple[JointMode | None, ...]:
+    """What the drives do once the operator is gone, at the latest when its heartbeat is missed."""
+    until_s = time.monotonic() + 3 * PATIENCE_S
+    while True:
+        modes = in_the_loop(controller, lambda: tuple(mode for _, mode in drives_of(controller)))
+        if JointMode.FREE not in modes or time.monotonic() > until_s:
+            return modes
+        threading.Event().wait(0.05)
 
 
 def session_with(
@@ -81,7 +137,8 @@ def session_with(
     def begin() -> None:
         begun_s.append(time.process_time())
 
-    reaction_s = 0.0
+    reaction_s = moved_deg = 0.0
+    then: tuple[tuple[DriveState, JointMode | None], ...] = ()
     if kind and at_sync:
         fault = scripted(kind, joint=joint, at_sync=at_sync)
         script = [replace(fault, happen=lambda faults: (begin(), fault.happen(faults))[-1])]
@@ -126,9 +183,11 @@ def session_with(
         except EXPECTED as found:
             said, error = str(found), type(found).__name__
             reaction_s = time.process_time() - begun_s[0] if begun_s else 0.0
+            then, moved_deg = lives_on(controller)
         finally:
             controller.unhang()
             session.close("done")
+        ended = come_to_hold(controller)
     used = session.state.used_poses
     return Outcome(
         kind=kind,
@@ -137,4 +196,7 @@ def session_with(
         poses=used,
         wrong=tuple(p.number for p in used if loop_error(p.mean_rad) > CLOSES),
         reaction_s=reaction_s,
+        moved_deg=moved_deg,
+        then=then,
+        ended=ended,
     )

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from hardware.virtual.fault_words import FAULTS
+from hardware.virtual.fault_words import FAULTS, OPERATOR_SIDE
 from operator_app.cli import main
+from operator_app.manual.code_pages import faults_page
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 GAP = "\0"
@@ -39,16 +40,25 @@ def test_every_fault_is_told_by_help_with_what_is_seen_and_what_to_do(
     assert main(["controller", "--fault", "help"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     for kind, words in FAULTS.items():
-        row = f"{kind} broken {words.broken} you see {words.seen()} do {words.remedy}"
+        arm = f"arm {words.does()} kept {words.kept}"
+        row = f"{kind} broken {words.broken} you see {words.seen()} {arm} do {words.remedy}"
         assert " ".join(row.split()) in said
 
 
 def test_what_the_table_says_is_what_the_program_can_say() -> None:
     sentences = list(strings_of("hardware", "operator_app/session", "operator_app/calibration"))
-    for kind, words in FAULTS.items():
+    for kind, words in {**FAULTS, **OPERATOR_SIDE}.items():
         for part in words.says:
             pattern = "".join(
                 f"(?:{piece}|{GAP})" if piece.isdigit() else re.escape(piece)
                 for piece in re.split(r"([0-9]+)", part.replace("{joint}", GAP).lower())
             )
             assert any(re.search(pattern, text) for text in sentences), (kind, part)
+
+
+def test_the_manual_says_what_the_arm_does_and_what_is_kept_of_both_sides() -> None:
+    page = faults_page()
+    assert page.count("| the arm | what is kept |") == 2
+    for words in (*FAULTS.values(), *OPERATOR_SIDE.values()):
+        assert words.kept in page
+        assert words.does() in page

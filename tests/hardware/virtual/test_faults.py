@@ -261,6 +261,49 @@ def test_scripted_faults_happen_at_their_sync() -> None:
     assert len([n for n, _ in first[:trip] if n == 0x181]) == 11
 
 
+def test_another_map_is_in_the_frames_and_not_only_read_back(arm: Rig) -> None:
+    arm.peer.start()
+    where = arm.peer.sync()[2][1]
+    arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 0.5))
+    arm.controller.faults.report_speed(3)
+    arm.settled(lambda: None)
+    states = arm.peer.sync()
+    assert states[2][1] == round(0.5 * arm.plant.scales[2]) != where
+    assert states[1][1] == round(arm.plant.angles_rad[1] * arm.plant.scales[1])
+    assert arm.peer.unsigned(3, 0x1A00, 2) == 0x606C0020
+
+
+def test_another_heartbeat_is_on_the_bus_and_not_only_read_back(arm: Rig) -> None:
+    arm.controller.faults.beat_seldom(3, 5.0)
+    arm.settled(lambda: None)
+    arm.peer.log.clear()
+    for _ in range(100):
+        arm.clock.time_s += 0.1
+        arm.peer.wait_for(lambda number, _: number == 0x710)
+    assert len(arm.peer.seen(0x702)) == 100
+    assert len(arm.peer.seen(0x703)) == 2
+    assert arm.peer.unsigned(3, 0x1017) == 5000
+
+
+def test_a_drive_that_answers_as_the_next_one_leaves_its_own_number_silent(arm: Rig) -> None:
+    arm.peer.start()
+    arm.controller.faults.answer_as_another(7)
+    arm.settled(lambda: None)
+    arm.peer.log.clear()
+    arm.peer.send(0x080)
+    arm.settled(lambda: None)
+    arm.peer.quiet()
+    assert [len(arm.peer.seen(0x180 + j)) for j in range(1, 8)] == [2, 1, 1, 1, 1, 1, 0]
+
+
+def test_a_plant_without_a_fixture_cannot_slip() -> None:
+    with rig() as made:
+        made.controller.faults.bind_hinge()
+        made.controller._loop.join(5.0)
+        assert isinstance(made.controller.failure, TypeError)
+        made.controller.failure = None
+
+
 def bad_on_the_way_in(arm: Rig, **shares: float) -> None:
     """Spoil what the operator sends from now on, and nothing that the arm says."""
 

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
+import can
 import pytest
 
+from hardware.buses import BusSettings
+from hardware.virtual.fault_words import FAULTS
 from operator_app.cli import main
+from operator_app.commands.controller import script_of
+from operator_app.commands.table import parser_of
+from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
-from operator_app.virtual_arms import slots_in
+from operator_app.session.opening import Choices
+from operator_app.virtual_arms import run_controller, slots_in
+from oracles.raw_can import RawPeer
 
 
 def test_a_state_that_is_no_folder_is_one_error_that_names_it(
@@ -34,3 +43,38 @@ def test_a_folder_is_made_and_nothing_is_left_in_it(tmp_path: Path) -> None:
     assert list((tmp_path / "a" / "b").iterdir()) == []
     with pytest.raises(SessionError, match="null"):
         slots_in(Path("x\0y"))
+
+
+def asked(*words: str) -> list[int]:
+    args = parser_of("controller").parse_args(["-i", "loopback", *words])
+    return [fault.at_sync for fault in script_of(args, 7)]
+
+
+def test_what_shows_as_an_arm_is_connected_is_there_before() -> None:
+    both = ("--fault", "other-map", "--fault", "collision")
+    assert asked(*both) == [0, 1000]
+    assert asked(*both, "--fault-sync", "0") == [0, 0]
+    assert asked(*both, "--fault-sync", "30") == [30, 30]
+
+
+@pytest.mark.parametrize("kind", list(FAULTS))
+def test_every_kind_can_be_asked_for_and_breaks_nothing_of_the_program(kind: str) -> None:
+    at_sync = "0" if FAULTS[kind].at_connect else "1"
+    words = ["-i", "loopback", "--fault", kind, "--fault-joint", "6", "--fault-sync", at_sync]
+    script = script_of(parser_of("controller").parse_args(words), 7)
+    settings = BusSettings(channel=f"kind-{kind}")
+    arm = load_procedure("hinge").arm
+    with (
+        can.Bus(settings.channel, interface="virtual") as bus,
+        run_controller(arm, Choices(), settings, script=script) as controller,
+    ):
+        peer = RawPeer(bus)
+        peer.start()
+        until_s = time.monotonic() + 5.0
+        while controller.sync_count == 0 and time.monotonic() < until_s:
+            peer.send(0x080)
+            peer.receive(0.02)
+            controller.unhang()
+        assert controller.sync_count > 0
+        assert not controller._script
+    assert controller.failure is None

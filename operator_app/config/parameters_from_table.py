@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from operator_app.config.degrees import degrees_for_file
-from operator_app.config.parameters import CalibratedEntry, DhRow, JointParameters
+from operator_app.config.parameter_records import CalibratedEntry, DhRow, JointParameters
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.sensors import NoSensor

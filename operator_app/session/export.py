@@ -18,18 +18,18 @@ from hardware.arm import Arm, UploadReceipt
 from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.remedy import ReadingTable, measured_offsets, reading_tables
 from operator_app.calibration.solution import Solution
-from operator_app.config.parameter_uncertainty import budget_of, correlations_of
-from operator_app.config.parameters import (
+from operator_app.config.parameter_records import (
     CalibratedEntry,
     Correction,
     DocumentWarning,
-    ParametersDocument,
     Quality,
     RvdtRemedy,
     TwoFigures,
     WhichArm,
     WhichFixture,
 )
+from operator_app.config.parameter_uncertainty import budget_of, correlations_of
+from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError

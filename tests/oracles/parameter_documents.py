@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
 
-from operator_app.config.parameters import (
+from operator_app.config.parameter_records import (
     CalibratedEntry,
     DhRow,
     JointParameters,
-    ParametersDocument,
     Quality,
     TwoFigures,
     WhichArm,
     WhichFixture,
 )
+from operator_app.config.parameters import ParametersDocument
 
 VALUES: Mapping[str, float] = {
     "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.compare import IncomparableError, Side, compare
-from operator_app.config.parameters import CalibratedEntry, WhichFixture
+from operator_app.config.parameter_records import CalibratedEntry, WhichFixture
 from operator_app.report.comparison_result import comparison_json, comparison_text
 from oracles.parameter_documents import VALUES, make_document
 

@@ -20,7 +20,7 @@ from operator_app.calibration.solve import calibrate
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from operator_app.config.parameters import Correction, RvdtRemedy
+from operator_app.config.parameter_records import Correction, RvdtRemedy
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import load_poses
 from oracles.parameter_documents import VALUES, make_document

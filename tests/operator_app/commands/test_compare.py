@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from operator_app.cli import main
-from operator_app.config.parameters import ParametersDocument, WhichArm
+from operator_app.config.parameter_records import WhichArm
+from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import save_parameters
 from operator_app.session.journal import Journal
 from oracles.parameter_documents import VALUES, make_document

@@ -21,14 +21,12 @@ from hardware.virtual.sdo_server import LONGEST_DOCUMENT
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import load_fixture
-from operator_app.config.parameter_uncertainty import budget_of, correlations_of
-from operator_app.config.parameters import (
+from operator_app.config.parameter_records import (
     CalibratedEntry,
     Correction,
     DhRow,
     DocumentWarning,
     JointParameters,
-    ParametersDocument,
     Quality,
     RvdtRemedy,
     Side,
@@ -36,6 +34,8 @@ from operator_app.config.parameters import (
     WhichArm,
     WhichFixture,
 )
+from operator_app.config.parameter_uncertainty import budget_of, correlations_of
+from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import (
     format_parameters,
     load_parameters,

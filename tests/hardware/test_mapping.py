@@ -9,7 +9,7 @@ import pytest
 
 from hardware.errors import MappingDiffers
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.test_canopen_arm import make
+from tests.hardware.on_fake_bus import make
 
 ABSENT = 0x06020000
 

@@ -13,7 +13,7 @@ from hardware.sdo import ObjectAccess
 from hardware.supervision import following_windows_counts
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.test_canopen_arm import make
+from tests.hardware.on_fake_bus import make
 
 OPERATOR = 127
 

@@ -27,7 +27,7 @@ from hardware.node_watch import NodeWatch
 from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.test_canopen_arm import TWO_DRIVEN, capture_for_ever, describe, make
+from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, describe, make
 
 
 @pytest.fixture(autouse=True)

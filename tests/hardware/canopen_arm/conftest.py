@@ -1,0 +1,43 @@
+"""The arm on its fake bus, connected, and driven."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from hardware.canopen_arm import CanopenArm
+from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.on_fake_bus import (
+    TWO_DRIVEN,
+    make,
+)
+
+
+@pytest.fixture
+def bus() -> FakeArmBus:
+    fake = FakeArmBus()
+    fake.drives[7].counts = 100
+    return fake
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
+    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.2)
+
+
+@pytest.fixture
+def arm(bus: FakeArmBus) -> Iterator[CanopenArm]:
+    made = make(bus)
+    made.connect()
+    yield made
+    bus.broken = None
+    made.close()
+
+
+@pytest.fixture
+def driven(arm: CanopenArm) -> CanopenArm:
+    arm.take_control()
+    arm.set_modes(TWO_DRIVEN)
+    return arm

@@ -1,0 +1,156 @@
+"""Connecting to an arm on a fake bus: who is there is who was meant, and nothing is left running."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import pytest
+
+from hardware.arm import Arm, DriveState
+from hardware.description import (
+    EncoderDescription,
+)
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    Intruder,
+    NodeMissing,
+    WrongArm,
+)
+from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.on_fake_bus import (
+    PER_RAD,
+    describe,
+    make,
+)
+
+
+def test_it_is_an_arm(bus: FakeArmBus) -> None:
+    arm: Arm = make(bus)
+    assert callable(arm.connect)
+
+
+def test_connecting_identifies_every_node(bus: FakeArmBus) -> None:
+    arm = make(bus)
+    identity = arm.connect()
+    assert (identity.model, identity.serial_number) == ("fake", "FAKE-1")
+    assert [node.node for node in identity.nodes] == [1, 2, 3, 4, 5, 6, 7, 16]
+    assert identity.nodes[-1].role == "supervisor"
+    assert identity.nodes[2].serial_number == 7003
+    snapshot = arm.snapshot()
+    assert [joint.position_counts for joint in snapshot.joints] == [
+        1000,
+        2000,
+        3000,
+        4000,
+        5000,
+        6000,
+        100,
+    ]
+    assert snapshot.joints[0].position_rad == pytest.approx(1000 / PER_RAD)
+    assert snapshot.joints[0].drive is DriveState.SWITCH_ON_DISABLED
+    assert snapshot.token == 0
+    assert set(snapshot.heartbeat_age_s) == {1, 2, 3, 4, 5, 6, 7, 16}
+    arm.close()
+
+
+def test_nothing_is_sent_before_the_others_were_listened_to(bus: FakeArmBus) -> None:
+    bus.other_operator = True
+    with pytest.raises(ControlDenied) as denied:
+        make(bus).connect()
+    assert denied.value.holder == 127
+    assert bus.sent == []
+
+
+COMMANDS_JOINT_1 = bytes.fromhex("0f000500000008")
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [
+        (((0x080, b""), (0x201, COMMANDS_JOINT_1)), r"a SYNC \(080h\)"),
+        (((0x080, b"\x07"),), r"a SYNC \(080h\)"),
+        (((0x201, COMMANDS_JOINT_1),), r"a command to joint 1 \(201h\)"),
+        (((0x000, b"\x82\x00"),), r"an NMT command \(000h\)"),
+    ],
+)
+def test_nothing_is_sent_where_another_master_works(
+    bus: FakeArmBus,
+    monkeypatch: pytest.MonkeyPatch,
+    frames: tuple[tuple[int, bytes], ...],
+    words: str,
+) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.3)
+    bus.other_master = frames
+    with pytest.raises(Intruder, match=f"else works on this bus: {words} came .* End that program"):
+        make(bus).connect()
+    assert bus.sent == []
+
+
+def test_what_a_master_said_before_anybody_listened_bars_nobody(bus: FakeArmBus) -> None:
+    """Our own predecessor may have been killed a moment ago, and an adapter have kept its last frames."""
+    for frame in ((0x080, b""), (0x201, COMMANDS_JOINT_1), (0x000, b"\x82\x00")):
+        bus.say(*frame)
+    arm = make(bus)
+    arm.connect()
+    arm.close()
+
+
+def test_a_master_that_comes_while_connecting_is_named() -> None:
+    class Contested(FakeArmBus):
+        def _handle(self, identifier: int, data: bytes) -> None:
+            super()._handle(identifier, data)
+            if (identifier, data) == (0x000, b"\x82\x07"):
+                self._queue.append((0x000, b"\x80\x00"))
+
+    with pytest.raises(Intruder, match=r"commands this arm: an NMT command \(000h\)"):
+        make(Contested()).connect()
+
+
+def test_other_devices_on_the_bus_are_not_reset_and_not_started(bus: FakeArmBus) -> None:
+    arm = make(bus)
+    arm.connect()
+    arm.close()
+    nodes = [*range(1, 8), 16]
+    told = [data for identifier, data in bus.sent if identifier == 0x000]
+    assert told == [bytes([command, node]) for command in (0x82, 0x01) for node in nodes]
+
+
+def test_missing_nodes_are_named(bus: FakeArmBus) -> None:
+    bus.dead = {3, 16}
+    with pytest.raises(NodeMissing) as missing:
+        make(bus).connect()
+    assert missing.value.nodes == (3, 16)
+
+
+def test_another_arm_is_named_with_everything_that_differs(bus: FakeArmBus) -> None:
+    bus.model, bus.full_scale = "other", 110_000_000
+    description = describe()
+    joints = list(description.joints)
+    joints[1] = replace(joints[1], upper_rad=1.0)
+    joints[3] = replace(joints[3], sensor=EncoderDescription(counts_per_rev=1000))
+    with pytest.raises(WrongArm) as wrong:
+        make(bus, description=replace(description, joints=tuple(joints))).connect()
+    text = str(wrong.value)
+    for part in (
+        "'other'",
+        "joint 2 has the range",
+        "joint 4 has an encoder",
+        "joint 7 has an RVDT of 110.000000 deg",
+    ):
+        assert part in text
+    assert "joint 1 " not in text
+
+
+def test_nothing_runs_after_a_failed_connection(bus: FakeArmBus) -> None:
+    bus.dead = {3}
+    before = threading.active_count()
+    with pytest.raises(NodeMissing):
+        make(bus).connect()
+    assert threading.active_count() == before
+
+
+def test_calls_before_connecting_say_so(bus: FakeArmBus) -> None:
+    with pytest.raises(BusError, match="not connected"):
+        make(bus).snapshot()

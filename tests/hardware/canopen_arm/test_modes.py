@@ -1,0 +1,78 @@
+"""Control and modes on a fake bus: taken where the arm stands, read back, and respected of others."""
+
+from __future__ import annotations
+
+import pytest
+
+from hardware.canopen_arm import CanopenArm
+from hardware.errors import (
+    CommandRefused,
+    ControlDenied,
+    DriveFault,
+    ModeNotReached,
+)
+from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.on_fake_bus import (
+    POSITION,
+    TWO_DRIVEN,
+    frames,
+    wait_for,
+)
+
+
+def test_taking_control_enables_every_drive_where_it_is(arm: CanopenArm, bus: FakeArmBus) -> None:
+    before = [drive.counts for drive in bus.drives.values()]
+    arm.take_control()
+    assert bus.token == 127
+    assert {drive.status for drive in bus.drives.values()} == {0x27}
+    assert [drive.target for drive in bus.drives.values()] == before
+    snapshot = arm.snapshot()
+    assert snapshot.token == 127
+    assert {joint.mode for joint in snapshot.joints} == {POSITION}
+
+
+def test_a_token_held_by_somebody_else_is_respected(arm: CanopenArm, bus: FakeArmBus) -> None:
+    bus.token = 42
+    with pytest.raises(ControlDenied) as denied:
+        arm.take_control()
+    assert denied.value.holder == 42
+    assert frames(bus, 0x200) == []
+
+
+def test_an_operator_who_appears_later_is_respected(arm: CanopenArm, bus: FakeArmBus) -> None:
+    bus.say(0x77F, b"\x05")
+    wait_for(arm._link.other_operator)
+    with pytest.raises(ControlDenied):
+        arm.take_control()
+
+
+def test_a_faulted_drive_is_named_when_control_is_taken(arm: CanopenArm, bus: FakeArmBus) -> None:
+    bus.drives[4].status = 0x08
+    with pytest.raises(DriveFault) as fault:
+        arm.take_control()
+    assert (fault.value.joint, fault.value.code) == (4, 0x8611)
+
+
+def test_modes_are_read_back(driven: CanopenArm, bus: FakeArmBus) -> None:
+    assert [drive.mode for drive in bus.drives.values()] == [10, 8, 10, 10, 8, 10, 10]
+    assert [joint.mode for joint in driven.snapshot().joints] == TWO_DRIVEN
+
+
+def test_a_mode_that_is_not_reached_is_named(arm: CanopenArm, bus: FakeArmBus) -> None:
+    arm.take_control()
+    bus.drives[3].follows_mode = False
+    with pytest.raises(ModeNotReached) as late:
+        arm.set_modes(TWO_DRIVEN)
+    assert (late.value.joint, late.value.wanted, late.value.actual) == (3, "free", "position")
+
+
+def test_modes_need_enabled_drives(arm: CanopenArm) -> None:
+    with pytest.raises(CommandRefused, match="switch on disabled"):
+        arm.set_modes(TWO_DRIVEN)
+
+
+def test_holding_puts_free_joints_where_they_are(driven: CanopenArm, bus: FakeArmBus) -> None:
+    bus.drives[3].counts = 3456
+    driven.hold()
+    assert bus.drives[3].target == 3456
+    assert {drive.mode for drive in bus.drives.values()} == {8}

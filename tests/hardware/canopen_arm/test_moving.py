@@ -1,0 +1,203 @@
+"""Moves on a fake bus: in small steps, ended by a watch, by Ctrl-C, by a trip, and the others hold."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import struct
+import threading
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hardware.arm import ArmSnapshot
+from hardware.canopen_arm import CanopenArm
+from hardware.errors import (
+    CommandRefused,
+    DriveFault,
+    Stopped,
+)
+from hardware.tasks import Task
+from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.on_fake_bus import (
+    PER_RAD,
+    TWO_DRIVEN,
+    frames,
+    make,
+)
+
+
+def test_a_move_reaches_its_targets_in_small_steps(driven: CanopenArm, bus: FakeArmBus) -> None:
+    result = driven.move({2: 0.2, 5: -0.1}, speed_rad_per_s=0.5)
+    assert result.reached
+    assert result.reason == ""
+    assert bus.drives[2].counts == round(0.2 * PER_RAD)
+    assert bus.drives[5].counts == round(-0.1 * PER_RAD)
+    assert result.positions_rad[1] == pytest.approx(0.2, abs=1 / PER_RAD)
+    targets = [target for _, target, _ in bus.drives[2].heard]
+    assert max(abs(b - a) for a, b in itertools.pairwise(targets)) <= 0.5 * 0.01 * PER_RAD + 1
+    assert not driven.snapshot().moving
+
+
+def test_the_same_moves_take_the_same_syncs_every_time() -> None:
+    counts = []
+    for _ in range(2):
+        fake = FakeArmBus()
+        fake.drives[7].counts = 100
+        arm = make(fake)
+        arm.connect()
+        arm.take_control()
+        arm.set_modes(TWO_DRIVEN)
+        arm.move({2: 0.2, 5: -0.1}, speed_rad_per_s=0.5)
+        arm.settle(window=5, spread_rad=[1e-3] * JOINTS, timeout_syncs=50)
+        arm.capture(10)
+        counts.append(fake.syncs)
+        arm.close()
+    assert counts[0] == counts[1]
+
+
+@pytest.mark.parametrize(
+    ("targets", "speed", "words"),
+    [
+        ({2: 3.0}, 0.5, "outside"),
+        ({2: math.nan}, 0.5, "finite"),
+        ({2: 0.1}, 5.0, "rad/s"),
+        ({2: 0.1}, 0.0, "rad/s"),
+        ({3: 0.1}, 0.5, "free mode"),
+    ],
+)
+def test_a_move_out_of_bounds_never_starts(
+    driven: CanopenArm, bus: FakeArmBus, targets: dict[int, float], speed: float, words: str
+) -> None:
+    before = len(frames(bus, 0x200))
+    with pytest.raises(CommandRefused, match=words):
+        driven.move(targets, speed_rad_per_s=speed)
+    assert len(frames(bus, 0x200)) == before
+
+
+def test_a_watch_ends_the_move_with_its_words_and_deceleration(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    seen: list[ArmSnapshot] = []
+
+    def watch(snapshot: ArmSnapshot) -> str | None:
+        seen.append(snapshot)
+        return "far enough" if snapshot.joints[1].position_rad > 0.2 else None
+
+    result = driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=watch)
+    assert (result.reached, result.reason) == (False, "far enough")
+    assert 0.2 < result.positions_rad[1] < 0.5
+    assert seen[-1].moving
+    assert seen[-1].joints[1].speed_rad_per_s == pytest.approx(0.5, rel=0.05)
+    targets = np.array([target for _, target, _ in bus.drives[2].heard]) / PER_RAD
+    last_steps = np.diff(targets)[-4:] / 0.01
+    assert np.all(np.abs(last_steps) < 0.2), "it stopped without slowing down"
+    assert bus.drives[2].counts == bus.drives[2].target
+
+
+def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    def watch(snapshot: ArmSnapshot) -> str | None:
+        if snapshot.joints[1].position_rad > 0.2:
+            raise RuntimeError("broken watch")
+        return None
+
+    with pytest.raises(RuntimeError, match="broken watch"):
+        driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=watch)
+    assert driven.move({2: 0.0}, speed_rad_per_s=0.5).reached
+
+
+def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(
+    driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reached_middle = threading.Event()
+    bus.on_sync = lambda _sync: bus.drives[2].target > 0.3 * PER_RAD and reached_middle.set()
+    wait, interrupted = Task.wait, []
+
+    def interrupted_wait(task: Task, someone_there: Callable[[], bool]) -> bool:
+        if not interrupted:
+            interrupted.append(reached_middle.wait(10))
+            raise KeyboardInterrupt
+        return wait(task, someone_there)
+
+    monkeypatch.setattr(Task, "wait", interrupted_wait)
+    with pytest.raises(KeyboardInterrupt):
+        driven.move({2: 1.5}, speed_rad_per_s=0.5)
+    rest = bus.drives[2].target
+    assert 0.3 * PER_RAD < rest < 1.5 * PER_RAD - 1
+    assert not driven.snapshot().moving
+    driven.capture(20)
+    assert bus.drives[2].target == rest
+
+
+def test_a_tripped_drive_ends_the_move_and_all_others_hold(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    start = bus.syncs
+    bus.on_sync = lambda sync: bus.trip(5, 0x8311) if sync == start + 40 else None
+    with pytest.raises(DriveFault) as fault:
+        driven.move({2: 1.0}, speed_rad_per_s=0.5)
+    assert (fault.value.joint, fault.value.code) == (5, 0x8311)
+    assert fault.value.args[0].startswith("joint 5 tripped: excess torque")
+    assert {drive.mode for joint, drive in bus.drives.items() if joint != 5} == {8}
+    assert [f.code for f in driven.snapshot().faults] == [0x8311]
+    with pytest.raises(DriveFault):
+        driven.capture(3)
+
+
+def brake_at(angle_rad: float) -> Callable[[ArmSnapshot], str | None]:
+    return lambda now: "far enough" if now.joints[1].position_rad > angle_rad else None
+
+
+def after_braking_began(bus: FakeArmBus, syncs: int, act: Callable[[], None]) -> None:
+    """Let something happen some SYNCs after joint 2 passed 0.2 rad, where it is told to brake."""
+    passed: list[int] = []
+
+    def look(sync: int) -> None:
+        if not passed and bus.drives[2].counts > 0.2 * PER_RAD:
+            passed.append(sync)
+        if passed and sync == passed[0] + syncs:
+            act()
+
+    bus.on_sync = look
+
+
+@pytest.mark.parametrize("joint", [2, 5])
+def test_a_drive_that_trips_while_braking_is_named_and_all_others_hold(
+    driven: CanopenArm, bus: FakeArmBus, joint: int
+) -> None:
+    after_braking_began(bus, 10, lambda: bus.trip(joint, 0x8311))
+    with pytest.raises(DriveFault) as fault:
+        driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at(0.2))
+    assert (fault.value.joint, fault.value.code) == (joint, 0x8311)
+    assert {drive.mode for j, drive in bus.drives.items() if j != joint} == {8}
+
+
+def test_a_trip_is_a_trip_when_its_emergency_comes_after_its_statusword(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    start = bus.syncs
+
+    def trip_in_two_parts(sync: int) -> None:
+        if sync == start + 40:
+            bus.drives[2].status = 0x08
+        elif sync == start + 45:
+            bus.trip(2, 0x8311)
+
+    bus.on_sync = trip_in_two_parts
+    with pytest.raises(DriveFault):
+        driven.move({2: 1.0}, speed_rad_per_s=0.5)
+    assert {drive.mode for j, drive in bus.drives.items() if j != 2} == {8}
+
+
+def test_an_external_stop_while_braking_is_a_stop_at_once(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    external = struct.pack("<HB5x", 0x5441, 0x81)
+    after_braking_began(bus, 10, lambda: bus.say(0x90, external))
+    with pytest.raises(Stopped, match="external stop"):
+        driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at(0.2))
+    targets = [target for _, target, _ in bus.drives[2].heard]
+    assert targets[-1] - targets[-2] > 0.1 * 0.01 * PER_RAD, "it was braked to rest first"

@@ -1,0 +1,71 @@
+"""Settling and capturing on a fake bus: whole samples and no others."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hardware.canopen_arm import CanopenArm
+from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.on_fake_bus import (
+    PER_RAD,
+)
+
+
+def test_settling_waits_for_the_spread_to_shrink(driven: CanopenArm, bus: FakeArmBus) -> None:
+    start = bus.syncs
+    bus.drives[4].noise = lambda sync: 500 if sync < start + 30 and sync % 2 else 0
+    spread = [100 / PER_RAD] * JOINTS
+    assert driven.settle(window=10, spread_rad=spread, timeout_syncs=200)
+    assert 38 <= bus.syncs - start <= 41
+
+
+def test_settling_gives_up_after_its_syncs(driven: CanopenArm, bus: FakeArmBus) -> None:
+    start = bus.syncs
+    bus.drives[4].noise = lambda sync: 500 * (sync % 2)
+    spread = [100 / PER_RAD] * JOINTS
+    assert not driven.settle(window=10, spread_rad=spread, timeout_syncs=60)
+    assert bus.syncs - start == 60
+
+
+def test_a_reading_is_mean_sd_and_count_of_the_samples(driven: CanopenArm, bus: FakeArmBus) -> None:
+    noise = [3, -1, 4, 1, -5, 9, -2, 6]
+    start = bus.syncs
+    bus.drives[6].noise = lambda sync: noise[(sync - start - 1) % len(noise)]
+    reading = driven.capture(len(noise))
+    values = np.array(noise) + 6000
+    assert reading.samples == len(noise)
+    assert reading.mean_counts[5] == values.mean()
+    assert reading.mean_rad[5] == pytest.approx(values.mean() / PER_RAD, rel=1e-14)
+    variance = sum((v - values.mean()) ** 2 for v in values) / (len(noise) - 1)
+    assert reading.sd_rad[5] == pytest.approx(math.sqrt(variance) / PER_RAD, rel=1e-12)
+    assert reading.sd_rad[0] == 0.0
+    assert reading.first_sync == driven.snapshot().sync_count - len(noise) + 1
+
+
+def test_one_sample_has_no_deviation(driven: CanopenArm) -> None:
+    assert np.all(driven.capture(1).sd_rad == 0.0)
+
+
+@pytest.mark.parametrize("fault", ["silent", "twice"])
+def test_a_sample_that_is_not_whole_is_no_part_of_a_reading(
+    driven: CanopenArm, bus: FakeArmBus, fault: str
+) -> None:
+    start = bus.syncs
+
+    def disturb(sync: int) -> None:
+        joints = getattr(bus, fault)
+        joints.clear()
+        if sync == start + 3:
+            joints.add(2)
+            bus.drives[6].counts += 1000
+        elif sync == start + 4:
+            bus.drives[6].counts -= 1000
+
+    bus.on_sync = disturb
+    reading = driven.capture(6)
+    assert bus.syncs - start == 7
+    assert reading.mean_counts[5] == 6000
+    assert reading.sd_rad[5] == 0.0

@@ -1,0 +1,75 @@
+"""An operator's arm on a fake bus, as the tests of `CanopenArm` use it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from hardware.arm import JointMode
+from hardware.buses import BusSettings
+from hardware.canopen_arm import CanopenArm
+from hardware.connection import BusOpeners
+from hardware.description import (
+    ArmDescription,
+    EncoderDescription,
+    JointDescription,
+    RvdtDescription,
+)
+from hardware.timing import Pace, Timing
+from oracles.profiles import sarcos
+from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus
+
+PER_RAD = COUNTS_PER_REV / (2 * math.pi)
+POSITION, FREE = JointMode.POSITION, JointMode.FREE
+TWO_DRIVEN = [FREE, POSITION, FREE, FREE, POSITION, FREE, FREE]
+
+
+def describe() -> ArmDescription:
+    encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
+    rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(120))
+    return ArmDescription(
+        model="fake",
+        joints=tuple(
+            JointDescription(
+                name=f"joint {j}",
+                lower_rad=-math.pi / 2 if j < JOINTS else -math.radians(30),
+                upper_rad=math.pi / 2 if j < JOINTS else math.radians(30),
+                max_speed_rad_per_s=1.0,
+                max_torque_nm=50.0,
+                sensor=encoder if j < JOINTS else rvdt,
+            )
+            for j in range(1, JOINTS + 1)
+        ),
+    )
+
+
+def make(
+    bus: FakeArmBus, *, description: ArmDescription | None = None, **options: Any
+) -> CanopenArm:
+    options.setdefault("pace", Pace.FAST_FORWARD)
+    options.setdefault(
+        "timing", Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), heartbeat_timeout_s=0.35)
+    )
+    return CanopenArm(
+        description or describe(),
+        BusSettings(channel="fake"),
+        options.pop("profile", sarcos()),
+        openers=BusOpeners(main=lambda _settings: bus, stop=lambda _settings: bus.stop_handle()),
+        **options,
+    )
+
+
+def frames(bus: FakeArmBus, base: int) -> list[tuple[int, bytes]]:
+    return [(i, data) for i, data in bus.sent if base < i <= base + JOINTS]
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Spin until a condition holds; pytest's own timeout ends what never does."""
+    while not condition():
+        pass
+
+
+def capture_for_ever(arm: CanopenArm) -> None:
+    while True:
+        arm.capture(5)

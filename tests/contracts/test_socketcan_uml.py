@@ -1,14 +1,17 @@
-"""Kernel CAN for real: the transport contract and can-utils as peers under User-Mode Linux."""
+"""Kernel CAN for real: the transport contract and can-utils as peers under User-Mode Linux, or an emulated PC."""
 
 from __future__ import annotations
 
+import re
+import shlex
 import sys
 
 import pytest
 
+from oracles.emulated_linux import in_emulated_linux
 from oracles.user_mode_linux import in_user_mode_linux
 
-pytestmark = pytest.mark.needs("linux.uml", "candump", "ip")
+pytestmark = pytest.mark.needs("candump", "ip")
 
 INSIDE = """
 import pathlib, subprocess, sys, time
@@ -43,20 +46,45 @@ bus.shutdown()
 """
 
 
+PYTEST = [
+    sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", "--basetemp=/run/pytest",
+    "--color=no",
+]  # fmt: skip
+
+
+@pytest.mark.needs("linux.uml")
 def test_socketcan_keeps_the_contracts_of_transport_and_arm() -> None:
     # Timing under a user-mode kernel on one processor says nothing; two sessions of the arm are enough.
     chosen = "socketcan and (transport_contract or two_driven or stop_in_a_move)"
     contracts = [f"tests/contracts/test_{what}_contract.py" for what in ("transport", "arm")]
-    said = in_user_mode_linux(
-        sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--no-header", "--no-cov", "-n0",
-        "--basetemp=/run/pytest", "-k", chosen, *contracts,
-    )  # fmt: skip
+    said = in_user_mode_linux(*PYTEST, "--no-cov", "-n0", "-k", chosen, *contracts)
     assert "skipped" not in said
     assert " passed" in said
 
 
+@pytest.mark.needs("linux.uml")
 def test_candump_and_cansend_agree_and_missing_devices_are_named() -> None:
-    lines = in_user_mode_linux(sys.executable, "-c", INSIDE).splitlines()
+    agrees(in_user_mode_linux(sys.executable, "-c", INSIDE))
+
+
+@pytest.mark.campaign
+@pytest.mark.needs("qemu-system-x86_64", "busybox")
+def test_socketcan_keeps_the_contract_of_transports_where_user_mode_linux_does_not_run() -> None:
+    # One boot for both, and of pytest's plugins those alone that the project's settings name: each import
+    # is a second.
+    both = shlex.join([sys.executable, "-c", INSIDE]) + " && ip link set vcan0 up && " + shlex.join([
+        "env", "PYTEST_DISABLE_PLUGIN_AUTOLOAD=1", *PYTEST, "-p", "pytest_timeout", "-p", "pytest_asyncio",
+        "-o", "addopts=--import-mode=importlib --strict-markers", "-k", "socketcan",
+        "tests/contracts/test_transport_contract.py",
+    ])  # fmt: skip
+    said = in_emulated_linux("/bin/sh", "-c", both)
+    agrees(said)
+    assert "skipped" not in said
+    assert int(re.search(r"(\d+) passed", said)[1]) >= 28  # type: ignore[index]
+
+
+def agrees(said: str) -> None:
+    lines = said.splitlines()
     assert "DUMP ['181#112233', '181#FF']" in lines
     assert "HEARD 0x581 4b41600027020000" in lines
     (missing,) = (line for line in lines if line.startswith("MISSING"))

@@ -60,8 +60,8 @@ def host(command: list[str]) -> int:
     return int(verdicts[-1].removeprefix(VERDICT)) if verdicts else NEVER_RAN
 
 
-def guest() -> None:
-    """Mount, load the CAN modules, bring vcan0 up, run the command, switch off."""
+def guest(*modules: str) -> None:
+    """Mount, load modules, bring vcan0 up, run the command, switch off."""
     libc = ctypes.CDLL(None, use_errno=True)
     for source, target, kind in (
         ("proc", "/proc", "proc"),
@@ -69,8 +69,8 @@ def guest() -> None:
         ("tmpfs", "/run", "tmpfs"),
     ):
         libc.mount(source.encode(), target.encode(), kind.encode(), 0, None)
-    kernel = Path(os.environ["UML_MODULES"]) / os.uname().release / "kernel"
-    for name in CAN_MODULES:
+    kernel = Path(os.environ.get("UML_MODULES", MODULES)) / os.uname().release / "kernel"
+    for name in modules:
         module = os.open(kernel / f"{name}.ko", os.O_RDONLY)
         if libc.syscall(FINIT_MODULE, module, b"", 0):
             print("cannot load", name, os.strerror(ctypes.get_errno()))
@@ -89,6 +89,6 @@ def guest() -> None:
 
 if __name__ == "__main__":
     if os.getpid() == 1:
-        guest()
+        guest(*CAN_MODULES)
     else:
         sys.exit(host(sys.argv[1:]))

@@ -6,6 +6,7 @@ One file in the platform's folder for settings. The command line, a session, a p
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -107,11 +108,13 @@ def parse_settings(data: bytes, file: str) -> UserSettings:
 def usual_bus(named: str | None = None) -> BusSettings | None:
     """Return the bus that the user's settings name, None where they name none; raises ConfigError.
 
-    Where an interface has been `named` already nobody asks them: a wrong file does not matter.
+    Where an interface has been `named` already, or the environment names one, nobody asks them: a wrong file
+    does not matter.
     """
     from hardware.buses import BusSettings
 
-    usual = load_settings() if named is None else UserSettings()
+    asked = named is None and not os.environ.get("CAN_INTERFACE")
+    usual = load_settings() if asked else UserSettings()
     if usual.interface is None:
         return None
     return BusSettings(

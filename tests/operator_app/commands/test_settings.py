@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -172,7 +173,10 @@ def test_reset_on_a_bus_that_is_named_needs_no_settings(file: Path) -> None:
 
 
 def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """It may hold who works here; that is nothing to stop a calibration for."""
     from operator_app.composition import _bus
@@ -186,6 +190,8 @@ def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
     assert choices.operator is None
     opening = begin("hinge", choices, root=tmp_path)
     assert _bus(choices, opening.procedure).interface == "virtual"
+    monkeypatch.setenv("CAN_INTERFACE", "loopback")
+    assert _bus(replace(choices, interface=None), opening.procedure).interface == "loopback"
     # The simulated arm of another program has no operator.
     choices_from(parser_of("controller").parse_args([]), journal=False)
     assert capsys.readouterr().err == ""

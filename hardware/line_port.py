@@ -14,7 +14,8 @@ import stat
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
@@ -283,23 +284,29 @@ class GrowingFile:
         skipped, self._begun_before = self._begun_before, False
         return "" if skipped else found.decode(errors="replace").strip("\r\n")
 
-    def _opened(self) -> BinaryIO:
+    @contextmanager
+    def _opened(self) -> Iterator[BinaryIO]:
         """Open the file; a pipe would keep us waiting for whoever writes to it, and cannot be looked back into."""
         try:
             descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            with os.fdopen(descriptor, "rb") as file:
+                if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                    raise self._no_file()
+                yield file
+        except IsADirectoryError as error:
+            raise self._no_file() from error
         except (OSError, ValueError) as error:
             why = error.strerror if isinstance(error, OSError) else str(error)
             raise InstrumentError(
                 f"{self._path} cannot be read ({why}). Let the tracker's program write "
                 "its heading first: x_m,y_m,z_m and how the target is turned"
             ) from error
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            os.close(descriptor)
-            raise InstrumentError(
-                f"{self._path} is no file but a folder, a pipe or a device. Name a file that the tracker's "
-                "program adds rows to; what comes through a pipe: --tracker stdin"
-            )
-        return os.fdopen(descriptor, "rb")
+
+    def _no_file(self) -> InstrumentError:
+        return InstrumentError(
+            f"{self._path} is no file but a folder, a pipe or a device. Name a file that the tracker's "
+            "program adds rows to; what comes through a pipe: --tracker stdin"
+        )
 
     def _size(self) -> int:
         try:

@@ -341,7 +341,7 @@ OPERATOR_SIDE: Mapping[str, FaultWords] = MappingProxyType(
             goes_on=True,
             remedy="Nothing.",
         ),
-        # tests/system/test_after_a_fault.py, a run that was stopped by SIGSTOP
+        # tests/system/test_after_a_fault.py, test_after_a_freeze_the_same_command_goes_on
         "frozen for longer": FaultWords(
             broken="the operator's program stands still for longer than that",
             says=("operator's heartbeat lost",),

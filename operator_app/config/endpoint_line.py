@@ -71,7 +71,7 @@ def read_json_line(text: str) -> EndpointLine:
 
 def read_row(heading: str, text: str) -> EndpointLine:
     """Read a row of CSV below its heading; raises BadLine."""
-    names, cells = (next(csv.reader([line]), []) for line in (heading, text))
+    names, cells = _cells(heading), _cells(text)
     if len(names) != len(cells):
         raise BadLine(f"has {len(cells)} cells below {len(names)} columns")
     named = {name.strip(): cell.strip() for name, cell in zip(names, cells, strict=True)}
@@ -80,8 +80,15 @@ def read_row(heading: str, text: str) -> EndpointLine:
 
 def require_heading(heading: str) -> None:
     """Refuse columns that no row below could be read with; raises BadLine."""
-    names = [name.strip() for name in next(csv.reader([heading]), [])]
-    _require_names(names)
+    _require_names([name.strip() for name in _cells(heading)])
+
+
+def _cells(line: str) -> list[str]:
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error as error:
+        # A carriage return in the middle of it, say.
+        raise BadLine(f"is no line of CSV ({error})") from error
 
 
 def _line_of(found: Mapping[str, Any]) -> EndpointLine:

@@ -123,7 +123,8 @@ def main() -> int:
     begun = time.monotonic()
     # Other processes now and then, so that what one input takes is not held against the next.
     # The slow ones first: nobody waits for a last batch of theirs.
-    jobs.sort(key=lambda job: (job[1].start, job[0] != "the wire"))
+    slow = ("the wire", "the controller's nodes")
+    jobs.sort(key=lambda job: (job[1].start, job[0] not in slow))
     with get_context("spawn").Pool(chosen.processes, maxtasksperchild=10) as pool:
         try:
             for found in pool.imap_unordered(one_batch, jobs):

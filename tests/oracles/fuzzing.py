@@ -9,7 +9,9 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import re
+import shutil
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -17,6 +19,7 @@ from random import Random
 
 import yaml
 
+from hardware.line_port import CalledLines, GrowingFile
 from operator_app.calibration.checks import Checks
 from operator_app.calibration.record import RecordError, from_dict, to_dict
 from operator_app.calibration.solution import Solution
@@ -31,11 +34,15 @@ from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Resource, resolve
 from operator_app.config.urdf import format_urdf, parse_urdf
+from operator_app.config.user_settings import parse_settings
 from operator_app.exit_codes import EXPECTED_ERRORS
 from operator_app.session.folder import read_session
+from operator_app.session.instrument import Instrument, port_of
 from operator_app.session.journal import JOURNAL_NAME
 from operator_app.session.opening import Choices, resume
 from operator_app.session.repair import repair
+from operator_app.virtual_arms import slots_in
+from oracles.controller_fuzzing import ControllerTarget
 from oracles.journals import ODD, events, mutated, mutated_journal, written
 from oracles.parameter_documents import make_document
 from oracles.wire_fuzzing import Target
@@ -91,7 +98,7 @@ ARGUMENTS: Mapping[str, tuple[str, ...]] = {
             "--hand-point", "--base-point", "--hand-direction", "--tolerance-mm", "ball", "1,2,3", str(DATA)),
     "check": (str(DATA), "--arm", "--fixture", "--procedure", "--json", "README.md"),
     "reset": ("--json", "-i", "-b", "--scenario"),
-    "run": ("--poses", "--resume", "--force", "--plan", "--estimator", "--unsensed", "-i", "-b", "--seed"),
+    "run": ("--poses", "--tracker", "--resume", "--force", "--plan", "--estimator", "--unsensed", "-i", "-b", "--seed"),
     "plan": ("--poses", "--fixture", "--arm", "--seed", "--joints", "--json"),
     "controller": ("--arm", "--state", "--fault", "--fault-joint", "--fault-sync", "-i", "-c", "--seed"),
     "monitor": ("-i", "-c", "-b"),
@@ -265,16 +272,129 @@ def _record(rng: Random, _: Path) -> None:
             raise Refused(str(error)) from error
 
 
-_target = Target()
+_target, _told = Target(), ControllerTarget()
 
 
 def _wire(rng: Random, _: Path) -> None:
     _target.meddle(rng)
 
 
+def _controller(rng: Random, _: Path) -> None:
+    if _told.tell(rng):
+        raise Refused("a node refused object access")
+
+
 def over() -> None:
-    """Let go of the operator that is still connected, if one is."""
+    """Let go of the operator and of the controller that still run, if they do."""
     _target.close()
+    _told.close()
+
+
+SETTINGS = (
+    b"schema: sarcal/settings/1\ninterface: socketcan\nchannel: can0\nbitrate: 500000\n"
+    b"theme: dark\noperator: R. Hand\n"
+)
+
+
+def _settings(rng: Random, _: Path) -> None:
+    parse_settings(_in_yaml(SETTINGS, rng), "settings.yaml")
+
+
+MEASURED = (
+    b'{"pose": "12", "x_m": 0.1, "y_m": 0.2, "z_m": 0.3, "rx_deg": 1, "ry_deg": 2, "rz_deg": 3}',
+    b'{"pose": "12", "lost": "behind the elbow"}',
+    b'{"x_m": 0.1, "y_m": 0.2, "z_m": 0.3, "qw": 1, "qx": 0, "qy": 0, "qz": 0}',
+)
+HEADING, ROW = b"pose,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n", b"12,0.1,0.2,0.3,1,2,3\n"
+
+
+def _instrument(rng: Random, folder: Path) -> None:
+    """A line of JSON, or a file that grows: the file itself, its heading or a row may be odd."""
+    if rng.random() < 0.5:
+        said = bytes_changed(rng.choice(MEASURED), rng).decode(errors="replace")
+        instrument = Instrument(
+            CalledLines(lambda _: said, "a tracker"), full_pose=rng.random() < 0.5, patience_s=0.0
+        )
+        instrument.open()
+        instrument.measure("12")
+        return
+    file = folder / "rows.csv"
+    if rng.random() < 0.2:
+        port_of(f"file:{_odd_place(rng, folder, file)}").open()
+        return
+    file.write_bytes(bytes_changed(HEADING, rng) if rng.random() < 0.5 else HEADING)
+    port = _Appended(file, bytes_changed(ROW, rng))
+    instrument = Instrument(port, full_pose=rng.random() < 0.5, patience_s=0.0)
+    instrument.open()
+    instrument.measure("12")
+
+
+class _Appended(GrowingFile):
+    """A file to which a row is added as soon as it is asked for one."""
+
+    def __init__(self, path: Path, row: bytes) -> None:
+        super().__init__(path)
+        self._file, self._row = path, row
+
+    def ask(self, question: str) -> None:
+        super().ask(question)
+        with self._file.open("ab") as file:
+            file.write(self._row)
+
+
+def _odd_place(rng: Random, folder: Path, own: Path) -> Path:
+    """What is no file, or none that this program may write, often a pipe nobody is at the other end of."""
+    match rng.randrange(6):
+        case 0 | 1:
+            pipe = folder / "pipe"
+            if not pipe.exists():
+                os.mkfifo(pipe)
+            return pipe
+        case 2:
+            return folder
+        case 3:
+            return own / "below" / "it"
+        case 4:
+            return Path(
+                rng.choice(("/proc/x", "/proc/self/mem", "/dev/null", "/dev/zero", "/dev/full"))
+            )
+        case _:
+            return Path(rng.choice(("x\x00y", "a" * 5000, "")))
+
+
+def _slots(rng: Random, folder: Path) -> None:
+    """The folder of `controller --state`: another thing in its place, or in the place of what lies in it."""
+    if rng.random() < 0.3:
+        place = _odd_place(rng, folder, folder / "rows.csv")
+        if place not in (folder, Path()):
+            slots_in(place)
+            return
+    state = folder / "state"
+    state.mkdir(exist_ok=True)
+    try:
+        sound = slots_in(state)
+        for document in (b"one", b"two")[: rng.randrange(3)]:
+            sound.commit(document)
+        for name in ("active", "slot_a", "slot_b", "slot_a.new", "active.new"):
+            file = state / name
+            match rng.randrange(8):
+                case 0 if file.exists():
+                    file.write_bytes(bytes_changed(file.read_bytes(), rng))
+                case 1:
+                    file.unlink(missing_ok=True)
+                    os.mkfifo(file)
+                case 2 if not file.exists():
+                    file.mkdir()
+        store = slots_in(state)
+        active = store.document(store.active)
+        if active not in (None, b"one", b"two"):
+            raise AssertionError(f"{active!r} was never committed")
+        try:
+            store.commit(b"three")
+        except OSError as error:
+            raise Refused(str(error)) from error
+    finally:
+        shutil.rmtree(state)
 
 
 def _arguments(rng: Random, folder: Path) -> None:
@@ -321,7 +441,11 @@ PARSERS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
     "joint log": (3, _joint_log),
     "urdf": (3, _urdf),
     "arguments": (2, _arguments),
+    "user settings": (2, _settings),
+    "instrument": (3, _instrument),
+    "parameter slots": (2, _slots),
     "the wire": (10, _wire),
+    "the controller's nodes": (4, _controller),
 }
 """What is fuzzed, in these shares."""
 

@@ -95,6 +95,29 @@ def test_after_a_freeze_the_same_command_goes_on(tmp_path: Path, channel: str) -
     assert poses_of(folder)[: len(before)] == before
 
 
+@pytest.mark.campaign
+def test_a_freeze_of_0_3_s_costs_nothing(tmp_path: Path, channel: str) -> None:
+    """Shorter than the drives' patience: no trip, no word of one, every pose."""
+    bus = ("-i", "loopback", "-c", channel)
+    with controller_on(tmp_path, channel):
+        run = start(tmp_path, "run", "hinge", *bus, "--poses", "5", "--json")
+        folder = wait_for_poses(tmp_path / "sessions", 1, run)
+        listener = open_bus(BusSettings(interface="loopback", channel=channel))
+        run.send_signal(signal.SIGSTOP)
+        while listener.recv(0.0) is not None:
+            pass  # what was said before
+        for _ in range(3):  # heartbeats of joint 1, one every 0.1 s
+            while (frame := listener.recv(PATIENCE_S)) and frame.arbitration_id != 0x701:
+                pass
+        run.send_signal(signal.SIGCONT)
+        listener.shutdown()
+        code, out, said = finish(run)
+    assert code in (0, 4), said
+    assert "8130h" not in said
+    assert json.loads(out)["poses"] == 5
+    assert poses_of(folder) == [1, 2, 3, 4, 5]
+
+
 def test_after_a_trip_what_is_advised_works(tmp_path: Path, channel: str) -> None:
     bus = ("-i", "loopback", "-c", channel)
     fault = ("--fault", "collision", "--fault-joint", "4", "--fault-sync", "1500")

@@ -207,6 +207,9 @@ def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path: Path) -> 
             port_of(f"file:{place}").open()
     with pytest.raises(InstrumentError, match="cannot be read"):
         port_of("file:x\0y").open()
+    # A file by its kind, whose bytes nobody can have.
+    with pytest.raises(InstrumentError, match="cannot be read"):
+        port_of("file:/proc/self/mem").open()
 
 
 def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path: Path) -> None:
@@ -219,6 +222,13 @@ def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path: Path) -> None:
     os.mkfifo(file)
     with pytest.raises(InstrumentError, match=r"shorter|a pipe"):
         port.line(0.0)
+
+
+def test_a_carriage_return_in_a_line_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "rows.csv"
+    file.write_bytes(b"x_m,y_\rm,z_m\n")
+    with pytest.raises(InstrumentError, match=r"the heading of file:.* is no line of CSV"):
+        Instrument(GrowingFile(file), full_pose=False).open()
 
 
 def test_standard_input_gives_lines_until_it_ends() -> None:

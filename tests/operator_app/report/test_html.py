@@ -68,6 +68,9 @@ frame.onload = () => {
     for (const region of frame.contentDocument.querySelectorAll('.scroll'))
       said.push([width, region.firstElementChild.className, region.scrollWidth - region.clientWidth]);
   }
+  frame.style.width = '390px';
+  const whole = frame.contentDocument.documentElement;
+  said.push([390, 'page', whole.scrollWidth - whole.clientWidth]);
   document.getElementById('r').textContent = said.map(s => s.join(' ')).join(';');
 };
 </script>
@@ -405,7 +408,9 @@ def test_what_cannot_be_identified_is_reported_without_numbers(
 
 
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
-def test_no_table_is_cut_on_a_laptop_or_a_screen(subject: Subject, tmp_path: Path) -> None:
+def test_no_table_is_cut_on_a_laptop_or_a_screen_and_no_page_on_a_phone(
+    subject: Subject, tmp_path: Path
+) -> None:
     page = report_html(subject).decode()
     page = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page)
     page = page.replace("</html>", "").replace("</script>", "")
@@ -422,4 +427,6 @@ def test_no_table_is_cut_on_a_laptop_or_a_screen(subject: Subject, tmp_path: Pat
     seen = {(width, name) for width, name, _ in regions}
     for name in ("parameters", "budget", "pose-table", "estimators", "correlations"):
         assert {("1280", name), ("1920", name)} <= seen
+    # On a phone wide tables scroll, each by itself; the page does not.
+    assert ("390", "page") in seen
     assert [r for r in regions if int(r[-1]) > 0] == []

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from hardware.virtual.fault_words import FAULTS
 from operator_app.commands.options import (
+    a_path,
     bus_options,
     choices_from,
     placement_count,
@@ -52,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--state",
-        type=Path,
+        type=a_path,
         metavar="DIR",
         help="folder that keeps uploaded parameters over a restart (default: in memory)",
     )

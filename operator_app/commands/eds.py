@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from operator_app.commands.options import a_path
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
@@ -14,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=a_path,
         default=Path(),
         metavar="DIR",
         help="folder to write joint.eds and supervisor.eds into (default: this one)",

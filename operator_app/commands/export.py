@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from operator_app.commands.options import (
+    a_path,
     bus_options,
     choices_from,
     estimator_options,
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=a_path,
         metavar="FILE",
         help="write there (default: in the session folder, parameters.yaml, result.json, parameters.csv, "
         "arm.urdf or result.mat; - is stdout)",

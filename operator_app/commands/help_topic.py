@@ -7,6 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from operator_app.commands.options import a_path
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.manual.pages import SECTIONS, Manual
@@ -27,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--markdown", action="store_true", help="print the page as it is written")
     parser.add_argument(
         "--files",
-        type=Path,
+        type=a_path,
         metavar="FOLDER",
         help="write the files that the page shows into a folder, and nothing over another file",
     )

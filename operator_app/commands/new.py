@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fixtures.base import Tolerance
+from operator_app.commands.options import a_path
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.units.figure import ANGLE, LENGTH, STRAY, Figure
 from operator_app.words_out import say
@@ -67,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--name", default="", help="name of what is made")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="write it there (default: NAME.yaml)"
+        "-o", "--output", type=a_path, metavar="FILE", help="write it there (default: NAME.yaml)"
     )
     urdf = parser.add_argument_group("arm")
     urdf.add_argument("--urdf", default="", metavar="FILE", help="the arm's URDF (not xacro)")

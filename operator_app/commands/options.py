@@ -27,6 +27,16 @@ def pose_count(text: str) -> int:
     return found
 
 
+def a_path(text: str) -> Path:
+    """Read the value of an option that names a file or folder to write; ``~`` is a home folder."""
+    try:
+        return Path(text).expanduser()
+    except RuntimeError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text}: there is no such home folder; for a folder of that name write ./{text}"
+        ) from error
+
+
 def json_option(parser: argparse.ArgumentParser) -> None:
     """``--json``: one JSON object on stdout."""
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
@@ -152,7 +162,7 @@ def sessions_option(parser: argparse.ArgumentParser) -> None:
     """``--sessions``: where session folders are kept."""
     parser.add_argument(
         "--sessions",
-        type=Path,
+        type=a_path,
         default=Path("sessions"),
         metavar="DIR",
         help="folder that holds the session folders (default ./sessions)",
@@ -211,7 +221,7 @@ def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
 def record_option(parser: argparse.ArgumentParser) -> None:
     """``--record FILE``."""
     parser.add_argument(
-        "--record", type=Path, metavar="FILE", help="record the bus (.blf, .asc, .log)"
+        "--record", type=a_path, metavar="FILE", help="record the bus (.blf, .asc, .log)"
     )
 
 

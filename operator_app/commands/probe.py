@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import bus_options, json_option, record_option
+from operator_app.commands.options import a_path, bus_options, json_option, record_option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
         "--draft",
-        type=Path,
+        type=a_path,
         metavar="FILE",
         help="write a bus profile of the drives that are found, for --profile",
     )

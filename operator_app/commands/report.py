@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import estimator_options, parse_joints, sessions_option
+from operator_app.commands.options import a_path, estimator_options, parse_joints, sessions_option
 from operator_app.exit_codes import ExitCode
 from operator_app.words_out import say
 
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=a_path,
         metavar="FILE",
         help="write the page there (default: report.html in the session folder; - is stdout)",
     )
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     shown.add_argument(
         "--plots",
-        type=Path,
+        type=a_path,
         metavar="FOLDER",
         help="write figures for a paper there instead, as PDF and PNG (needs the extra [plots])",
     )

@@ -42,7 +42,7 @@ def format_urdf(arm: ArmModel, table: DhTable, *, comment: Iterable[str] = ()) -
     comment
         Lines for whoever opens the file.
     """
-    robot = ET.Element("robot", name=arm.name)
+    robot = ET.Element("robot", name=_xml_text(arm.name))
     ET.SubElement(robot, "link", name=BASE)
     origin = {"xyz": "0 0 0", "rpy": "0 0 0"}
     rows = zip(arm.joints, *(column.tolist() for column in table.stacked()), strict=True)
@@ -73,10 +73,15 @@ def format_urdf(arm: ArmModel, table: DhTable, *, comment: Iterable[str] = ()) -
     ET.SubElement(robot, "link", name=FLANGE)
     ET.indent(robot)
     # Two hyphens would end a comment of XML.
-    words = "\n".join(f"  {line}" for line in comment).replace("--", "- -")
+    words = re.sub("-(?=-)", "- ", "\n".join(f"  {_xml_text(line)}" for line in comment))
     head = f"<!--\n{words}\n-->\n" if words else ""
     text = ET.tostring(robot, encoding="unicode")
     return f'<?xml version="1.0" encoding="utf-8"?>\n{head}{text}\n'.encode()
+
+
+def _xml_text(text: str) -> str:
+    """Write out as an escape what no XML may hold: somebody else chose serial numbers and names."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 # ---- reading -----------------------------------------------------------------------------------

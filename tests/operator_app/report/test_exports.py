@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -164,6 +165,15 @@ def test_a_table_survives_to_the_last_digits_but_one() -> None:
     table = DhTable(theta_off_rad=off[0], s_m=off[1], a_m=off[2], alpha_rad=off[3])
     read = parse_urdf(format_urdf(arm, table, comment=["a -- b"]), "x").table
     np.testing.assert_allclose(read.stacked(), off, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("serial", ["SDA\x1b[31m-1", "a\0b", "-->", "a---b", "x-", "\ufffe & <b>"])
+def test_a_serial_of_any_characters_is_well_formed(serial: str) -> None:
+    arm = load_arm("franka_panda")
+    text = format_urdf(replace(arm, name=f"arm {serial}"), arm.table, comment=[f"serial {serial}"])
+    read = parse_urdf(text, "x").table  # as any reader of XML would refuse what is not well formed
+    np.testing.assert_allclose(read.stacked(), arm.table.stacked(), rtol=0, atol=1e-12)
+    assert "\x1b" not in text.decode()
 
 
 def test_csv_json_mat_and_yaml_hold_the_same_numbers(

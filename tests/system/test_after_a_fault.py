@@ -275,7 +275,7 @@ def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
     assert all(a.timestamp <= b.timestamp for a, b in pairwise(everything))
     times = Counter((f.arbitration_id, bytes(f.data)) for f in everything)
     assert everything[0].arbitration_id == 0x701
-    assert times[0x000, b"\x01\x00"] == 2  # both connected
+    assert times[0x000, b"\x01\x01"] == 2  # both connected, and started node 1
     assert times[0x77F, b"\x05"] > 2
     with can.LogReader(tmp_path / "look.log") as recorded:
         looked = Counter((f.arbitration_id, bytes(f.data)) for f in recorded)

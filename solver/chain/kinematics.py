@@ -102,13 +102,9 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
         Actual joint angles theta' (rad), offsets (m), lengths (m) and twists (rad), shapes that
         broadcast to (..., links).
     """
-    lead = np.broadcast_shapes(*(np.shape(v)[:-1] for v in (theta, s, a, alpha)))
-    dims = len(lead)
-    angle = _links_first(theta, dims)
-    c_theta, s_theta = np.cos(angle), np.sin(angle)
-    c_alpha, s_alpha = _links_first(np.cos(alpha), dims), _links_first(np.sin(alpha), dims)
-    s, a = _links_first(s, dims), _links_first(a, dims)
-    links = max(len(c_theta), len(s), len(a), len(c_alpha))
+    *lead, links = np.broadcast(theta, s, a, alpha).shape
+    theta, s, a, alpha = (_links_first(v, len(lead)) for v in (theta, s, a, alpha))
+    c_theta, s_theta, c_alpha, s_alpha = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
     # What each link makes of the axes before it, all links at once: x, then y and z, row by row.
     turn = np.zeros((links, 3, 3, *lead))
     turn[:, 0, 0], turn[:, 0, 1] = c_theta, s_theta
@@ -119,25 +115,14 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
     axes[0] = np.eye(3).reshape(3, 3, *(1 for _ in lead))
     axes[1] = turn[0]
     origins[0] = 0.0
-    # A loop over links (eight of them), never over poses.
+    # Loops over links (eight of them), never over poses.
     for j in range(1, links):
-        np.add.reduce(turn[j][:, :, None] * axes[j], axis=1, out=axes[j + 1])
+        np.einsum("ab...,bc...->ac...", turn[j], axes[j], out=axes[j + 1])
     # p_j - p_{j-1} = s_j z_{j-1} + a_j x_j (eqs. 1 and 9).
-    np.cumsum(s[:, None] * axes[:-1, 2] + a[:, None] * axes[1:, 0], axis=0, out=origins[1:])
-    return Frames(axes_of=axes, origin_of=origins)
-
-
-def turned(frames: Frames, angle: FloatArray) -> Frames:
-    """Frames of a chain whose first joint stood at zero, with that joint at `angle` (...), rad.
-
-    All that comes after the joint turns about its z; frame 0 is where it is seen from (paper, eqs. 11 and 13).
-    """
-    axes, origins = frames.axes_of.copy(), frames.origin_of.copy()
-    c, s = np.cos(angle), np.sin(angle)
-    for seen in (axes[1:], origins[1:, None]):
-        x, y = seen[:, :, 0].copy(), seen[:, :, 1]
-        np.subtract(c * x, s * y, out=seen[:, :, 0])
-        np.add(s * x, c * y, out=seen[:, :, 1])
+    along = s[:, None] * axes[:-1, 2]
+    along += a[:, None] * axes[1:, 0]
+    for j in range(links):
+        np.add(origins[j], along[j], out=origins[j + 1])
     return Frames(axes_of=axes, origin_of=origins)
 
 
@@ -193,10 +178,11 @@ def screws(frames: Frames, entries: Entries) -> FloatArray:
     p, turning, sliding = frames.origin_of, entries.turning, entries.sliding
     axis = frames.axes_of[entries.frame, entries.axis]
     columns = np.zeros((len(axis), 6, *axis.shape[2:]))
-    about = axis[turning]
-    columns[turning, :3] = about
-    columns[turning, 3:] = _cross(about, p[-1] - p[entries.frame[turning]])
     columns[sliding, 3:] = axis[sliding]
+    about, lever = axis[turning], p[-1] - p[entries.frame[turning]]
+    columns[turning, :3] = about
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)), start=3):
+        columns[turning, k] = about[:, i] * lever[:, j] - about[:, j] * lever[:, i]
     return columns
 
 
@@ -208,10 +194,3 @@ def _links_first(values: FloatArray, dims: int) -> FloatArray:
 def poses_first(values: FloatArray, *order: int) -> FloatArray:
     """View with the leading axes, in the order given, after those of the poses."""
     return values.transpose(*range(len(order), values.ndim), *order)
-
-
-def _cross(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Cross products of vectors whose components are on the second axis."""
-    # Both turned by one place and by two: component k is u_k+1 v_k+2 - u_k+2 v_k+1.
-    first, second = [1, 2, 0], [2, 0, 1]
-    return np.asarray(u[:, first] * v[:, second] - u[:, second] * v[:, first])

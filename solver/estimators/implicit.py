@@ -174,7 +174,7 @@ def fit_implicit(
             break
     return ImplicitFit(
         x=x,
-        covariance=np.asarray(np.linalg.pinv(triangle.T.T @ triangle.T, hermitian=True)),
+        covariance=triangle.covariance(),
         corrections=e,
         unsensed=u,
         system=system,

@@ -10,7 +10,7 @@ their QR factors is kept (`triangle_of`): its size and what is done with it do n
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,10 @@ WELL_SEEN = 1e-6
 LAST_SHARE = 1e-12
 """A step that would lower the cost by less than this share of it is the last. It is taken unseen: of the
 parameters' standard deviations it is a hundred thousandth, and what is left after it a fraction of that."""
+
+LEFT_SHARE = 1e-14
+"""So is a step after which the next would lower it by less than this: of two undamped steps in a row the next
+falls behind the second as that fell behind the first, for what residuals leave of Newton's convergence is linear."""
 
 BLOCK_ROWS = 2048
 """Rows of a block: with some tens of columns it stays in a core's own cache."""
@@ -58,15 +62,22 @@ class Triangle:
         """Half the sum of squared residuals."""
         return 0.5 * (float(self.b @ self.b) + self.rest)
 
+    def after(self, step: FloatArray) -> Triangle:
+        """Return what is left of these equations after a step (P,), as far as they are linear."""
+        return replace(self, b=self.b + self.T @ step)
+
     def step(self, damping: float = 0.0) -> tuple[FloatArray, float]:
         """Step (P,) with so much damping, and by how much it is to lower the cost.
 
         None along directions the equations do not see; nan if they are.
         """
+        from scipy.linalg import lapack
+
         if not np.isfinite(self.T).all():
             return np.full(len(self.b), np.nan), np.nan
-        if damping == 0.0 and (plain := self._well_seen()) is not None:
-            return plain, 0.5 * float(self.b @ self.b)
+        if damping == 0.0 and self._well_seen():
+            plain, _ = lapack.dtrtrs(self.T, self.b)
+            return np.asarray(-plain), 0.5 * float(self.b @ self.b)
         scale, U, s, Vt = self._scaled()
         seen = s > UNSEEN * s[0]
         gain = np.where(seen, s / np.where(seen, s**2 + damping, 1.0), 0.0)
@@ -74,15 +85,21 @@ class Triangle:
         lower = 0.5 * float(((gain * s * (2.0 - gain * s)) * beta**2).sum())
         return -(Vt.T @ (gain * beta)) / scale, lower
 
-    def _well_seen(self) -> FloatArray | None:
-        """The undamped step straight from the triangle, None where some directions may not be seen."""
+    def covariance(self) -> FloatArray:
+        """``(J' J)^-1`` (P, P); its pseudo-inverse where some directions may not be seen."""
+        from scipy.linalg import lapack
+
+        if not self._well_seen():
+            return np.asarray(np.linalg.pinv(self.T.T @ self.T, hermitian=True))
+        inverse, _ = lapack.dtrtri(self.T)
+        return np.asarray(inverse @ inverse.T)
+
+    def _well_seen(self) -> bool:
+        """Whether there is no direction that may not be seen."""
         from scipy.linalg import lapack
 
         condition, _ = lapack.dtrcon(self.T / column_scale(self.T))
-        if not condition > WELL_SEEN:
-            return None
-        step, _ = lapack.dtrtrs(self.T, self.b)
-        return np.asarray(-step)
+        return bool(condition > WELL_SEEN)
 
     def _scaled(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Column scale of J, and U, s, V' of the triangle with unit columns."""
@@ -103,13 +120,18 @@ def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
 
 def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
     """Triangle (P, P) of the QR factors of all blocks (..., P) stacked, a few at a time."""
+    from scipy.linalg import lapack
+
     left: FloatArray | None = None
     for J in blocks:
-        rows = J.reshape(-1, J.shape[-1])
+        # Whatever the order of rows: where columns are stored one after the other nothing is copied.
+        rows = J.reshape(-1, J.shape[-1], order="A")
         for first in range(0, max(len(rows), 1), BLOCK_ROWS):
             block = rows[first : first + BLOCK_ROWS]
             stacked = block if left is None else np.concatenate((left, block))
-            left = np.asarray(np.linalg.qr(stacked, mode="r"))
+            factors = lapack.dgeqrf(stacked)[0][: stacked.shape[1]]
+            row, column = np.ogrid[: factors.shape[0], : factors.shape[1]]
+            left = np.where(row <= column, factors, 0.0)
     if left is None:
         raise ValueError("least squares need at least one block")
     whole = np.zeros((left.shape[1], left.shape[1]))
@@ -136,7 +158,7 @@ class Fit:
     converged
         Whether the last step was below `step_tolerance`, or nothing smaller than it descends.
     triangle
-        Of the equations there, but for a last step too small to be seen in the cost.
+        Of the equations there; from where the last step was made if it was taken unseen.
     """
 
     x: FloatArray
@@ -170,7 +192,7 @@ def solve_damped(
         Largest component of a step (rad, m) that counts as no step.
     """
     x = np.array(x0, dtype=np.float64)
-    here, damping, iteration = problem(x), 0.0, 0
+    here, damping, iteration, before = problem(x), 0.0, 0, 0.0
 
     def ended(x: FloatArray, *, converged: bool) -> Fit:
         return Fit(x=x, cost=here.cost, iterations=iteration, converged=converged, triangle=here)
@@ -179,15 +201,18 @@ def solve_damped(
         while True:
             step, predicted = here.step(damping)
             largest = float(np.max(np.abs(step), initial=0.0))
+            left = predicted**2 / before if before > 0.0 else np.inf
             # At the floor of rounding no step can be seen to descend any more; that is the minimum.
-            if predicted <= LAST_SHARE * here.cost + 1e-300:
+            if predicted <= LAST_SHARE * here.cost + 1e-300 or left <= LEFT_SHARE * here.cost:
                 if damping == 0.0:
-                    x, iteration = x + step, iteration + 1
+                    x, here, iteration = x + step, here.after(step), iteration + 1
                 return ended(x, converged=True)
             there = problem(x + step)
             if np.isfinite(there.cost) and there.cost < here.cost:
+                before = predicted if damping == 0.0 else 0.0
                 damping = 0.0 if damping < 1e-8 else damping / 10.0
                 break
+            before = 0.0
             if largest < step_tolerance:
                 return ended(x, converged=True)
             damping = max(10.0 * damping, 1e-6)

@@ -50,13 +50,13 @@ def estimate_paper(
     x = nearest_equivalent(model, fit.x, nominal)
     # Another description of the same loop has another Jacobian; a full turn has not.
     turned = np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION
-    T = (problem(x) if turned else fit.triangle).T
+    triangle = problem(x) if turned else fit.triangle
     error = closure_at_readings(model, x, q)
     return Estimate(
         estimator="paper",
         parameters=model.parameters,
         x=x,
-        covariance=np.asarray(np.linalg.pinv(T.T @ T, hermitian=True) * (2.0 * fit.cost / dof)),
+        covariance=triangle.covariance() * (2.0 * fit.cost / dof),
         residual=error.residual,
         rotation_rows=error.rotation_rows,
         sigmas=closure_sigmas(error.residual, error.rotation_rows),

@@ -109,7 +109,8 @@ class ArmLoop(ClosureModel):
     def tables(self, x: FloatArray) -> FloatArray:
         """Fill parameter vectors (..., P) into the nominal table: (..., 4, links)."""
         x = np.asarray(x, dtype=np.float64)
-        stacked = np.broadcast_to(self._stacked, (*x.shape[:-1], 4, self.table.links)).copy()
+        stacked = np.empty((*x.shape[:-1], *self._stacked.shape))
+        stacked[...] = self._stacked
         kinds, rows = self._indices
         stacked[..., kinds, rows] = x[..., : len(self.entries)]
         return stacked
@@ -125,8 +126,8 @@ class ArmLoop(ClosureModel):
         """All frames of the chain at every pose, seen in its first frame."""
         table = self.tables(x)[..., None, :, :]
         offsets = table[..., 0, :]
-        shape = np.broadcast_shapes(offsets.shape, (*q.shape[:-1], self.table.links))
-        theta = np.broadcast_to(offsets, shape).copy()
+        theta = np.empty((*np.broadcast(offsets[..., 0], q[..., 0]).shape, self.table.links))
+        theta[...] = offsets
         theta[..., 1 - self.FIRST_LINK :] += q
         for k, row in enumerate(self.unsensed_rows):
             theta[..., row - self.FIRST_LINK] = u[..., k]

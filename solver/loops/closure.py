@@ -261,6 +261,8 @@ class ClosureModel(ABC):
 
 def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel, FloatArray], ...]:
     """Cut the poses `q` (m, n) into blocks: loops of some poses and their joint angles (m_k, n)."""
+    if len(q) <= BLOCK_POSES:
+        return ((model, q),)
     cuts = np.split(np.arange(len(q)), np.arange(BLOCK_POSES, len(q), BLOCK_POSES))
     return tuple((model.at_poses(cut), q[cut]) for cut in cuts)
 
@@ -273,14 +275,16 @@ def nearest_equivalent(
     scale = np.array([1.0 if p.is_angle else 1.0 / length_scale_m for p in parameters])
     nearest, distance = np.asarray(x), np.inf
     while True:
-        candidates = wrap_angles(parameters, model.equivalents(nearest))
-        difference = wrap_angles(parameters, candidates - reference)
-        squares = ((difference * scale) ** 2).sum(-1)
+        candidates = model.equivalents(nearest)
+        squares = ((wrap_angles(parameters, candidates - reference) * scale) ** 2).sum(-1)
         best = int(np.argmin(squares))
         # Several placements list only some of their many combinations: go on from the best of them.
         if not squares[best] < distance * (1.0 - 1e-12):
             return nearest
-        nearest, distance = np.asarray(candidates[best]), float(squares[best])
+        here = bool((candidates[best] == nearest).all())
+        nearest, distance = wrap_angles(parameters, candidates[best]), float(squares[best])
+        if here:
+            return nearest
 
 
 def poses_needed(parameters: int, equations_per_pose: int) -> int:

@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from solver.arrays import FloatArray
-from solver.chain.kinematics import DhTable, Frames, poses_first, screws, turned
+from solver.arrays import ComplexArray, FloatArray
+from solver.chain.kinematics import DhTable, poses_first, screws
 from solver.chain.parameters import DhKind
 from solver.chain.rotations import (
     rotation_about_z,
@@ -63,7 +63,8 @@ class DhLoop(ArmLoop):
         if not self.hinge:
             return joints
         u = np.concatenate((np.zeros((*joints.shape[:-1], 1)), joints), axis=-1)
-        u[..., 0] = _hinge_angle(self.frames(x, q, u))
+        R11, R21, _ = self.frames(x, q, u).axes_of[-1, 0]
+        u[..., 0] = -np.arctan2(R21, R11)
         return u
 
     def reduced(self, x: FloatArray, q: FloatArray) -> ReducedError:
@@ -81,29 +82,29 @@ class DhLoop(ArmLoop):
         if not self.hinge or self.unsensed_joints:
             return ClosureModel.reduced(self, x, q)
         at_zero = self.frames(x, q, np.zeros((*q.shape[:-1], 1)))
-        theta_0 = _hinge_angle(at_zero)
-        frames = turned(at_zero, theta_0)
-        R, p = frames.R_end, frames.p_end
-        moved = screws(frames, self._unknown)
+        (R11, R21, R31), _, (R13, R23, R33) = at_zero.axes_of[-1]
+        px, py, pz = at_zero.origin_of[-1]
+        rates = screws(at_zero, self._unknown)
+        # Across the hinge axis vectors are complex numbers, and a turn about it is a factor.
+        x_end = R11 + 1j * R21
+        size = np.abs(x_end)
+        turned = x_end.conj() / size
+        n, p = turned * (R13 + 1j * R23), turned * (px + 1j * py)
+        w, v = (turned * (rates[:, k] + 1j * rates[:, k + 1]) for k in (0, 3))
         # theta_0 answers to every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. It turns
         # the end about z_-1, which is what w_z and the position feel of it.
-        lean = R[..., 2, 0] / R[..., 0, 0]
-        w_z = moved[:, 0] * lean
-        turn = w_z - moved[:, 2]
-        dx_dy, by_rotation = _swing(R[..., :, 2])
-        jac = np.empty((len(moved), 5, *moved.shape[2:]))
-        for row in range(2):
-            by = by_rotation[..., row, :]
-            jac[:, row] = (by[..., 0] + by[..., 2] * lean) * moved[:, 0] + by[..., 1] * moved[:, 1]
-        jac[:, 2] = moved[:, 3] - p[..., 1] * turn
-        jac[:, 3] = moved[:, 4] + p[..., 0] * turn
-        jac[:, 4] = moved[:, 5]
+        w_z = w.real * (R31 / size)
+        swing, swing_rate = _swing(n, R33, w, w_z)
+        jac = np.empty((len(rates), 5, *rates.shape[2:]))
+        jac[:, 0], jac[:, 1] = swing_rate.real, swing_rate.imag
+        p_rate = v + (1j * p) * (w_z - rates[:, 2])
+        jac[:, 2], jac[:, 3], jac[:, 4] = p_rate.real, p_rate.imag, rates[:, 5]
         return ReducedError(
-            residual=np.concatenate((dx_dy, p), axis=-1),
+            residual=poses_first(np.stack((swing.real, swing.imag, p.real, p.imag, pz)), 0),
             jac_x=poses_first(jac, 1, 0),
             rotation_rows=2,
-            unsensed=theta_0[..., None],
-            flipped=R[..., 2, 2] < 0.0,
+            unsensed=np.angle(turned)[..., None],
+            flipped=R33 < 0.0,
         )
 
     def fixture_axes(
@@ -193,38 +194,32 @@ class DhLoop(ArmLoop):
         return -p_0 @ R_0, R_0[2]
 
 
-def _hinge_angle(at_zero: Frames) -> FloatArray:
-    """theta_0 (...) that brings R21 to zero, from frames with the hinge at zero: eq. 12."""
-    R_c = at_zero.R_end
-    return np.asarray(-np.arctan2(R_c[..., 1, 0], R_c[..., 0, 0]))
+def _swing(
+    n: ComplexArray, nz: FloatArray, w: ComplexArray, wz: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Rotation in the xy plane that carries z onto a unit vector, and its rates.
 
+    With all that is across z as complex numbers, x + iy, the swing is ``i f n``, f the angle between z and
+    the vector over its sine. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so that
 
-def _swing(n: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotation in the xy plane that carries z onto the unit vector `n`, and its rate.
+        d(i f n) = f (n_z w - w_z n) + i g Im(n* w) n,   g = 1 + n_z (n_z - f) / sine^2.
 
-    The swing is ``f (-n_y, n_x)``, f the angle between z and n over its sine. With ``dn = w x n``,
-
-        dn_x = w_y n_z - w_z n_y,   dn_y = w_z n_x - w_x n_z,   df = g (n_x w_y - n_y w_x),
-
-    g = 1 + n_z (n_z - f) / sine^2.
+    Parameters
+    ----------
+    n, nz
+        The vector (...): complex across z, and along it.
+    w, wz
+        Angular increments (C, ...) likewise, rad.
 
     Returns
     -------
-    swing
-        (..., 2), rad: angle between z and n, along z x n.
-    by_rotation
-        (..., 2, 3): derivative of the swing for a spatial angular increment w.
+    The swing (...), rad: angle between z and the vector, along z x n; and what each w makes of it (C, ...).
     """
-    nx, ny, nz = n[..., 0], n[..., 1], n[..., 2]
-    sine = np.hypot(nx, ny)
+    sine = np.abs(n)
     # Below this the quotients lose digits and their series are exact to double precision.
     tiny = (sine < 1e-4) & (nz > 0.0)
     safe = np.where(tiny | (sine == 0.0), 1.0, sine)
     f = np.where(tiny, 1.0 + sine**2 / 6.0, np.arctan2(sine, nz) / safe)
     g = 1.0 + nz * np.where(tiny, -2.0 / 3.0, (nz - f) / safe**2)
-    by_rotation = np.empty((*nx.shape, 2, 3))
-    by_rotation[..., 0, 0] = f * nz + g * ny * ny
-    by_rotation[..., 1, 1] = f * nz + g * nx * nx
-    by_rotation[..., 0, 1] = by_rotation[..., 1, 0] = -g * nx * ny
-    by_rotation[..., 0, 2], by_rotation[..., 1, 2] = -f * nx, -f * ny
-    return np.stack((-ny * f, nx * f), axis=-1), by_rotation
+    rate = (f * nz) * w - (f * n) * wz + (1j * g * n) * (n.conj() * w).imag
+    return 1j * f * n, rate

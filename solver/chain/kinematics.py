@@ -146,14 +146,13 @@ class Entries:
     @classmethod
     def of(cls, kinds: Sequence[int], rows: Sequence[int]) -> Entries:
         """Entries `kinds` (`DhKind`) of links `rows`, 0 the first of the chain."""
-        kind = np.array(kinds, dtype=np.int64)
-        of_x = (kind == DhKind.A) | (kind == DhKind.ALPHA)
-        turns = (kind == DhKind.THETA_OFF) | (kind == DhKind.ALPHA)
+        of_x = [kind in (DhKind.A, DhKind.ALPHA) for kind in kinds]
+        turns = [kind in (DhKind.THETA_OFF, DhKind.ALPHA) for kind in kinds]
         return cls(
-            frame=np.array(rows, dtype=np.int64) + of_x,
-            axis=np.where(of_x, 0, 2),
+            frame=np.array([row + x for row, x in zip(rows, of_x, strict=True)], dtype=np.int64),
+            axis=np.array([0 if x else 2 for x in of_x], dtype=np.int64),
             turning=np.flatnonzero(turns),
-            sliding=np.flatnonzero(~turns),
+            sliding=np.flatnonzero(np.logical_not(turns)),
         )
 
 

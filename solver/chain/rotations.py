@@ -74,8 +74,11 @@ def rotation_vector_differential(r: FloatArray) -> FloatArray:
         1.0 / 12.0 + angle**2 / 720.0,
         (1.0 - half * np.cos(half) / np.where(tiny, 1.0, np.sin(half))) / safe**2,
     )
-    K = skew(r)
-    return np.asarray(np.eye(3) - 0.5 * K + factor[..., None, None] * (K @ K))
+    # [r]x [r]x = r r' - angle^2.
+    outer = (factor[..., None] * r)[..., None] * r[..., None, :]
+    return np.asarray(
+        (1.0 - factor * angle**2)[..., None, None] * np.eye(3) - 0.5 * skew(r) + outer
+    )
 
 
 def rotation_matrix(r: FloatArray) -> FloatArray:

@@ -113,9 +113,11 @@ class Design(Layout):
         errors: ErrorModel,
         *,
         group: IntArray | None = None,
+        like: Layout | None = None,
     ) -> None:
-        super().__init__(model, q, errors, group=group)
+        super().__init__(model, q, errors, group=group, like=like)
         self.along_joints = JointShapes(self)
+        self._stated_joints, self._stated_fixture = self._joints(), self._fixture()
 
     def at_poses(self, poses: IntArray) -> Design:
         """Return the design of a selection of poses, smooth functions laid through these only."""
@@ -129,7 +131,7 @@ class Design(Layout):
     def unsigned(self) -> Design:
         """Return the design that expects sag and play to either side alike."""
         errors = replace(self.errors, signed=False)
-        return Design(self.model, self.q, errors, group=self.group)
+        return Design(self.model, self.q, errors, group=self.group, like=self)
 
     # ---- noise
 
@@ -141,35 +143,38 @@ class Design(Layout):
 
     def joint_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
         """Variance of every joint's noise (m, n), rad^2, under the components (K,)."""
-        S = np.array(np.broadcast_to(self.errors.joint_variance, self.q.shape)[poses])
-        S = S * self._used()
+        S = self._stated_joints[poses].copy()
         for k, a in enumerate(self.errors.analogue):
             S[:, a.joint - 1] += v[k] * a.share[poses]
         if self.play_component is not None:
             S += v[self.play_component] * self.backlash**2
-        if len(self.play_joints):
-            S += self.play.missed[poses] * self.backlash**2
-        if len(self.sag_joints):
-            S += self.sags.missed[poses] * self.sag**2
         return S
 
-    def _used(self) -> FloatArray:
+    def _joints(self) -> FloatArray:
+        """What of it no component moves."""
         used = np.ones(self.model.joint_count)
         used[[j - 1 for j in self.model.unsensed_joints]] = 0.0
-        return used
+        S = self.errors.joint_variance * used
+        if len(self.play_joints):
+            S = S + self.play.missed * self.backlash**2
+        if len(self.sag_joints):
+            S = S + self.sags.missed * self.sag**2
+        return np.broadcast_to(S, self.q.shape)
 
     def fixture_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
         """Variance of the fixture's noise along the closure components (m, k)."""
-        one = self.errors.endpoint_variance.copy()
+        F = self._stated_fixture[poses].copy()
         for key, c in self.fixture_components.items():
-            one[{"fixture_rad": slice(0, 3), "fixture_m": slice(3, 6)}[key]] += v[c]
-        one = one[6 - self.rows :]
-        m = len(self.q[poses])
-        F = np.tile(one, (m, 1))
+            F[:, slice(0, 3) if key == "fixture_rad" else slice(self.rows - 3, self.rows)] += v[c]
+        return F
+
+    def _fixture(self) -> FloatArray:
+        """What of it no component moves."""
+        F = np.tile(self.errors.endpoint_variance[6 - self.rows :], (len(self.q), 1))
         for rows, stated in self.gives:
-            F[:, rows] += (self.give_basis.missed[poses] * self.free_give * stated**2)[:, None]
+            F[:, rows] += (self.give_basis.missed * self.free_give * stated**2)[:, None]
         if self.loaded is not None:
-            F += self.loaded.missed(poses)
+            F += self.loaded.missed(slice(None))
         return F
 
     def smooth_give_variance(self, v: FloatArray) -> FloatArray:

@@ -69,7 +69,6 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Cl
 
     Unsensed joints take the angles that close each loop best: their readings are not evidence.
     """
-    # Of each block only what is asked for is kept: no Jacobian of all poses.
     found = [
         (error.residual, error.unsensed, error.flipped, error.rotation_rows)
         for error in (_at_readings(part, x, here) for part, here in pose_blocks(model, q))
@@ -85,7 +84,7 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Cl
 
 def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
     if not model.unsensed_joints:
-        return model.reduced(x, q)
+        return model.reduced(x, q, rates=False)
     # Offsets of unsensed joints may belong to a placement: each fills in its own.
     parts = model.parts()
     found = [_at_unsensed_angles(part, x[here], q[poses]) for part, here, poses in parts]
@@ -104,5 +103,5 @@ def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
     sensed = model.with_all_joints_sensed()
     here = {p.name: value for p, value in zip(model.parameters, x, strict=True)}
     return sensed.reduced(
-        np.array([here.get(p.name, p.nominal) for p in sensed.parameters]), filled
+        np.array([here.get(p.name, p.nominal) for p in sensed.parameters]), filled, rates=False
     )

@@ -17,6 +17,7 @@ belong to the corrected joints: taken once at the measured ones they are not the
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,10 +31,13 @@ from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress, Triangle, triangle_of
 from solver.estimators.paper import SAME_DESCRIPTION, estimate_paper
-from solver.loops.closure import ClosureModel, LoopError, nearest_equivalent
+from solver.loops.closure import ClosureModel, LoopError, loops_of, nearest_equivalent
 
 STEP_TOLERANCE = 1e-12
 MAX_ITERATIONS = 60
+
+AT_ONCE = 2048
+"""Poses that are whitened at a time: memory stays flat."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +154,7 @@ def fit_implicit(
         u = close_loops(model, x, q, sigma_rad=sigma, u=u, max_iterations=3).u
     iterations, converged = 0, False
     for iterations in range(1, max_iterations + 1):
-        error = model.loop(x, q + e, u)
+        error = loops_of(model, x, q + e, u)
         system = linearise(error, e, variance, give)
         step, multipliers, pose_chi2, triangle = _solve(system, x, prior)
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers[..., None])[..., 0]
@@ -172,6 +176,8 @@ def fit_implicit(
         if largest < STEP_TOLERANCE:
             converged = True
             break
+        # The next linearisation needs the room.
+        del error
     return ImplicitFit(
         x=x,
         covariance=triangle.covariance(),
@@ -274,14 +280,18 @@ def _solve(
     system: LinearisedPoses, x: FloatArray, prior: ParameterPrior | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, Triangle]:
     """Step of the parameters (P,), multipliers (m, r), each pose's chi2 (m,), and the equations."""
-    whiten = whitener(system.V)
-    A, w = whiten @ system.A, (whiten @ system.w[..., None])[..., 0]
-    blocks = [(w, A)]
-    if prior is not None:
-        root = np.sqrt(prior.precision)
-        blocks.append((root * (x - prior.mean), np.diag(root)))
-    triangle = triangle_of(blocks)
+    whiten, w, A = whitener(system.V), system.w[..., None], system.A
+
+    def blocks() -> Iterator[tuple[FloatArray, FloatArray]]:
+        for first in range(0, len(w), AT_ONCE):
+            here = slice(first, first + AT_ONCE)
+            yield (whiten[here] @ w[here])[..., 0], whiten[here] @ A[here]
+        if prior is not None:
+            root = np.sqrt(prior.precision)
+            yield root * (x - prior.mean), np.diag(root)
+
+    triangle = triangle_of(blocks())
     step, _ = triangle.step()
-    left = w + A @ step
+    left = (whiten @ (w + A @ step[:, None]))[..., 0]
     multipliers = (np.swapaxes(whiten, -1, -2) @ left[..., None])[..., 0]
     return step, multipliers, (left * left).sum(-1), triangle

@@ -91,7 +91,10 @@ class Group:
 
 
 class Layout:
-    """Groups and components of a closure model with stated errors; readings `q` (m, n), rad."""
+    """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
+
+    `like` is a layout of the same poses: what is smooth over them is taken from there.
+    """
 
     def __init__(
         self,
@@ -100,6 +103,7 @@ class Layout:
         errors: ErrorModel,
         *,
         group: IntArray | None = None,
+        like: Layout | None = None,
     ) -> None:
         self.model, self.q, self.errors, self.group = model, q, errors, group
         parameters = model.parameters
@@ -129,12 +133,19 @@ class Layout:
         self._joint_errors(used)
         self.components: list[Component] = []
         self.groups: list[Group] = []
-        self._lay_out(names, group)
+        self._lay_out(names, group, like)
         self.hard = len(self.hard_index)
-        widths = [g.width for g in self.groups]
-        ends = np.cumsum([self.hard, *widths])
+        wide = [g.width for g in self.groups]
+        ends = np.cumsum([self.hard, *wide])
         self.slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self.width = int(ends[-1])
+        self._fixed = np.repeat([g.fixed for g in self.groups], wide)
+        # Rates of every effect column's variance with the components (width - hard, K).
+        moved = [
+            [g.scale * (g.component == k) for k in range(len(self.components))] for g in self.groups
+        ]
+        rates = np.array(moved, dtype=np.float64).reshape(len(wide), len(self.components))
+        self.variance_rates = np.repeat(rates, wide, axis=0)
 
     def _joint_errors(self, used: list[int]) -> None:
         n = self.model.joint_count
@@ -153,7 +164,7 @@ class Layout:
         self.components.append(component)
         return len(self.components) - 1
 
-    def _lay_out(self, names: list[str], group: IntArray | None) -> None:
+    def _lay_out(self, names: list[str], group: IntArray | None, like: Layout | None) -> None:
         errors = self.errors
 
         # What is smooth over all poses alike: made once, if at all, and not kept.
@@ -209,7 +220,7 @@ class Layout:
                 ),
             )
         self._lay_out_curves()
-        self._lay_out_joints(process)
+        self._lay_out_joints(process, like)
         # What gives: rows of the closure components, and the stated size along them.
         self.gives: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
@@ -224,7 +235,7 @@ class Layout:
         ] * 3
         self.loaded = loaded_give(errors, np.array(along))
         if self.gives:
-            self._smooth_give(group, process)
+            self._smooth_give(group, process, like)
         if self.loaded is not None:
             self.groups.append(
                 Group(source="fixture_give", width=self.loaded.width, fixed=1.0,
@@ -264,7 +275,7 @@ class Layout:
                       component=self._component(bend), scale=1.0, names=names)
             )  # fmt: skip
 
-    def _lay_out_joints(self, process: Callable[[], PoseProcess]) -> None:
+    def _lay_out_joints(self, process: Callable[[], PoseProcess], like: Layout | None) -> None:
         """Play and sag of every joint; `expected` (m, n), rad, is what is known of them beforehand."""
         self.expected = np.zeros_like(self.q)
         self.play_joints = np.flatnonzero(self.backlash)
@@ -281,7 +292,7 @@ class Layout:
         self.sag_joints = np.flatnonzero(self.sag)
         self.sag_basis = _NOTHING
         if len(self.sag_joints):
-            self.sag_basis = process().leading(SAG_COLUMNS)
+            self.sag_basis = process().leading(SAG_COLUMNS) if like is None else like.sag_basis
             self.sags = shapes_of_sag(self.q, self.errors, self.sag_basis)
             self.expected += self.sag * self.sags.expected
             k = self.sags.width
@@ -289,10 +300,15 @@ class Layout:
                 "sag", tuple(f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(k))
             )
 
-    def _smooth_give(self, group: IntArray | None, alike: Callable[[], PoseProcess]) -> None:
+    def _smooth_give(
+        self, group: IntArray | None, alike: Callable[[], PoseProcess], like: Layout | None
+    ) -> None:
         groups = 1 if group is None else len(np.unique(group))
-        process = alike() if groups == 1 else pose_process(self.q, group=group)
-        self.give_basis = process.leading(GIVE_COLUMNS * groups)
+        if like is None:
+            process = alike() if groups == 1 else pose_process(self.q, group=group)
+            self.give_basis = process.leading(GIVE_COLUMNS * groups)
+        else:
+            self.give_basis = like.give_basis
         c = None
         if self.errors.discrepancy:
             c = self._component(
@@ -335,9 +351,7 @@ class Layout:
 
     def group_variances(self, v: FloatArray) -> FloatArray:
         """Variance of every effect column's coefficient (width - hard,)."""
-        return np.concatenate(
-            [np.full(g.width, g.variance(v)) for g in self.groups] or [np.zeros(0)]
-        )
+        return np.asarray(self._fixed + self.variance_rates @ v)
 
 
 OFFSETS = "offsets"

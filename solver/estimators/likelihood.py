@@ -52,7 +52,8 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
     """Differentiate the restricted log-likelihood by every component, at `fit`."""
     design, K = fit.design, len(fit.v)
     hard, width = design.hard, design.width
-    rates = _rates(design, fit.v)
+    # Of the logarithm of each effect column's variance.
+    rates = design.variance_rates / design.group_variances(fit.v)[:, None]
     # Effects: with T = Z' P Z = I - H^-1 in units of their variance, all traces are sums over its blocks.
     told = 1.0 - np.diagonal(fit.H_inverse)[hard:]
     squares = fit.H_inverse[hard:, hard:] ** 2
@@ -75,7 +76,8 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
         of = _indicator(component, K)
         Qt = np.swapaxes(Q, -1, -2)
         seen = Qt @ left
-        pulled = (Q * seen[..., 0][:, None]).reshape(m * r, -1) @ of - M[:, hard:] @ effects
+        pulled = (Q * seen[..., 0][:, None]).reshape(m * r, -1) @ of
+        pulled -= M[:, hard:] @ effects
         inner += pulled.T @ pulled
         along += pulled.T @ M
         PQ = P @ Q
@@ -84,7 +86,8 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
         score += (seen[..., 0] ** 2).sum(0) @ of - chance
         information += of.T @ ((Qt @ PQ) * (Qt @ Q)).sum(0) @ of
         # Squares of what each effect's columns leave of a pose under P.
-        across = of.T @ ((Qt @ X.reshape(m, r, width)[..., hard:]) ** 2).sum(0) @ rates
+        reached = Qt @ X.reshape(m, r, width)[..., hard:]
+        across = of.T @ np.square(reached, out=reached).sum(0) @ rates
         information += across + across.T
     average = inner - along @ fit.H_inverse @ along.T
     return Derivatives(
@@ -93,16 +96,6 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
         curvature=average - 0.5 * information,
         expected=expected,
     )
-
-
-def _rates(design: Design, v: FloatArray) -> FloatArray:
-    """Change (width - hard, K) of the logarithm of each effect column's variance with the components."""
-    rates = np.zeros((design.width - design.hard, len(v)))
-    for where, g in zip(design.slices, design.groups, strict=True):
-        if g.component is not None:
-            here = slice(where.start - design.hard, where.stop - design.hard)
-            rates[here, g.component] = g.scale / g.variance(v)
-    return rates
 
 
 def _indicator(component: IntArray, K: int) -> FloatArray:

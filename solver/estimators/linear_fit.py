@@ -18,7 +18,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.estimators.effects import Design, Equations, System, Whitened
 from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 
-SMALL = 64
+SMALL = 128
 """Rows of a matrix that is not worth cutting in halves."""
 
 TOLD = 1e-3
@@ -96,12 +96,12 @@ class LinearFit:
             if keep:
                 self._kept.append(part)
         self.gram = np.zeros((design.width, design.width)) if gram is None else gram
-        H = self.gram.copy()
-        H[np.arange(hard, design.width), np.arange(hard, design.width)] += 1.0
-        self.half, determinant = _inverse_root(H)
+        prior = np.repeat((0.0, 1.0), (hard, design.width - hard))
+        self.half, determinant = _inverse_root(self.gram, prior)
         self.coefficients = -(self.half @ (self.half.T @ right))
         # One refinement: the squares of M cost half the digits, its product with them does not.
-        self.coefficients -= self.half @ (self.half.T @ (right + H @ self.coefficients))
+        left = right + self.gram @ self.coefficients + prior * self.coefficients
+        self.coefficients -= self.half @ (self.half.T @ left)
         self.right = right
         # No number stays none, where `max` would make it the best of all fits.
         self.chi2 = float(np.maximum(0.0, square + right @ self.coefficients))
@@ -335,19 +335,26 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
     return float(z @ z)
 
 
-def _inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
-    """Root K of the inverse of a positive definite matrix, ``H^-1 = K K'``, and the logarithm of its determinant."""
+def _inverse_root(gram: FloatArray, prior: FloatArray) -> tuple[FloatArray, float]:
+    """Root K of the inverse of ``H = gram + diag(prior)``, ``H^-1 = K K'``, and the logarithm of H's determinant.
+
+    Step by step in place: these matrices are the largest there are, and memory for them costs as much as they do.
+    """
+    H = gram.copy()
+    np.fill_diagonal(H, np.diagonal(gram) + prior)
     unit = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-    scaled = H * unit[:, None] * unit
-    root = _triangular_root(scaled)
+    H *= unit[:, None]
+    H *= unit
+    root = _triangular_root(H)
     if root is None:
         # A direction that nothing sees: it gets a variance that says so.
-        values, vectors = np.linalg.eigh(scaled)
+        values, vectors = np.linalg.eigh(H)
         values = np.maximum(values, 1e-14 * values[-1])
         root, logdet = vectors / np.sqrt(values), float(np.log(values).sum())
     else:
         logdet = -2.0 * float(np.log(np.diagonal(root)).sum())
-    return root * unit[:, None], logdet - 2.0 * float(np.log(unit).sum())
+    root *= unit[:, None]
+    return root, logdet - 2.0 * float(np.log(unit).sum())
 
 
 def _triangular_root(H: FloatArray) -> FloatArray | None:

@@ -86,11 +86,15 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
 
     values, vectors = np.linalg.eigh(kernel(far, far))
     good = values > 1e-8 * values[-1]
-    root = vectors[:, good] / np.sqrt(values[good])
-    parts = np.array_split(np.arange(len(q)), max(1, -(-len(q) // CHUNK)))
-    whole = np.concatenate([kernel(part, far) @ root for part in parts])
-    # Where every pose is a centre, the columns are at right angles already.
-    turn = np.eye(whole.shape[1]) if len(far) == len(q) else np.linalg.eigh(whole.T @ whole)[1]
+    if len(far) == len(q):
+        # Every pose is a centre: the columns are at right angles as they are.
+        whole = vectors[:, good] * np.sqrt(values[good])
+        turn = np.eye(whole.shape[1])
+    else:
+        root = vectors[:, good] / np.sqrt(values[good])
+        parts = np.array_split(np.arange(len(q)), -(-len(q) // CHUNK))
+        whole = np.concatenate([kernel(part, far) @ root for part in parts])
+        turn = np.linalg.eigh(whole.T @ whole)[1]
     diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
     return PoseProcess(values=whole, turn=turn[:, ::-1], variance=diagonal)
 

@@ -92,19 +92,18 @@ def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
     fewest = -(-P // max(r, 1))
     if m < fewest or not r:
         return ()
-    counts = np.unique(np.geomspace(fewest, m, TREND_POINTS).round().astype(int)).tolist()
-    found = []
+    counts = np.unique(np.geomspace(fewest, m, TREND_POINTS).round().astype(int))
     # Of normal equations: they square the condition, which is as good as infinite long before that matters.
-    N, done = np.zeros((P, P)), 0
-    for count in counts:
-        rows = J[done:count].reshape(-1, P)
-        N, done = N + rows.T @ rows, count
-        size = np.sqrt(np.diag(N))
-        if np.all(size > 0.0):
-            low, high = np.linalg.eigvalsh(N / np.outer(size, size))[[0, -1]]
-            if low > TREND_FLOOR * high:
-                found.append((int(count), float(np.sqrt(high / low))))
-    return tuple(found)
+    parts = [rows.reshape(-1, P) for rows in np.split(J, counts)[:-1]]
+    N = np.cumsum([rows.T @ rows for rows in parts], axis=0)
+    size = np.sqrt(np.diagonal(N, axis1=-2, axis2=-1))
+    told = (size > 0.0).all(-1)
+    values = np.linalg.eigvalsh(N[told] / (size[told, :, None] * size[told, None, :]))
+    return tuple(
+        (int(count), float(np.sqrt(v[-1] / v[0])))
+        for count, v in zip(counts[told], values, strict=True)
+        if v[0] > TREND_FLOOR * v[-1]
+    )
 
 
 def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> float | None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray
 
 FREE = 1e-9
 """A direction of which the fit left less than this share is fitted already, not free."""
@@ -106,17 +106,6 @@ class LeftOver:
             white=self.white - (new @ along).reshape(m, r),
             chi2=self.chi2 - float(along @ along),
             to_x=np.concatenate((self.to_x, -self.to_x @ inside), axis=1),
-            dof=self.dof,
-        )
-
-    def reordered(self, order: IntArray) -> LeftOver:
-        """Return the same with its poses in another order."""
-        return LeftOver(
-            whitener=self.whitener[order],
-            U=self.U[order],
-            white=self.white[order],
-            chi2=self.chi2,
-            to_x=self.to_x,
             dof=self.dof,
         )
 

@@ -60,20 +60,27 @@ def adjust_poses(
         sd = np.sqrt(variance.mean(axis=0))
         near = np.zeros_like(q), close_loops(model, x, q, sigma_rad=sd, max_iterations=3).u
     e, u = near
-    moved = np.full(len(q), np.inf)
+    moved = left = np.full(len(q), np.inf)
     for _ in range(MAX_ITERATIONS):
         error = model.loop(x, q + e, u)
         system = linearise(error, e, variance, give)
-        if bool(np.all(moved < STEP_TOLERANCE)):
+        if bool(np.all(left < STEP_TOLERANCE)):
             break
         multipliers = np.linalg.solve(system.V, system.w[..., None])
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
         slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers)[..., 0]
         du = unsensed_step(error, (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack)
+        before = moved
         moved = np.concatenate((np.abs(e_new - e), np.abs(du)), axis=-1).max(-1, initial=0.0)
+        # The next step falls behind this one at least as this one fell behind the one before.
+        left = (
+            moved * np.where(moved < before, moved / before, 1.0)
+            if np.isfinite(before).all()
+            else moved
+        )
         # A pose far from closing comes nearer by steps no joint would take back.
         shrink = np.minimum(1.0, 0.5 / np.maximum(moved, 1e-300))[:, None]
         e, u = e + shrink * (e_new - e), u + shrink * du
     return AdjustedPoses(
-        error=error, system=system, corrections=e, unsensed=u, converged=moved < STEP_TOLERANCE
+        error=error, system=system, corrections=e, unsensed=u, converged=left < STEP_TOLERANCE
     )

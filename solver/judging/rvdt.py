@@ -293,6 +293,6 @@ def _share(
     whole = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
     better = q.copy()
     better[:, joint - 1] = figures.corrected(q[:, joint - 1])
-    residual = sensed.reduced(whole, np.stack((q, better))).residual
+    residual = sensed.reduced(whole, np.stack((q, better)), rates=False).residual
     before, after = (residual**2).sum((1, 2)).tolist()
     return 0.0 if before == 0.0 else 1.0 - after / before

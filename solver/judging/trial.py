@@ -152,8 +152,8 @@ def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
     scene = Scene.in_time(arm, stated.design, stated.whole, order)
-    left = left_over_of(fit.believed).reordered(order)
-    quiet = left_over_of(as_quiet_as_found(fit)).reordered(order)
+    left = left_over_of(fit.believed, order)
+    quiet = left_over_of(as_quiet_as_found(fit), order)
     tests = [chi2_test(stated.chi2, stated.dof)]
     odd, largest, more = _look(scene, left, quiet)
     tests += more
@@ -362,16 +362,24 @@ def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanati
     return tuple(x for k, x in enumerate(found) if k == 0 or x.probability >= LIKELY)
 
 
-def left_over_of(fit: LinearFit) -> LeftOver:
-    """Return what a mixed model left over, its poses in the order of its system."""
-    design, parts, half = fit.design, list(fit.parts()), fit.half
+def left_over_of(fit: LinearFit, order: IntArray) -> LeftOver:
+    """Return what a mixed model left over, its poses in the `order` (m,) given."""
+    design, half = fit.design, fit.half
     size = np.ones(design.hard + len(design.soft_index))
     size[design.hard :] = design.soft_sd * fit.root[: len(design.soft_index)]
     place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))
+    there = np.argsort(order)
+    m, r = len(design.q), design.model.equations_per_pose
+    whitener, U, white = np.empty((m, r, r)), np.empty((m, r, design.width)), np.empty((m, r))
+    for part in fit.parts():
+        here = there[part.poses]
+        whitener[here] = part.L_inverse
+        U[here] = part.M @ half
+        white[here] = part.w + part.M @ fit.coefficients
     return LeftOver(
-        whitener=np.concatenate([part.L_inverse for part in parts]),
-        U=np.concatenate([part.M @ half for part in parts]),
-        white=np.concatenate([part.w + part.M @ fit.coefficients for part in parts]),
+        whitener=whitener,
+        U=U,
+        white=white,
         chi2=fit.chi2,
         to_x=(half[: len(size)] * size[:, None])[place],
         dof=fit.dof,

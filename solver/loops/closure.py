@@ -177,8 +177,10 @@ class ClosureModel(ABC):
     def with_table(self, table: DhTable) -> Self:
         """Return the same loop with other nominal values of its links."""
 
-    def reduced(self, x: FloatArray, q: FloatArray) -> ReducedError:
+    def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Closure error with the unsensed freedoms eliminated: the loop error where there are none.
+
+        Without `rates` its Jacobian has no columns.
 
         Raises
         ------
@@ -193,7 +195,7 @@ class ClosureModel(ABC):
         whole = self.loop(x, q, u)
         return ReducedError(
             residual=whole.residual,
-            jac_x=whole.jac_x,
+            jac_x=whole.jac_x if rates else whole.jac_x[..., :0],
             rotation_rows=self.components - 3,
             unsensed=u,
             flipped=np.zeros(whole.residual.shape[:-1], dtype=np.bool_),
@@ -265,6 +267,24 @@ def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel,
         return ((model, q),)
     cuts = np.split(np.arange(len(q)), np.arange(BLOCK_POSES, len(q), BLOCK_POSES))
     return tuple((model.at_poses(cut), q[cut]) for cut in cuts)
+
+
+def loops_of(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
+    """Closure error of all poses, as `ClosureModel.loop`: of a block at a time, so that kinematics stay small."""
+    if len(q) <= BLOCK_POSES:
+        return model.loop(x, q, u)
+    whole: list[FloatArray] = []
+    first = 0
+    for part, here in pose_blocks(model, q):
+        last = first + len(here)
+        error = part.loop(x, here, u[first:last])
+        found = (error.residual, error.jac_x, error.jac_q, error.jac_u)
+        whole = whole or [np.empty((len(q), *values.shape[1:])) for values in found]
+        for all_poses, values in zip(whole, found, strict=True):
+            all_poses[first:last] = values
+        first = last
+    residual, jac_x, jac_q, jac_u = whole
+    return LoopError(residual=residual, jac_x=jac_x, jac_q=jac_q, jac_u=jac_u)
 
 
 def nearest_equivalent(

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from solver.arrays import ComplexArray, FloatArray
-from solver.chain.kinematics import DhTable, poses_first, screws
+from solver.chain.kinematics import DhTable, Entries, poses_first, screws
 from solver.chain.parameters import DhKind
 from solver.chain.rotations import (
     rotation_about_z,
@@ -67,7 +67,7 @@ class DhLoop(ArmLoop):
         u[..., 0] = -np.arctan2(R21, R11)
         return u
 
-    def reduced(self, x: FloatArray, q: FloatArray) -> ReducedError:
+    def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Eliminate the hinge angle and see the loop in frame -1 (paper, eqs. 10 to 13).
 
         The two rotations are the swing that carries z_-1 onto z_7. To first order they are
@@ -80,25 +80,25 @@ class DhLoop(ArmLoop):
             If arm joints are unsensed: eqs. 10-13 eliminate the hinge only.
         """
         if not self.hinge or self.unsensed_joints:
-            return ClosureModel.reduced(self, x, q)
+            return ClosureModel.reduced(self, x, q, rates=rates)
         at_zero = self.frames(x, q, np.zeros((*q.shape[:-1], 1)))
         (R11, R21, R31), _, (R13, R23, R33) = at_zero.axes_of[-1]
         px, py, pz = at_zero.origin_of[-1]
-        rates = screws(at_zero, self._unknown)
+        moved = screws(at_zero, self._unknown if rates else Entries.of((), ()))
         # Across the hinge axis vectors are complex numbers, and a turn about it is a factor.
         x_end = R11 + 1j * R21
         size = np.abs(x_end)
         turned = x_end.conj() / size
         n, p = turned * (R13 + 1j * R23), turned * (px + 1j * py)
-        w, v = (turned * (rates[:, k] + 1j * rates[:, k + 1]) for k in (0, 3))
+        w, v = (turned * (moved[:, k] + 1j * moved[:, k + 1]) for k in (0, 3))
         # theta_0 answers to every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. It turns
         # the end about z_-1, which is what w_z and the position feel of it.
         w_z = w.real * (R31 / size)
         swing, swing_rate = _swing(n, R33, w, w_z)
-        jac = np.empty((len(rates), 5, *rates.shape[2:]))
+        jac = np.empty((len(moved), 5, *moved.shape[2:]))
         jac[:, 0], jac[:, 1] = swing_rate.real, swing_rate.imag
-        p_rate = v + (1j * p) * (w_z - rates[:, 2])
-        jac[:, 2], jac[:, 3], jac[:, 4] = p_rate.real, p_rate.imag, rates[:, 5]
+        p_rate = v + (1j * p) * (w_z - moved[:, 2])
+        jac[:, 2], jac[:, 3], jac[:, 4] = p_rate.real, p_rate.imag, moved[:, 5]
         return ReducedError(
             residual=poses_first(np.stack((swing.real, swing.imag, p.real, p.imag, pz)), 0),
             jac_x=poses_first(jac, 1, 0),

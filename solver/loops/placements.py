@@ -146,13 +146,13 @@ class Placements(ClosureModel):
             1,
         )
 
-    def reduced(self, x: FloatArray, q: FloatArray) -> ReducedError:
+    def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Reduced closure error of every pose in its own placement."""
         x = np.asarray(x, dtype=np.float64)
         self._check(q)
         return self.merged(
             [
-                model.reduced(x[..., columns], q[..., poses, :])
+                model.reduced(x[..., columns], q[..., poses, :], rates=rates)
                 for model, columns, poses in self.parts()
             ]
         )
@@ -330,6 +330,8 @@ def _scatter(pieces: list[tuple[FloatArray, IntArray]], m: int, trailing: int) -
 def _spread(pieces: list[tuple[FloatArray, IntArray, IntArray]], m: int, width: int) -> FloatArray:
     """Put each placement's Jacobian (..., m_k, r, P_k) where its poses and parameters are."""
     first = pieces[0][0]
+    if not first.shape[-1]:
+        pieces, width = [(values, columns[:0], poses) for values, columns, poses in pieces], 0
     out = np.zeros((*first.shape[:-3], m, first.shape[-2], width))
     for values, columns, poses in pieces:
         whole = np.zeros((*values.shape[:-1], width))

@@ -73,7 +73,7 @@ def test_socketcan_keeps_the_contract_of_transports_where_user_mode_linux_does_n
     # One boot for both, and of pytest's plugins those alone that the project's settings name: each import
     # is a second.
     both = shlex.join([sys.executable, "-c", INSIDE]) + " && ip link set vcan0 up && " + shlex.join([
-        "env", "PYTEST_DISABLE_PLUGIN_AUTOLOAD=1", *PYTEST, "-p", "pytest_timeout", "-p", "pytest_asyncio",
+        "env", "PYTEST_DISABLE_PLUGIN_AUTOLOAD=1", *PYTEST, "-p", "pytest_timeout", "-p", "pytest_asyncio.plugin",
         "-o", "addopts=--import-mode=importlib --strict-markers", "-k", "socketcan",
         "tests/contracts/test_transport_contract.py",
     ])  # fmt: skip

@@ -50,6 +50,13 @@ STANDS_DEG, STRAYS_DEG = 0.05, 5.5
 
 SLIP_M = 1e-3
 
+OFF_RAD = {
+    "lost-counts-5": 5 * 2.0 * np.pi / 400_000,
+    "lost-counts-500": 500 * 2.0 * np.pi / 400_000,
+    "sensor-jump": -np.deg2rad(2.0),
+}
+"""By how much a sensor's zero is elsewhere afterwards, true angle less reading."""
+
 QUICK = [
     ("collision", IN_CAPTURE[1]),
     ("lost-counts-500", IN_CAPTURE[1]),
@@ -77,9 +84,9 @@ def judge(kind: str, at_sync: int, folder: Path) -> Outcome:
         assert not (kind in AT_CONNECT and at_sync == BEFORE)
         assert len(found.poses) == 6
     off_rad = np.zeros(7)
-    if at_sync in (BEFORE, FIRST_SYNCS) and kind.startswith("lost-counts") and not found.said:
+    if at_sync in (BEFORE, FIRST_SYNCS) and not found.said:
         # A zero that was elsewhere for all poses is what a calibration is for.
-        off_rad[joint - 1] = int(kind.rpartition("-")[2]) * 2.0 * np.pi / 400_000
+        off_rad[joint - 1] = OFF_RAD.get(kind, 0.0)
     errors = [loop_error(pose.mean_rad + off_rad) for pose in found.poses]
     # A fixture that has slipped holds the hand elsewhere: the readings are right, by that much.
     closes = CLOSES + (SLIP_M if kind == "slipped-fixture" else 0.0)

@@ -20,6 +20,8 @@ from solver.loops.closure import poses_needed
 
 Missing = tuple[str, ...]
 
+UNSEEN = "what slipped while the session was interrupted is not known"
+
 
 def missing_for(step: Step, s: SessionSnapshot) -> Missing:
     """Sentences saying what keeps a step closed."""
@@ -198,8 +200,15 @@ def may_go_best(s: SessionSnapshot) -> Missing:
 
 
 def may_capture(s: SessionSnapshot) -> Missing:
-    """Capturing needs the Capture step open and fresh data."""
-    return idle(s) or capture_ready(s) or may_use_data(s)
+    """Capturing by hand needs the Capture step open, fresh data, and nothing that may have slipped."""
+    missing = idle(s) or capture_ready(s) or may_use_data(s)
+    if missing:
+        return missing
+    if s.state.slipped:
+        return (s.state.slipped,)
+    if s.state.resumed and s.state.poses_here:
+        return (f"{UNSEEN}: automatic capture reads pose {s.state.poses_here[0].number} again first",)
+    return ()
 
 
 def may_run_automatically(s: SessionSnapshot) -> Missing:

@@ -143,6 +143,9 @@ def _capture(s: SessionSnapshot) -> NextThing:
             hint = (
                 f"Enter explores as far as it must, then takes the {planned} poses that tell most"
             )
+        if s.state.resumed and s.state.poses_here:
+            first = s.state.poses_here[0].number
+            hint = f"Enter reads pose {first} again (what slipped meanwhile?), then captures {poses} left"
         return NextThing(action="automatic", label="Automatic", hint=hint)
     return _next(Step.CALIBRATE, f"all {used} poses are captured")
 

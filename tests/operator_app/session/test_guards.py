@@ -43,6 +43,14 @@ def refused(s):
     return replace(s, checks=(*s.checks, bad))
 
 
+def interrupted(s):
+    return replace(s, state=replace(s.state, resumed=True))
+
+
+def slipped(s):
+    return replace(s, state=replace(s.state, slipped="joint 3 jumped by 2 deg"))
+
+
 def not_accepted(s):
     return replace(s, solution=replace(s.solution, reasons=("condition 900 is above 100",)))
 
@@ -71,6 +79,8 @@ def not_accepted(s):
         (guards.may_use_data, "modes", lost, "no data for 1.5 s"),
         (guards.may_capture, "modes", stale, "240 ms old"),
         (guards.may_capture, "ticked", None, "modes are not set"),
+        (guards.may_capture, "capturing", interrupted, "automatic capture reads pose 1 again first"),
+        (guards.may_capture, "capturing", slipped, "joint 3 jumped by 2 deg"),
         (guards.may_move, "modes", lost, "no data for 1.5 s"),
         (guards.may_move, "modes", lambda s: replace(s, next_waypoint=None), "every waypoint"),
         (guards.may_run_automatically, "captured", None, "all 16 poses are captured"),

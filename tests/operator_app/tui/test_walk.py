@@ -36,7 +36,7 @@ async def test_following_the_footer_alone_ends_with_uploaded_parameters(drive, s
 
 
 async def test_a_session_left_in_the_middle_is_offered_and_goes_on(drive, source):
-    source.pace_s = 0.002
+    source.pace_s = 0.01
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
         await d.press("a")

@@ -207,7 +207,9 @@ def may_capture(s: SessionSnapshot) -> Missing:
     if s.state.slipped:
         return (s.state.slipped,)
     if s.state.resumed and s.state.poses_here:
-        return (f"{UNSEEN}: automatic capture reads pose {s.state.poses_here[0].number} again first",)
+        return (
+            f"{UNSEEN}: automatic capture reads pose {s.state.poses_here[0].number} again first",
+        )
     return ()
 
 

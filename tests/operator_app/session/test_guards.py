@@ -79,7 +79,12 @@ def not_accepted(s):
         (guards.may_use_data, "modes", lost, "no data for 1.5 s"),
         (guards.may_capture, "modes", stale, "240 ms old"),
         (guards.may_capture, "ticked", None, "modes are not set"),
-        (guards.may_capture, "capturing", interrupted, "automatic capture reads pose 1 again first"),
+        (
+            guards.may_capture,
+            "capturing",
+            interrupted,
+            "automatic capture reads pose 1 again first",
+        ),
         (guards.may_capture, "capturing", slipped, "joint 3 jumped by 2 deg"),
         (guards.may_move, "modes", lost, "no data for 1.5 s"),
         (guards.may_move, "modes", lambda s: replace(s, next_waypoint=None), "every waypoint"),

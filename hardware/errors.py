@@ -95,11 +95,13 @@ class NodeRestarted(BusError):
 class SensorFault(HardwareError):
     """A joint's reading cannot be true: it jumped, or it stands still while the joint moves.
 
-    `since_sync` is since when, where that is known.
+    `since_sync` is since when, where that is known; of one that is `stuck` only that it has read alike since.
     """
 
-    def __init__(self, joint: int, text: str, since_sync: int | None = None) -> None:
-        self.joint, self.since_sync = joint, since_sync
+    def __init__(
+        self, joint: int, text: str, since_sync: int | None = None, *, stuck: bool = False
+    ) -> None:
+        self.joint, self.since_sync, self.stuck = joint, since_sync, stuck
         super().__init__(f"joint {joint} {text}")
 
 

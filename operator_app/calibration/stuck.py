@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fixtures.base import Fixture
@@ -13,7 +15,6 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.closing import close_loops
-from solver.design.motion import chain_motion
 from solver.errors import SolverError, UnidentifiableError
 from solver.estimators.implicit import fit_implicit
 from solver.loops.closure import ClosureModel
@@ -28,40 +29,66 @@ LEAST_NOISE_RAD = 1e-4
 
 TELLING = 4.0
 TOLD = 0.1
-"""Joints have turned unread where the others' motions fit so many times better to that than to their standing
-still, and where standing leaves this share of them untold: between poses far apart the chain's motions are
-bent, the placement is known roughly, and four drives hardly overdetermine a turn.
+"""A joint has turned unread where the others fit so many times better to that than to its standing still, and
+where standing asks for corrections of this share of the motion: the placement is known roughly, and four
+drives of a ball hardly overdetermine a turn.
 """
 
+LOOSE = 100.0
+"""Standard deviation of a joint that may be anywhere, beside the others' 1."""
 
-def turns_unread(
-    model: ClosureModel, x: FloatArray, q_rad: FloatArray, moved_rad: FloatArray, still: list[int]
-) -> FloatArray:
-    """Turns (rad) of joints that read no change, as the others' go with them by the chain's motions at a pose.
 
-    0 where the others' motions, long ones too, are told nearly as well by a joint that stood.
+def turned_unread(
+    model: ClosureModel,
+    x: FloatArray,
+    before_rad: FloatArray,
+    after_rad: FloatArray,
+    still: Sequence[int],
+) -> tuple[int, float] | None:
+    """Joint that turned between two readings although it reads alike, and by how much (rad); None if none did.
+
+    Closes the loop at the second reading, corrected by what the first one lacked: with the joints standing,
+    and with one of them turned as it must. What the placement is off by is in both readings, and the moves may
+    be long: nothing is taken for straight.
 
     Parameters
     ----------
-    q_rad, moved_rad
-        Readings of a pose (n,), and by how much they changed from it or to it.
+    x
+        Parameters (P,), roughly known.
+    before_rad, after_rad
+        Readings (n,).
     still
-        The joints, 1-based.
+        The joints that read alike, 1-based.
     """
-    closed = close_loops(model, x, q_rad[None])
-    tangent = chain_motion(model, x, closed.q, closed.u).tangent[0]
-    columns = [j - 1 for j in still]
-    others = np.setdiff1d(np.arange(len(moved_rad)), columns)
-    along, wanted = tangent[others], moved_rad[others]
-    free = np.linalg.lstsq(along, wanted, rcond=None)[0]
-    left = float(np.linalg.norm(along @ free - wanted))
-    # Motions in which all of them stand: the null space of their rows.
-    stand = np.linalg.svd(tangent[columns])[2][len(columns) :].T
-    held = stand @ np.linalg.lstsq(along @ stand, wanted, rcond=None)[0]
-    standing = float(np.linalg.norm(along @ held - wanted))
-    if standing < max(TELLING * left, TOLD * float(np.linalg.norm(wanted))):
-        return np.zeros(len(still))
-    return np.asarray(tangent[columns] @ free)
+    first = close_loops(model, x, before_rad[None])
+    if not first.closed[0]:
+        return None
+    start = after_rad + first.q[0] - before_rad
+    sigma = np.ones(len(start))
+    sigma[[j - 1 for j in still]] = 0.0
+    standing = _correction(model, x, start, sigma)
+    asked = np.inf if standing is None else float(np.linalg.norm(standing))
+    best: tuple[float, int, float] | None = None
+    for joint in still:
+        loose = sigma.copy()
+        loose[joint - 1] = LOOSE
+        found = _correction(model, x, start, loose)
+        if found is not None:
+            turn = float(found[joint - 1])
+            found[joint - 1] = 0.0
+            best = min(filter(None, (best, (float(np.linalg.norm(found)), joint, turn))))
+    least = TOLD * float(np.linalg.norm(after_rad - before_rad))
+    if best is None or asked < max(TELLING * best[0], least):
+        return None
+    return best[1:]
+
+
+def _correction(
+    model: ClosureModel, x: FloatArray, start_rad: FloatArray, sigma: FloatArray
+) -> FloatArray | None:
+    """Smallest correction (n,) in this measure that closes the loop; None if it does not close."""
+    closed = close_loops(model, x, start_rad[None], sigma_rad=sigma)
+    return closed.q[0] - start_rad if closed.closed[0] else None
 
 
 def explained(

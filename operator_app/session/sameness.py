@@ -20,7 +20,7 @@ from hardware.errors import SensorFault
 from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.placed import as_calibrated, as_seen
 from operator_app.calibration.repeats import compare_readings
-from operator_app.calibration.stuck import turns_unread
+from operator_app.calibration.stuck import turned_unread
 from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
@@ -308,18 +308,29 @@ def require_moving(state: SessionState, procedure: Procedure, reading: Reading) 
         return
     model = procedure.fixture.fixture.model(arm)
     x: FloatArray = np.array([p.nominal for p in model.parameters])
-    turns = [turns_unread(model, x, q, moved, still) for q in (last.mean_rad, reading.mean_rad)]
-    for k, joint in enumerate(still):
-        least = min((float(turn[k]) for turn in turns), key=abs)
-        if abs(least) > TURNED_RAD and all(turn[k] * least > 0.0 for turn in turns):
-            raise SensorFault(
-                joint,
-                f"reads as it did at pose {last.number}, to the count, but the others moved as if it had "
-                f"turned by about {WHOLE_DEGREES(abs(least)).with_unit}: its sensor is stuck. Neither pose "
-                f"counts. Mend the sensor, or calibrate without it: --unsensed {joint}",
-                # It may have been before the last one was read.
-                since_sync=0,
-            )
+    found = turned_unread(model, x, last.mean_rad, reading.mean_rad, still)
+    if found is not None and abs(found[1]) > TURNED_RAD:
+        joint, turn = found
+        raise SensorFault(
+            joint,
+            f"reads as it did at pose {last.number}, to the count, but the others moved as if it had "
+            f"turned by about {WHOLE_DEGREES(abs(turn)).with_unit}: its sensor is stuck. No pose counts that "
+            f"reads so. Mend the sensor, or calibrate without it: --unsensed {joint}",
+            stuck=True,
+        )
+
+
+def read_alike(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
+    """Numbers of the poses just before, in which a joint reads to the count what it reads in the last one."""
+    sensor = arm.joints[joint - 1].sensor
+    near = getattr(sensor, "resolution_rad", 0.0)
+    here = state.poses_here
+    alike = []
+    for pose in reversed(here):
+        if abs(pose.mean_rad[joint - 1] - here[-1].mean_rad[joint - 1]) > near:
+            break
+        alike.append(pose.number)
+    return tuple(alike)
 
 
 def _stands_still(arm: ArmModel, joint: int, moved: FloatArray, reading: Reading) -> bool:

@@ -47,6 +47,7 @@ from operator_app.session.sameness import (
     check_identity,
     check_return,
     check_standing,
+    read_alike,
     require_moving,
 )
 from operator_app.session.state import CapturedPose, CheckReading
@@ -381,10 +382,17 @@ class Session(Logbook):
             yield
         except SensorFault as fault:
             self.record("sensor_fault", {"joint": fault.joint, "text": str(fault)})
-            last = self.state.poses[-1:]
-            if fault.since_sync is not None and last and fault.since_sync <= self._read_until:
-                self.exclude(last[0].number, f"joint {fault.joint} read wrong by then")
+            for number in self._read_wrong(fault):
+                self.exclude(number, f"joint {fault.joint} read wrong by then")
             raise
+
+    def _read_wrong(self, fault: SensorFault) -> tuple[int, ...]:
+        """Numbers of the poses that do not count for what a sensor did."""
+        if fault.stuck:
+            return read_alike(self.state, self.procedure.arm, fault.joint)
+        if fault.since_sync is None or fault.since_sync > self._read_until:
+            return ()
+        return tuple(pose.number for pose in self.state.poses[-1:])
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
         """Read a pose and record it."""

@@ -182,6 +182,11 @@ class Plain:
                 )
         return s
 
+    def soon(self, work: Callable[[], None]) -> None:
+        """Do it a tenth of a second later."""
+        self._pause(0.1)
+        work()
+
     def refuse(self, why: str) -> None:
         """Say why something is not done."""
         self._terminal.say(harmless(f"Not done: {why}."))

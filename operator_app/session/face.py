@@ -7,7 +7,7 @@ action is chosen, and again when a question about it has been answered.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -15,8 +15,11 @@ from operator_app.session.guards import Missing
 from operator_app.session.operations import Operations
 from operator_app.session.runner import Runner
 from operator_app.session.sessions import Sessions
-from operator_app.session.snapshot import SessionSnapshot, TaskKind
+from operator_app.session.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
+
+LOOKS = 4
+"""A busy machine shows data for a moment as older than they may be: no reason to have a key pressed twice."""
 
 # -- questions -------------------------------------------------------------------------------------
 
@@ -70,6 +73,10 @@ class Face(Protocol):
 
     def look(self) -> SessionSnapshot | None:
         """Take a fresh picture: a decision is never made on an old one."""
+        ...
+
+    def soon(self, work: Callable[[], None]) -> None:
+        """Do it when data that are late may have come: a SYNC or some later."""
         ...
 
     def refuse(self, why: str) -> None:
@@ -252,12 +259,22 @@ class Chosen:
         )
 
 
-def perform(action: Action, face: Face, work: Callable[[Chosen], None] | None = None) -> None:
-    """Do an action, or say what is missing."""
+def perform(
+    action: Action,
+    face: Face,
+    work: Callable[[Chosen], None] | None = None,
+    *,
+    looks: int = LOOKS,
+) -> None:
+    """Do an action, or say what is missing; what only waits for fresh data is looked at `looks` times."""
     s, runner = face.look(), face.runner
     if s is None or runner is None:
         return
     missing = action.guard(s)
+    late = s.data is DataState.STALE and not action.guard(replace(s, data=DataState.FRESH))
+    if missing and late and looks > 1:
+        face.soon(lambda: perform(action, face, work, looks=looks - 1))
+        return
     if missing:
         face.refuse(missing[0])
     else:

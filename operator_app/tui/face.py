@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from operator_app.tui.app import SarcalApp
 
 
+SOON_S = 0.1
+
+
 class ScreenFace:
     """A `FullScreen`; see there."""
 
@@ -87,6 +90,10 @@ class ScreenFace:
         if self.app.runner is not None:
             self.app.picture = self.app.runner.snapshot()
         return self.app.picture
+
+    def soon(self, work: Callable[[], None]) -> None:
+        """Do it a tenth of a second later, without keeping the screen waiting."""
+        self.app.set_timer(SOON_S, work)
 
     def refuse(self, why: str) -> None:
         """Say it in the line above the footer."""

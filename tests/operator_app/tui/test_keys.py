@@ -98,6 +98,15 @@ async def test_stale_data_block_capture_and_are_marked(still):
         assert d.runner.asked == []
 
 
+async def test_data_that_are_late_for_a_moment_cost_no_key(still):
+    """As on a busy machine; it was refused, and the key had to be pressed again."""
+    async with still(stale(story()["capturing"]), step=Step.CAPTURE) as d:
+        await d.press("c")
+        assert d.runner.asked == []
+        await d.see(story()["capturing"], Step.CAPTURE)
+        await d.until(lambda: [k for k, _ in d.runner.asked] == [TaskKind.CAPTURE])
+
+
 async def test_yes_applies_the_modes_and_enter_on_cancel_does_not(still):
     async with still(story()["ticked"], step=Step.MODES) as d:
         await d.press("a", "enter")

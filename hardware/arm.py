@@ -117,8 +117,7 @@ class ArmSnapshot:
 
     `stopped` is the latch of the software STOP; `heartbeat_age_s` maps node numbers to the age of
     their last heartbeat; `token` is the node that holds the control token, 0 if nobody. `late_s` is how
-    much of the oldest joint's age is the receiver's own lateness, not the arm's silence; `lateness` is what
-    the operator should know of it, in a sentence.
+    much of the oldest joint's age is the receiver's own lateness, not the arm's silence.
     """
 
     sync_count: int
@@ -129,7 +128,6 @@ class ArmSnapshot:
     stopped: bool
     moving: bool
     late_s: float = 0.0
-    lateness: str = ""
 
     @property
     def positions_rad(self) -> FloatArray:

@@ -185,11 +185,6 @@ def open_sender(settings: BusSettings) -> can.BusABC:
             return _open(settings, {"can_filters": nothing})
 
 
-def stamps_arrivals(settings: BusSettings) -> bool:
-    """Whether a frame's time stamp says when it arrived; on a serial line it is stamped as it is read."""
-    return settings.interface not in _SERIAL
-
-
 def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
     if settings.interface not in can.VALID_INTERFACES and settings.interface in offered_names():
         raise BusError(

@@ -93,7 +93,6 @@ class CanopenArm:
         self._opening: Connection | None = None
         self._connecting = False
         self._recording_failure: str | None = None
-        self._lateness = ""
         self._latch = StopLatch()  # here, so that a new connection does not lift a STOP
         self._closing = False
         self._left_held = True
@@ -170,7 +169,7 @@ class CanopenArm:
             return answered
         finally:
             link.close()
-            self._recording_failure, self._lateness = link.recording_failure, link.lateness
+            self._recording_failure = link.recording_failure
 
     @staticmethod
     def _hold_and_disable(link: Connection) -> None:
@@ -190,12 +189,6 @@ class CanopenArm:
         """Why the recording of the bus ended early (a full disk, say), None if it did not."""
         link = self._connection
         return self._recording_failure if link is None else link.recording_failure
-
-    @property
-    def lateness(self) -> str:
-        """What the operator should know of how late this program itself was; "" if it was not."""
-        link = self._connection
-        return self._lateness if link is None else link.lateness
 
     # ---- control ---------------------------------------------------------------------------------
 
@@ -378,7 +371,7 @@ class CanopenArm:
         """End heartbeat, SYNC and connection, and leave the drives as they are: as if this program died."""
         link, self._connection = self._link, None
         link.close()
-        self._recording_failure, self._lateness = link.recording_failure, link.lateness
+        self._recording_failure = link.recording_failure
 
     # ---- parameters ------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from hardware import identifying, steps, uploading
 from hardware.acceptance import operator_filters
 from hardware.admission import admit
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode
-from hardware.buses import BusSettings, open_bus, open_sender, stamps_arrivals
+from hardware.buses import BusSettings, open_bus, open_sender
 from hardware.continuity import ENCODER_COUNTS, RVDT_COUNTS
 from hardware.control_loop import ControlLoop
 from hardware.cyclic import Sample, Setpoints, frames_of
@@ -96,7 +96,6 @@ class Connection:
     ) -> None:
         self.profile = profile
         self._description, self._timing, self._clock = description, timing, clock
-        self._pace = pace
         self.scales = tuple(
             identifying.scale_of(joint, drive)
             for joint, drive in zip(description.joints, profile.joints, strict=True)
@@ -129,7 +128,6 @@ class Connection:
                 ENCODER_COUNTS if isinstance(joint.sensor, EncoderDescription) else RVDT_COUNTS
                 for joint in description.joints
             ],
-            stamped=stamps_arrivals(settings),
             clock=clock,
         )
 
@@ -245,11 +243,6 @@ class Connection:
         return self._wire.recording_failure
 
     @property
-    def lateness(self) -> str:
-        """What the operator should know of how late this program itself was; "" in simulated time."""
-        return self.loop.attention.words if self._pace is Pace.REAL_TIME else ""
-
-    @property
     def in_control(self) -> bool:
         """Whether the control token is ours."""
         return self.token == OPERATOR_NODE
@@ -315,7 +308,6 @@ class Connection:
             period_s=self._timing.period_s,
             now_s=self._clock(),
             attention=self.loop.attention,
-            lateness=self.lateness,
         )
 
     def _allow(self, sample: Sample, before: Setpoints | None, commands: Setpoints) -> None:

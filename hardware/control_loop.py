@@ -22,7 +22,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from hardware.alarms import Seen, find_alarm
-from hardware.attention import Attention, Waiting
+from hardware.attention import Attention
 from hardware.continuity import Continuity, Jump
 from hardware.cyclic import Abandoned, Sample, Setpoint, Setpoints, frames_of
 from hardware.errors import BusError, HardwareError
@@ -93,8 +93,6 @@ class ControlLoop:
     allowed_counts
         By joint: how far a reading may seem to jump between two SYNCs by noise alone; empty: joints
         are not watched for it.
-    stamped
-        Frames carry the time at which they arrived.
     quick_stop
         Sends quick stop to all drives; must not wait.
     clock
@@ -132,7 +130,6 @@ class ControlLoop:
         quick_stop: Callable[[], None],
         timing: Timing,
         allowed_counts: Sequence[float] = (),
-        stamped: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.nodes = NodeWatch(profile)
@@ -150,7 +147,6 @@ class ControlLoop:
         self._timing, self._clock = timing, clock
         self.heartbeat_timeout_s = timing.heartbeat_timeout_s
         self.attention = Attention(clock)
-        self._waiting = Waiting(stamped=stamped, now_s=clock())
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(self._frames, patience=timing.misses(pace), now_s=clock())
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
@@ -244,7 +240,6 @@ class ControlLoop:
 
     def _run(self) -> None:
         ahead_of_its_program()
-        self.attention.begin()
         try:
             self._drain()  # what an adapter still had: whoever said it may be gone
             self._watching = True
@@ -346,18 +341,12 @@ class ControlLoop:
 
     def _receive_one(self, timeout_s: float) -> bool:
         """Take one frame off the bus and see to it; false if there was none."""
-        asked_s = self._clock()
         message = self._wire.receive(timeout_s)
         self.attention.look()
         if message is None:
-            self._waiting.nothing(asked_s)
             return False
         identifier: int = message.arbitration_id
-        now_s = self._clock()
-        # What it waited for us is our own lateness, and makes it old all the same.
-        waited_s = self._waiting.waited_s(message.timestamp, now_s)
-        late_s = self.attention.late_s - waited_s
-        if self._sampler.note(identifier, message.data, now_s - waited_s, late_s):
+        if self._sampler.note(identifier, message.data, self._clock(), self.attention.late_s):
             return True
         if COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
             self._on_sdo(identifier, bytes(message.data))

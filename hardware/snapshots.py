@@ -26,7 +26,6 @@ def build_snapshot(
     period_s: float,
     now_s: float,
     attention: Attention,
-    lateness: str,
 ) -> ArmSnapshot:
     """Snapshot at a time. Speeds are means over the last few control periods."""
     listened_s = attention.listened_s
@@ -60,5 +59,4 @@ def build_snapshot(
         faults=nodes.faults,
         stopped=stopped,
         moving=moving,
-        lateness=lateness,
     )

@@ -139,7 +139,6 @@ def open_arm(
         )
         recording_ended = partial(_what_is_not_recorded, arm, record_to)
         stack.callback(_say_if_any, recording_ended)
-        stack.callback(_say_if_any, lambda: arm.lateness)
         stack.callback(arm.close)
         instrument = None
         if not procedure.fixture.fixture.holds_hand:

@@ -91,7 +91,6 @@ class Runner:
         self._closing = threading.Event()
         self._publishing = threading.Lock()
         self._recording_ended, self._told_of_recording = recording_ended, ""
-        self._told_of_lateness = ""
         self._motion = MotionWatch(session.model, session.procedure.capture)
         self._seen_s = self._looked_s = monotonic()
         self.defect: BaseException | None = None
@@ -320,10 +319,6 @@ class Runner:
             self._look_at_motion(now)
             if news := self.recording_news():
                 self.say(Level.WARNING, news)
-            if now.arm is not None and now.arm.lateness != self._told_of_lateness:
-                self._told_of_lateness = now.arm.lateness
-                if self._told_of_lateness:
-                    self.say(Level.WARNING, self._told_of_lateness)
             if now.arm is not None and now.stop is not None:
                 self._count_stopped(now, now.stop)
             # While connecting anew there are none yet, and a STOP would end it.

@@ -5,15 +5,14 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from operator_app.errors import SessionError
-from operator_app.session.runner import UNSEEN_S, WATCH_PERIOD_S, Runner
-from operator_app.session.snapshot import Level, TaskKind
+from operator_app.session.runner import UNSEEN_S, Runner
+from operator_app.session.snapshot import TaskKind
 from oracles.live_source import FakeSource
 
 PATIENCE_S = 30.0
@@ -128,25 +127,6 @@ def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
         assert not ended.wait(0.05)
     assert ended.wait(PATIENCE_S)
     assert any("the screen did not answer" in m.text for m in runner.snapshot().messages)
-
-
-def test_that_this_computer_was_late_is_said_once(tmp_path: Path, monkeypatch) -> None:
-    source = FakeSource(tmp_path / "sessions")
-    runner = source.new()
-    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
-    finish(runner)
-    arm = source.arm
-    assert arm is not None
-    snapshot = arm.snapshot
-    for text in ("this computer was too busy: for 0.4 s", "this computer was too busy: for 0.9 s"):
-        monkeypatch.setattr(arm, "snapshot", lambda text=text: replace(snapshot(), lateness=text))
-        threading.Event().wait(5 * WATCH_PERIOD_S)
-    said = [m for m in runner.snapshot().messages if "too busy" in m.text]
-    assert [(m.level, m.text[-5:]) for m in said] == [
-        (Level.WARNING, "0.4 s"),
-        (Level.WARNING, "0.9 s"),
-    ]
-    source.close("end of the test")
 
 
 def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path, monkeypatch) -> None:

@@ -1,8 +1,8 @@
 """Which frames each end of an arm's bus takes in, as acceptance filters. Knows identifiers; no bus and no frame.
 
 A bus that others fill costs whoever receives it the time to look at every frame. Adapters, kernels and the
-loopback bus keep out what a filter does not name, before anybody is woken for it; where none of them can,
-python-can does it in this process.
+loopback bus keep out what a filter does not name, before anybody is woken for it. Where none of them can, every
+frame is taken in, and its receiver passes over what it does not know.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Iterator
 
+import can
+from can.interfaces.virtual import VirtualBus
 from can.typechecking import CanFilter
 
 from hardware.objects import (
@@ -20,13 +22,24 @@ from hardware.objects import (
     COB_SDO_FROM_SERVER,
     COB_SDO_TO_SERVER,
     COB_SYNC,
-    OPERATOR_NODE,
     SUPERVISOR_NODE,
 )
 from hardware.profile import BusProfile
 
 _ALL_BITS = 0x7FF
 _FUNCTION_CODE = 0x780
+
+
+def keep_out(bus: can.BusABC, filters: list[CanFilter]) -> None:
+    """Have a bus keep out what no filter names, if it can do so before this process is asked.
+
+    python-can's own filter will not do: a `recv` that is not to wait says of a frame which it throws away that
+    there was none, and whoever empties a queue stops there, with answers behind it. On the bus inside this
+    process nobody else is, and what is kept out need not be looked at.
+    """
+    nothing = can.BusABC._apply_filters  # noqa: SLF001 - the hook for adapters that can
+    if isinstance(bus, VirtualBus) or getattr(type(bus), "_apply_filters", nothing) is not nothing:
+        bus.set_filters(filters)
 
 
 def operator_filters(profile: BusProfile) -> list[CanFilter]:
@@ -38,10 +51,10 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.commands),
         *(
             found
-            for base in (COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, COB_HEARTBEAT, COB_EMCY)
+            for base in (COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, COB_EMCY)
             for found in _nodes_of(profile, base)
         ),
-        _one(COB_HEARTBEAT + OPERATOR_NODE),
+        _filter(COB_HEARTBEAT, _FUNCTION_CODE),  # of whoever may hold the token
     ]
 
 

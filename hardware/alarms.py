@@ -10,6 +10,7 @@ from hardware.errors import (
     BusError,
     CommandRefused,
     ControlDenied,
+    DriveAstray,
     DriveFault,
     HardwareError,
     Intruder,
@@ -54,6 +55,7 @@ def find_alarm(
 ) -> HardwareError | None:
     """Find the first reason why nothing should move on, leaving out the kinds in `despite`."""
     reasons = (
+        *_stopped_by_itself(seen),
         *_told(nodes, seen),
         *_noticed(nodes, seen),
         *_missing(nodes, seen, now_s, heartbeat_timeout_s),
@@ -61,10 +63,26 @@ def find_alarm(
     return next((reason for reason in reasons if not isinstance(reason, despite)), None)
 
 
+def pressed() -> Stopped:
+    """Say that STOP is latched."""
+    return Stopped("STOP is latched: reset it before anything moves again")
+
+
+def stopped_for(astray: Astray) -> DriveAstray:
+    """Say why the loop has latched STOP by itself."""
+    return DriveAstray(astray.joint, astray.counts, astray.sync_count, stopped=astray.stopped)
+
+
+def _stopped_by_itself(seen: Seen) -> Iterator[HardwareError]:
+    """Why STOP is latched though nobody pressed it: before the words that it is."""
+    if seen.astray is not None:
+        yield stopped_for(seen.astray)
+
+
 def _told(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
     """What somebody said: the operator, the supervisor, a drive."""
     if seen.stop_latched:
-        yield Stopped("STOP is latched: reset it before anything moves again")
+        yield pressed()
     for fault in nodes.faults:
         if fault.joint is None:
             yield Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
@@ -75,7 +93,12 @@ def _told(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
 
 
 def _noticed(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
-    """What nobody says of himself."""
+    """What nobody says of himself; who made nodes leave operation before that they have."""
+    if nodes.intrusion:
+        yield Intruder(
+            f"Somebody else commands this arm: {nodes.intrusion} came from another program on the bus. "
+            "End that program, look at what it did, then connect again."
+        )
     down = nodes.not_operational()
     if down:
         numbers = ", ".join(map(str, down))
@@ -85,24 +108,12 @@ def _noticed(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
         yield NodeRestarted(restarted, [nodes.profile.who(node) for node in restarted])
     if seen.doubled_joints:
         yield TwoDevices(tuple(nodes.profile.drives[j - 1] for j in seen.doubled_joints))
-    if nodes.intrusion:
-        yield Intruder(
-            f"Somebody else commands this arm: {nodes.intrusion} came from another program on the bus. "
-            "End that program, look at what it did, then connect again."
-        )
     if seen.jump is not None:
         yield SensorFault(
             seen.jump.joint,
             f"jumped by {seen.jump.counts:+d} counts between two SYNCs, and no other joint moved with it: "
             "it has lost counts, or its coupling slipped. No pose was captured since",
             since_sync=seen.jump.sync_count,
-        )
-    if seen.astray is not None:
-        yield SensorFault(
-            seen.astray.joint,
-            f"is {seen.astray.counts:+d} counts from where it was told to be, and its drive says that it "
-            "follows: it has failed, or somebody else leads it. No pose was captured since",
-            since_sync=seen.astray.sync_count,
         )
 
 

@@ -64,6 +64,7 @@ class ArmIdentity:
     can: no hardware stop is asked for. `Arm.move` waits until the joints are where they are wanted.
     `keeps_parameters`: its controller holds a parameter document; where none does, nothing is uploaded.
     `unwatching` are joints whose drives do not say that they watch the operator's heartbeat.
+    `configured` is what was written into drives to have them as the bus profile says, a sentence each.
     """
 
     model: str
@@ -72,6 +73,7 @@ class ArmIdentity:
     speaks: str = "CANopen"
     by_hand: bool = False
     unwatching: tuple[int, ...] = ()
+    configured: tuple[str, ...] = ()
     keeps_parameters: bool = True
 
     @property
@@ -97,8 +99,8 @@ class Fault:
 class JointState:
     """One joint as latched on the last SYNC it answered.
 
-    `age_s` is the wall-clock age of that answer. `mode` is the mode the drive reports (6061h), None
-    while it is neither position nor free.
+    `age_s` is how long ago that answer came, whether or not it then waited to be looked at. `mode` is the
+    mode the drive reports (6061h), None while it is neither position nor free.
     """
 
     joint: int
@@ -112,12 +114,36 @@ class JointState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Lateness:
+    """How late the program itself was: nobody looked at the bus, or what had come waited.
+
+    `times` so often by more than is worth telling, the last time by `last_s`, at most by `longest_s`.
+    """
+
+    times: int = 0
+    last_s: float = 0.0
+    longest_s: float = 0.0
+
+    def once_more(self, by_s: float, *, new: bool) -> Lateness:
+        """With one more, or with what is the same one still."""
+        last_s = by_s if new else max(by_s, self.last_s)
+        return Lateness(
+            times=self.times + new, last_s=last_s, longest_s=max(last_s, self.longest_s)
+        )
+
+
+ON_TIME = Lateness()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ArmSnapshot:
     """Everything about the arm at one moment, immutable.
 
-    `stopped` is the latch of the software STOP; `heartbeat_age_s` maps node numbers to the age of
+    `stopped` is the latch of the software STOP, and `stopped_for` says what it was latched for where nobody
+    pressed it; `heartbeat_age_s` maps node numbers to the age of
     their last heartbeat; `token` is the node that holds the control token, 0 if nobody. `late_s` is how
-    much of the oldest joint's age is the receiver's own lateness, not the arm's silence.
+    much of the oldest joint's age is the receiver's own lateness, not the arm's silence; `lateness` is
+    that of the whole connection.
     """
 
     sync_count: int
@@ -128,6 +154,8 @@ class ArmSnapshot:
     stopped: bool
     moving: bool
     late_s: float = 0.0
+    stopped_for: str = ""
+    lateness: Lateness = ON_TIME
 
     @property
     def positions_rad(self) -> FloatArray:

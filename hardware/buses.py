@@ -11,7 +11,8 @@ from __future__ import annotations
 import errno
 import logging
 import socket
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -32,6 +33,9 @@ for _library in ("can", "canopen"):
 DEFAULT_INTERFACE = "virtual"
 _SERIAL = frozenset({"slcan", "serial", "robotell", "seeedstudio"})
 """Adapters on a serial line: to open one anew, or to close a second handle, closes it for the first as well."""
+_STAMPED_HERE = frozenset({"socketcan", "loopback", "udp_multicast", "virtual"})
+"""Interfaces whose frames this computer stamps by the time of day: the kernel as they come, or, in one
+process, whoever sends them."""
 _OWN_CHANNEL = frozenset({"virtual", "loopback"})
 _NO_CAN_IN_KERNEL = frozenset({errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT})
 _NOT_ALLOWED = frozenset({errno.EPERM, errno.EACCES})
@@ -183,6 +187,15 @@ def open_sender(settings: BusSettings) -> can.BusABC:
             # A filter that matches nothing: standard identifiers end at 7FFh.
             nothing = [{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": False}]
             return _open(settings, {"can_filters": nothing})
+
+
+def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
+    """Clock of this computer that stamps frames as they come; None where the stamps are of another, or of reading.
+
+    An adapter's own clock (kvaser, pcan, vector, gs_usb) runs apart from ours by more in an hour than what
+    data may be old; on a serial line frames are stamped as they are read.
+    """
+    return time.time if settings.interface in _STAMPED_HERE else None
 
 
 def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:

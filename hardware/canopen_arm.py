@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -22,25 +20,23 @@ from hardware.arm import (
 )
 from hardware.buses import BusSettings
 from hardware.cia402 import Wish
-from hardware.connection import BusOpeners, Connection
+from hardware.connection import Connection
+from hardware.connector import Connector
 from hardware.description import ArmDescription
 from hardware.drive_facts import DriveFacts, read_drive_facts
 from hardware.errors import (
-    BusError,
     CommandRefused,
     ControlDenied,
     DriveFault,
     HardwareError,
     Intruder,
     ModeNotReached,
-    NodeRestarted,
     SensorFault,
     Stopped,
-    TwoDevices,
 )
 from hardware.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
+from hardware.on_bus import ArmOnBus, BusOpeners
 from hardware.profile import BusProfile
-from hardware.stop_line import StopLatch
 from hardware.timing import Pace, Timing
 from hardware.trajectory import ACCELERATION_RAD_PER_S2
 
@@ -69,6 +65,11 @@ class CanopenArm:
         Periods and time-outs of the control loop.
     openers
         How to open the bus, if not by its settings.
+
+    Attributes
+    ----------
+    on_bus
+        All of this but the recording and the acceleration.
     """
 
     def __init__(
@@ -83,20 +84,17 @@ class CanopenArm:
         timing: Timing | None = None,
         openers: BusOpeners | None = None,
     ) -> None:
-        self._description, self._settings, self._profile = description, settings, profile
-        self._pace, self._record_to = pace, record_to
+        self.on_bus = ArmOnBus(
+            description=description,
+            settings=settings,
+            profile=profile,
+            pace=pace,
+            timing=timing or Timing(),
+            openers=openers or BusOpeners(),
+        )
         self._acceleration = acceleration_rad_per_s2
-        self._timing = timing or Timing()
-        self._openers = openers or BusOpeners()
         self._n = len(description.joints)
-        self._connection: Connection | None = None
-        self._opening: Connection | None = None
-        self._connecting = False
-        self._recording_failure: str | None = None
-        self._latch = StopLatch()  # here, so that a new connection does not lift a STOP
-        self._closing = False
-        self._left_held = True
-        self._close_lock = threading.RLock()
+        self._connector = Connector(self.on_bus, record_to)
 
     # ---- connection ------------------------------------------------------------------------------
 
@@ -107,32 +105,14 @@ class CanopenArm:
 
         Raises
         ------
-        BusError, NodeMissing, WrongArm, MappingDiffers, ControlDenied, Intruder, SdoRefused, Stopped
+        BusError, NodeMissing, WrongArm, MappingDiffers, NotConfigured, ControlDenied, Intruder, SdoRefused, Stopped
             The connection is closed again.
         """
-        if self._connection is not None:
-            raise ValueError("this arm is connected already")
-        press, self._connecting = self._latch.last, True
-        try:
-            self._opening = connection = Connection(
-                self._description,
-                self._settings,
-                self._profile,
-                pace=self._pace,
-                timing=self._timing,
-                openers=self._openers,
-                record_to=self._record_to,
-            )
-            connection.loop.latch = self._latch
-            try:
-                identity = connection.open(press)
-            except BaseException:
-                connection.close()
-                raise
-            self._connection = connection
-            return identity
-        finally:
-            self._connecting, self._opening = False, None
+        return self._connector.connect()
+
+    def take_over(self) -> None:
+        """Let the next connection reset drives that somebody left enabled, once nobody was heard for long enough."""
+        self._connector.takes_over = True
 
     def close(self) -> bool:
         """Leave the arm held, give the token back, end heartbeats and recording. Safe to call twice.
@@ -140,43 +120,7 @@ class CanopenArm:
         From any thread; a second one waits until the arm is closed. False if there was an arm and it
         did not answer any more: its drives are left to themselves.
         """
-        with self._close_lock:
-            link = self._connection
-            if link is None or self._closing:  # closing: called again by the thread that closes
-                return self._left_held
-            self._closing, self._left_held = True, False
-            try:
-                self._left_held = self._let_go(link)
-            finally:
-                # Not before: STOP needs the connection to the last moment.
-                self._connection, self._closing = None, False
-            return self._left_held
-
-    def _let_go(self, link: Connection) -> bool:
-        """Hold, disable, give the token back; whether the drives said that they were there."""
-        try:
-            if not link.in_control:
-                return not link.deserted()
-            answered = True
-            try:
-                self._hold_and_disable(link)
-            except Stopped:  # and so held
-                pass
-            except HardwareError:  # the drives hold without us as well
-                answered = False
-            with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
-                link.give_token_back()
-            return answered
-        finally:
-            link.close()
-            self._recording_failure = link.recording_failure
-
-    @staticmethod
-    def _hold_and_disable(link: Connection) -> None:
-        """Position mode everywhere, then drives off: without a drive a joint's valve is blocked."""
-        despite = (DriveFault, ControlDenied, SensorFault, Intruder, TwoDevices, NodeRestarted)
-        link.loop.run(steps.hold_where_it_is(link.loop), despite=despite)
-        link.loop.run(steps.drive_to(link.loop, Wish.DISABLED), despite=despite)
+        return self._connector.close()
 
     # ---- state -----------------------------------------------------------------------------------
 
@@ -187,8 +131,7 @@ class CanopenArm:
     @property
     def recording_failure(self) -> str | None:
         """Why the recording of the bus ended early (a full disk, say), None if it did not."""
-        link = self._connection
-        return self._recording_failure if link is None else link.recording_failure
+        return self._connector.recording_failure
 
     # ---- control ---------------------------------------------------------------------------------
 
@@ -220,6 +163,13 @@ class CanopenArm:
         if len(modes) != self._n:
             raise ValueError(f"{self._n} joints need {self._n} modes, not {len(modes)}")
         self._set_modes(modes)
+        deaf = steps.not_following(self._link.loop.sample, modes)
+        if deaf is not None:
+            raise ModeNotReached(
+                deaf,
+                JointMode.POSITION.value,
+                "it, but not that it follows its target (6041h, bit 12)",
+            )
 
     def _set_modes(
         self, modes: Sequence[JointMode], *, despite: tuple[type[HardwareError], ...] = ()
@@ -236,7 +186,7 @@ class CanopenArm:
         for _ in range(MODE_ATTEMPTS):
             link.loop.run(steps.change_modes(link.loop, modes, syncs=MODE_SYNCS), despite=despite)
             link.read_modes()
-            if link.modes == tuple(modes):
+            if link.modes == tuple(modes) and not steps.not_following(link.loop.sample, modes):
                 return
         for joint, (wanted, actual) in enumerate(zip(modes, link.modes, strict=True), 1):
             if wanted is not actual:
@@ -277,7 +227,7 @@ class CanopenArm:
                 link.scales,
                 speed_rad_per_s=speed_rad_per_s,
                 acceleration_rad_per_s2=self._acceleration,
-                period_s=self._timing.period_s,
+                period_s=self.on_bus.timing.period_s,
                 watch=watch,
                 snapshot=link.snapshot,
             )
@@ -327,13 +277,7 @@ class CanopenArm:
         BusError
             If a frame could not be sent; all others were.
         """
-        # In this order: connecting, an arm is there as `_opening` until it is there as `_connection`.
-        connecting, link = self._connecting, self._opening or self._connection
-        if link is None and not connecting:
-            raise BusError("The arm is not connected.")
-        self._latch.press()
-        if link is not None:
-            link.send_quick_stops()
+        self._connector.stop()
 
     def reset_stop(self) -> None:
         """Clear the latch and drive faults; the drives stay disabled until `take_control`.
@@ -345,7 +289,7 @@ class CanopenArm:
         DriveFault
             If a fault cannot be cleared.
         """
-        link, press = self._link, self._latch.last
+        link, press = self._link, self._connector.latch.last
         lagging = link.loop.run(
             steps.reset(link.loop, link.loop.forget_faults, press=press),
             despite=(Stopped, DriveFault, SensorFault, Intruder),
@@ -360,18 +304,27 @@ class CanopenArm:
         """What the drives say they would do at a quick stop, and without an operator."""
         return read_drive_facts(self._link.access, self._link.profile)
 
-    def room(self, joint: int, step_rad: float) -> float:
-        """A step of a joint from where it is, the way in which its range is longer."""
-        limits, scale = self._link.limits[joint - 1], self._link.scales[joint - 1]
-        here = scale.to_rad(self._link.loop.sample.counts[joint - 1])
-        ends = [scale.to_rad(limits.lower_counts), scale.to_rad(limits.upper_counts)]
-        return step_rad if max(ends) - here >= here - min(ends) else -step_rad
+    @property
+    def real_period_s(self) -> float | None:
+        """Between SYNCs; None where they come as fast as they are answered."""
+        there = self.on_bus
+        return there.timing.period_s if there.pace is Pace.REAL_TIME else None
+
+    def another(self) -> CanopenArm:
+        """Make one more, as another program would: not connected, for the same arm on the same bus."""
+        there = self.on_bus
+        return CanopenArm(
+            there.description,
+            there.settings,
+            there.profile,
+            pace=there.pace,
+            timing=there.timing,
+            openers=there.openers,
+        )
 
     def fall_silent(self) -> None:
         """End heartbeat, SYNC and connection, and leave the drives as they are: as if this program died."""
-        link, self._connection = self._link, None
-        link.close()
-        self._recording_failure = link.recording_failure
+        self._connector.drop()
 
     # ---- parameters ------------------------------------------------------------------------------
 
@@ -399,14 +352,12 @@ class CanopenArm:
 
     @property
     def _link(self) -> Connection:
-        if self._connection is None:
-            raise BusError("The arm is not connected.")
-        return self._connection
+        return self._connector.connection
 
     @staticmethod
     def _raise_if_stopped(link: Connection) -> None:
         if link.loop.stop_latched:
-            raise Stopped("STOP is latched: reset it before anything moves again")
+            raise link.loop.watch.why_stopped()
 
     @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], wanted: str) -> None:

@@ -9,8 +9,8 @@ How fast it goes, and how long anybody is waited for, is `hardware.timing`'s aff
 The next SYNC does not overtake a late answer: a sample is closed when all joints have answered, or
 when their time is up and nothing more has come.
 
-STOP does not come through here. It presses `latch` and sends its frames by itself; the loop looks
-at the latch before and after the commands it sends, so that the last word on the bus is quick stop.
+STOP does not come through here: it presses `latch` and sends its frames by itself. A joint that goes where it
+was not told to, its drive saying all is well, is the one thing that the loop stops by itself, as STOP would.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from hardware.alarms import Seen, find_alarm
 from hardware.attention import Attention
-from hardware.continuity import Continuity, Jump
-from hardware.cyclic import Abandoned, Sample, Setpoint, Setpoints, frames_of
+from hardware.command_sender import CommandSender
+from hardware.cyclic import Abandoned, Sample, Setpoints, frames_of
 from hardware.errors import BusError, HardwareError
-from hardware.following import Astray, Following
+from hardware.joint_watch import JointWatch
 from hardware.node_watch import NodeWatch
 from hardware.objects import (
     COB_HEARTBEAT,
@@ -50,6 +50,10 @@ FRAMES_AT_A_TIME = 200
 """Frames looked at before what is due is seen to: on a bus with a frame always waiting, heartbeat and SYNC
 must not wait for the last of them."""
 
+OLD_SAMPLE_S = 0.1
+"""Joints latched longer ago say nothing of where to go on from: as long as nobody here was late, it is a few
+milliseconds, and a joint that does not answer is waited for for a third of it."""
+
 SYNCS_AFTER_STOP = 20
 """In fast forward, so that the drives come to rest and say that they have stopped."""
 
@@ -64,14 +68,6 @@ class Link(Protocol):
     def receive(self, timeout_s: float) -> Any:
         """Next frame or None."""
         ...
-
-
-def _moves_on(before: Setpoint | None, command: Setpoint) -> bool:
-    """Whether nothing but the target is another: a move on its way."""
-    return before is not None and (before.controlword, before.mode) == (
-        command.controlword,
-        command.mode,
-    )
 
 
 class ControlLoop:
@@ -90,13 +86,16 @@ class ControlLoop:
     allow
         Called before commands go out with the present sample, the commands sent last and the new
         ones; raises `CommandRefused` for what may not be sent.
-    allowed_counts
-        By joint: how far a reading may seem to jump between two SYNCs by noise alone; empty: joints
-        are not watched for it.
+    watch
+        Looks at the joints' samples.
+    latch
+        Of STOP; it may outlive the connection.
     quick_stop
         Sends quick stop to all drives; must not wait.
     clock
         Monotonic time, s.
+    stamps
+        The clock by which frames are stamped as they come, if it is one of this computer's.
 
     Attributes
     ----------
@@ -104,19 +103,12 @@ class ControlLoop:
         How late this loop itself has been: silences of the nodes are measured without that.
     commands
         Sent last, or None before control was taken.
-    latch
-        Of STOP. Whoever has one that outlives the connection sets it before `start`.
     moving
         Steps are moving the arm.
     failure
         Why the thread has ended.
     heartbeat_timeout_s
         Silence after which a node is lost; set before `begin_sync`.
-    jump, astray
-        The first jump of a joint's reading that was no motion, and the first joint that was not where it
-        was told to be; None if there was none.
-    following
-        Watches for the latter; set before `begin_sync`.
     """
 
     def __init__(
@@ -129,27 +121,28 @@ class ControlLoop:
         allow: Callable[[Sample, Setpoints | None, Setpoints], None],
         quick_stop: Callable[[], None],
         timing: Timing,
-        allowed_counts: Sequence[float] = (),
+        watch: JointWatch | None = None,
+        latch: StopLatch | None = None,
         clock: Callable[[], float] = time.monotonic,
+        stamps: Callable[[], float] | None = None,
     ) -> None:
-        self.nodes = NodeWatch(profile)
+        self.attention = Attention(clock, stamps, arm_waits=pace is Pace.FAST_FORWARD)
+        self.nodes = NodeWatch(profile, lambda: self.attention.listened_s)
         self.commands: Setpoints | None = None
-        self.latch = StopLatch()
+        self.latch = latch or StopLatch()
+        self.watch = watch or JointWatch()
         self.moving = False
         self.failure: HardwareError | None = None
-        self.jump: Jump | None = None
-        self.astray: Astray | None = None
-        self.following = Following()
-        self._watched = bool(allowed_counts)
-        self._continuity = Continuity(allowed_counts)
-        self._wire, self._frames, self._pace = wire, frames_of(profile), pace
-        self._on_sdo, self._allow, self._quick_stop = on_sdo, allow, quick_stop
+        self._wire, self._pace = wire, pace
+        self._on_sdo, self._allow = on_sdo, allow
+        frames = frames_of(profile)
+        self._sender = CommandSender(
+            wire.send, frames, latch=self.latch, watch=self.watch, quick_stop=quick_stop
+        )
         self._timing, self._clock = timing, clock
         self.heartbeat_timeout_s = timing.heartbeat_timeout_s
-        self.attention = Attention(clock)
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
-        self._sampler = Sampler(self._frames, patience=timing.misses(pace), now_s=clock())
-        self._sent: list[Setpoint | None] = [None] * len(self._frames)
+        self._sampler = Sampler(frames, patience=timing.misses(pace), now_s=clock())
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
         self._tasks = TaskQueue(self._thread.is_alive, self._gone)
         self._syncing = False
@@ -158,6 +151,8 @@ class ControlLoop:
         self._beating = False
         self._next_beat_s = 0.0
         self._next_tick_s = 0.0
+        self._synced_s = clock()
+        self._looking_again = False
         self._closing = False
 
     # ---- for other threads -----------------------------------------------------------------------
@@ -188,7 +183,7 @@ class ControlLoop:
     def forget_faults(self) -> None:
         """Forget emergencies, and what was seen of sensors and of other programs, so far."""
         self.nodes.forget_faults()
-        self.jump = self.astray = None
+        self.watch.forget()
 
     def close(self) -> None:
         """Stop everything that is sent and end the thread. Safe to call twice."""
@@ -225,8 +220,8 @@ class ControlLoop:
                 stop_latched=self.stop_latched,
                 lost_joints=self._sampler.lost(),
                 doubled_joints=self._sampler.doubled(),
-                jump=self.jump,
-                astray=self.astray,
+                jump=self.watch.jump,
+                astray=self.watch.astray,
             ),
             now_s=self.attention.listened_s,
             heartbeat_timeout_s=self.heartbeat_timeout_s,
@@ -240,22 +235,40 @@ class ControlLoop:
 
     def _run(self) -> None:
         ahead_of_its_program()
+        self.attention.begin()
         try:
             self._drain()  # what an adapter still had: whoever said it may be gone
             self._watching = True
             while not self._closing:
-                task = self._tasks.first
-                if task is not None:
-                    self._advance(task)
-                elif self._syncing and (self._pace is Pace.REAL_TIME or self._owes_sync()):
-                    self._cycle()
-                else:
-                    self._receive_one(self._timing.idle_poll_s)
-                self._beat()
+                self._work()
         except HardwareError as error:
             self.failure = error
         finally:
             self._tasks.finish_all(self._gone())
+
+    def _work(self) -> None:
+        """Do the next thing, and be heard."""
+        task = self._tasks.first
+        if task is not None and not self._must_look_again():
+            self._advance(task)
+        elif self._syncing and (self._pace is Pace.REAL_TIME or self._owes_sync()):
+            self._cycle()
+        else:
+            self._receive_one(self._timing.idle_poll_s)
+        self._beat()
+
+    def _must_look_again(self) -> bool:
+        """Whether the sample is too old, as we were late ourselves, to say what is commanded next: once in turn.
+
+        The drives hold meanwhile. Only once: steps that are never asked end by no alarm and no cancelling.
+        """
+        late = (
+            self._pace is Pace.REAL_TIME
+            and self._syncing
+            and self._clock() - self._synced_s > OLD_SAMPLE_S
+        )
+        self._looking_again = late and not self._looking_again
+        return self._looking_again
 
     def _gone(self) -> HardwareError:
         return self.failure or BusError("The connection to the arm is closed.")
@@ -290,8 +303,10 @@ class ControlLoop:
         if self._pace is Pace.REAL_TIME:
             self._wait_for_tick()
         self._drain()  # late answers, to no sample any more, and second ones
-        self._send_commands()
+        if self.commands is not None:
+            self._sender.send(self.commands, self.sample.sync_count, moving=self.moving)
         self._sampler.open()
+        self._synced_s = self._clock()
         self._wire.send(COB_SYNC, b"")
         deadline = self._clock() + self._answer_timeout_s
         overtime = FRAMES_AT_A_TIME
@@ -305,12 +320,9 @@ class ControlLoop:
                 break
             self._beat()
         self._sampler.close()
-        if self.jump is None and self._watched:
-            if self._sampler.answered_late:
-                self._continuity.interrupt()
-            self.jump = self._continuity.see(self.sample)
-        if self.astray is None and not self.stop_latched:
-            self.astray = self.following.see(self.sample, self.commands)
+        if self.watch.look(self.sample, self.commands, answered_late=self._sampler.answered_late):
+            self.latch.press()
+            self._sender.stop_all(self.commands)
 
     def _drain(self) -> None:
         """Look at what has arrived, as far as there is time for it."""
@@ -319,34 +331,18 @@ class ControlLoop:
                 return
             self._beat()
 
-    def _send_commands(self) -> None:
-        """Send what changed, and one joint's command again in turn in case a frame was lost."""
-        if self.commands is None:
-            return
-        again = self.sample.sync_count % len(self._frames)
-        for joint, command in enumerate(self.commands):
-            if command == self._sent[joint] and joint != again:
-                continue
-            if self.stop_latched:
-                break
-            before = self._sent[joint]
-            if before != command and not (self.moving and _moves_on(before, command)):
-                self._continuity.disturb()
-            for identifier, data in self._frames[joint].pack(command):
-                self._wire.send(identifier, data)
-            self._sent[joint] = command
-        if self.stop_latched:
-            self._sent = [None] * len(self._frames)
-            self._quick_stop()
-
     def _receive_one(self, timeout_s: float) -> bool:
         """Take one frame off the bus and see to it; false if there was none."""
+        asked_s = self._clock()
         message = self._wire.receive(timeout_s)
-        self.attention.look()
         if message is None:
+            self.attention.nothing(asked_s)
             return False
+        # What a frame waited for us is our own lateness, and makes it old all the same.
+        waited_s = self.attention.look(message.timestamp)
+        came_s, late_s = self._clock() - waited_s, self.attention.late_s - waited_s
         identifier: int = message.arbitration_id
-        if self._sampler.note(identifier, message.data, self._clock(), self.attention.late_s):
+        if self._sampler.note(identifier, message.data, came_s, late_s):
             return True
         if COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
             self._on_sdo(identifier, bytes(message.data))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
 
 from hardware.mapping import EVERY_SYNC, ON_RECEIPT
 from hardware.pdo_reading import FoundPdo
@@ -13,9 +14,12 @@ from hardware.profile import (
     FIELD_BITS,
     LEFT_AT_ZERO,
     BusProfile,
+    Entry,
     JointProfile,
     Pdo,
 )
+
+FRAME_BITS: Final = 64
 
 
 class NoDraft(Exception):
@@ -26,8 +30,11 @@ class NoDraft(Exception):
         super().__init__("; ".join(self.reasons))
 
 
-def draft(nodes: Sequence[FoundNode], *, name: str) -> BusProfile:
+def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
     """Profile of the drives found, in the order of their node numbers; joints in this order.
+
+    It has their PDOs as they are; with `configure` as they are to be written into them whenever they are
+    connected to: as few as hold what is needed, on the identifiers that CiA 301 gives them.
 
     Raises
     ------
@@ -37,7 +44,8 @@ def draft(nodes: Sequence[FoundNode], *, name: str) -> BusProfile:
     drives = [node for node in nodes if node.drive]
     if not drives:
         raise NoDraft(["no node on this bus says that it is a CiA 402 servo drive (1000h)"])
-    reasons = [text for node in drives for text in _lacks(node)]
+    lacks = _has_no_room if configure else _lacks
+    reasons = [text for node in drives for text in lacks(node)]
     if reasons:
         raise NoDraft(reasons)
     supervisor = next((node.node for node in nodes if node.supervises), None)
@@ -46,12 +54,17 @@ def draft(nodes: Sequence[FoundNode], *, name: str) -> BusProfile:
         name=name,
         joints=tuple(
             JointProfile(
+                node=node.node, commands=_set_up(node, sent=False), answers=_set_up(node, sent=True)
+            )
+            if configure
+            else JointProfile(
                 node=node.node,
                 commands=_pdos(_chosen(node.pdos, COMMANDED, sent=False)),
                 answers=_pdos(_chosen(node.pdos, ANSWERED, sent=True)),
             )
             for node in drives
         ),
+        configures_pdos=configure,
         supervisor=supervisor,
         serial_number="" if supervisor is not None else "-".join(serials),
         compared=frozenset.intersection(*(frozenset(node.described) for node in drives)),
@@ -113,3 +126,38 @@ def _lacks(node: FoundNode) -> Iterator[str]:
 
 def _pdos(found: Iterable[FoundPdo]) -> tuple[Pdo, ...]:
     return tuple(Pdo(number=pdo.number, cob_id=pdo.cob_id, entries=pdo.entries) for pdo in found)
+
+
+def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
+    """Maps that hold what is needed between them, in frames of 8 bytes."""
+    bits = dict(node.room.bits)
+    frames, left = list[tuple[Entry, ...]](), 0
+    for index in ANSWERED if sent else COMMANDED:
+        entry = (index, 0, bits.get(index, 0))
+        if entry[2] > left:
+            frames.append(())
+            left = FRAME_BITS
+        frames[-1] = (*frames[-1], entry)
+        left -= entry[2]
+    return frames
+
+
+def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
+    base, numbers = (0x180, node.room.sent) if sent else (0x200, node.room.taken)
+    frames = _frames(node, sent=sent)
+    return tuple(
+        Pdo(number=number, cob_id=base + 0x100 * at + node.node, entries=entries)
+        for at, (number, entries) in enumerate(zip(numbers, frames, strict=False))
+    )
+
+
+def _has_no_room(node: FoundNode) -> Iterator[str]:
+    """What keeps a drive's PDOs from being set up."""
+    bits = dict(node.room.bits)
+    absent = [index for index in (*COMMANDED, *ANSWERED) if bits.get(index) not in FIELD_BITS]
+    yield from (f"node {node.node}: {index:04X}h cannot be read" for index in absent)
+    for numbers, sent in ((node.room.taken, False), (node.room.sent, True)):
+        needed = len(_frames(node, sent=sent))
+        if not absent and len(numbers) < needed:
+            kind = "TPDO" if sent else "RPDO"
+            yield f"node {node.node}: {needed} {kind}s are needed, and it has {len(numbers)}"

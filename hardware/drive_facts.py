@@ -42,7 +42,7 @@ def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFa
             joint=joint,
             lacking_modes=_lacking(access, node, profile),
             quick_stop_option=read_number(access, node, QUICK_STOP_OPTION, 0),
-            misses_operator_after_s=_misses_after_s(access, node),
+            misses_operator_after_s=misses_operator_after_s(access, node),
         )
         for joint, node in enumerate(profile.drives, 1)
     )
@@ -60,7 +60,8 @@ def _lacking(access: ObjectAccess, node: int, profile: BusProfile) -> tuple[int,
     )
 
 
-def _misses_after_s(access: ObjectAccess, node: int) -> float | None:
+def misses_operator_after_s(access: ObjectAccess, node: int) -> float | None:
+    """Silence of node 127 after which a drive stops by itself (1016h); None where it does not say."""
     for sub in range(1, (read_number(access, node, HEARTBEAT_CONSUMER, 0) or 0) + 1):
         entry = read_number(access, node, HEARTBEAT_CONSUMER, sub) or 0
         if entry >> 16 & 0x7F == OPERATOR_NODE and entry & 0xFFFF:

@@ -29,15 +29,48 @@ class WrongArm(HardwareError):
     """The arm on the bus is not the one the arm file describes."""
 
 
+_IN_NO_PROFILE = ("1005h", "1014h", "1016h", "1017h", "1019h", "6071h", "60B0h", "60B2h")
+"""Objects that a bus profile cannot say: this program needs them as it expects them."""
+
+
 class MappingDiffers(HardwareError):
     """Nodes that are set up otherwise: `differences` name node, object, expected and found."""
 
     def __init__(self, differences: Sequence[str]) -> None:
         self.differences = tuple(differences)
+        fixed = [
+            index for index in _IN_NO_PROFILE if any(f", {index}" in text for text in differences)
+        ]
+        described = any(
+            not any(f", {index}" in text for index in _IN_NO_PROFILE) for text in differences
+        )
+        remedies = []
+        if fixed:
+            remedies.append(
+                f"Set {', '.join(fixed)} in these drives as expected, with their maker's tool: no bus profile can "
+                "say that"
+            )
+        if described:
+            remedies.append(
+                f"{'The rest: commission' if fixed else 'Commission'} them as expected, or describe them in a bus "
+                "profile (`sarcal probe --draft FILE` writes one)"
+            )
         super().__init__(
             "These nodes are not set up as this program drives them: "
-            f"{'; '.join(self.differences)}. Nothing was enabled. Commission them as expected, or describe "
-            "them in a bus profile (`sarcal probe --draft FILE` writes one), then connect again."
+            f"{'; '.join(self.differences)}. Nothing was enabled. {'. '.join(remedies)}, then connect again."
+        )
+
+
+class NotConfigured(HardwareError):
+    """Drives that lack or refuse the PDOs which the bus profile has written: `refusals` name node and object."""
+
+    def __init__(self, refusals: Sequence[str]) -> None:
+        self.refusals = tuple(refusals)
+        super().__init__(
+            "The bus profile has the drives' PDOs set up (pdo_maps: configured), and that failed: "
+            f"{'; '.join(self.refusals)}. Nothing was enabled; what was written is undone. Such maps may be fixed: "
+            "describe what the drive has (`sarcal probe --draft FILE` writes it down) with pdo_maps: compared, "
+            "or set the drive up with its maker's tool, then connect again."
         )
 
 
@@ -58,7 +91,9 @@ class ControlDenied(HardwareError):
     def __init__(self, holder: int, why: str = "") -> None:
         self.holder = holder
         if holder:
-            super().__init__(f"node {holder} is in control of this arm")
+            super().__init__(
+                f"node {holder} is in control of this arm; `sarcal monitor` shows what that program sends"
+            )
         else:
             because = why or "the supervisor does not say why"
             super().__init__(f"control of this arm was not given: {because}")
@@ -69,7 +104,10 @@ class ModeNotReached(HardwareError):
 
     def __init__(self, joint: int, wanted: str, actual: str) -> None:
         self.joint, self.wanted, self.actual = joint, wanted, actual
-        super().__init__(f"joint {joint} was asked for {wanted} mode and reports {actual}")
+        super().__init__(
+            f"joint {joint} was asked for {wanted} mode and reports {actual}; `sarcal arm-check --through look` "
+            "shows which modes its drive has"
+        )
 
 
 class DriveFault(HardwareError):
@@ -105,6 +143,24 @@ class SensorFault(HardwareError):
         super().__init__(f"joint {joint} {text}")
 
 
+class DriveAstray(SensorFault):
+    """A joint is not where it was told to be, and its drive does not say so: the arm has been stopped.
+
+    One that was `stopped` before, by whomever, has gone on.
+    """
+
+    def __init__(self, joint: int, counts: int, since_sync: int, *, stopped: bool = False) -> None:
+        self.counts, self.stopped = counts, stopped
+        told = (
+            f"has moved by {counts:+d} counts after it was stopped, and its drive does not say so: that drive "
+            "has been switched off"
+            if stopped
+            else f"is {counts:+d} counts from where it was told to be, and its drive does not say so: the arm has "
+            "been stopped, and that drive switched off"
+        )
+        super().__init__(joint, told, since_sync)
+
+
 class TwoDevices(HardwareError):
     """More than one device answers to a node number."""
 
@@ -119,6 +175,18 @@ class TwoDevices(HardwareError):
 
 class Intruder(HardwareError):
     """Somebody else on the bus commands this arm."""
+
+
+class InUse(Intruder):
+    """The arm's drives are enabled, and not by this program; nobody was heard for `listened_s`."""
+
+    def __init__(self, enabled: Sequence[str], listened_s: float) -> None:
+        self.enabled, self.listened_s = tuple(enabled), listened_s
+        super().__init__(
+            f"This arm is enabled, and not by this program: {', '.join(enabled)}. Nobody was heard for "
+            f"{listened_s:.1f} s, but the drives have not let go. Nothing was reset. End the program that enabled "
+            "them (`sarcal monitor` shows what is sent), or, keeping clear, have `sarcal reset` switch them off"
+        )
 
 
 class Stopped(HardwareError):

@@ -28,11 +28,12 @@ _FOLLOWS: Final = STATE_BITS[DriveState.OPERATION_ENABLED] | StatusBit.FOLLOWS_C
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Astray:
-    """A joint that is `counts` from its target, since the answer to a SYNC."""
+    """A joint that is `counts` from its target, since the answer to a SYNC; of a `stopped` one, from where it stood."""
 
     joint: int
     counts: int
     sync_count: int
+    stopped: bool = False
 
 
 class Following:

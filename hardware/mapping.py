@@ -36,7 +36,7 @@ from hardware.sdo import ObjectAccess
 AGREES_RAD = 0.01
 """Position by PDO and by SDO: an RVDT's noise, and what a joint at rest creeps between the two."""
 
-NOT_VALID, _EXTENDED, _GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
+NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
 """Bits beside an identifier."""
 IDENTIFIER = 0x1FFFFFFF
 ON_RECEIPT = (254, 255)
@@ -49,7 +49,7 @@ MOST_PDOS, PDOS_OF_AN_AXIS, LOOKED_AHEAD = 512, 64, 16
 outside: of the first axis we look until so many in a row are absent, of the others where the first is there."""
 INHIBIT_S, LONGEST_INHIBIT_S = 1e-4, 0.5 * CONTROL_PERIOD_S
 """Unit of 1800h sub 3, and what is no more than a maker's way to keep a bus from filling up."""
-_INHIBIT, _SYNC_START = 3, 6
+INHIBIT, SYNC_START = 3, 6
 """Sub-indices of 1800h."""
 _RESERVED = frozenset(
     {
@@ -60,7 +60,7 @@ _RESERVED = frozenset(
     }
 )
 """NMT, SYNC, and the emergencies, objects and heartbeats of all nodes, ours and the supervisor's among them."""
-_ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
+ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 
 
 def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
@@ -109,13 +109,29 @@ def check_positions(
         raise MappingDiffers(found)
 
 
-def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[str]:
-    """What of a drive's PDOs is not as it has to be: node, object, expected and found, in words."""
-    yield from _cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=_GENERATES_SYNC)
+def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
+    """Compare of all drives what no profile says and nobody writes: before PDOs are written.
+
+    Raises
+    ------
+    MappingDiffers
+    """
+    found = [text for node in profile.drives for text in _communication(access, node)]
+    if found:
+        raise MappingDiffers(found)
+
+
+def _communication(access: ObjectAccess, node: int) -> Iterator[str]:
+    yield from _cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=GENERATES_SYNC)
     yield from _cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=NOT_VALID)
     counter = read_number(access, node, _SYNC_COUNTER, 0)
     if counter:
         yield difference_words(node, _SYNC_COUNTER, 0, "0 (a SYNC without counter)", f"{counter}")
+
+
+def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[str]:
+    """What of a drive's PDOs is not as it has to be: node, object, expected and found, in words."""
+    yield from _communication(access, node)
     joint = profile.joints[profile.joint_of[node] - 1]
     for letter, communication, mapping, types, pdos in (
         ("R", RPDO1_COMMUNICATION, RPDO1_MAP, ON_RECEIPT, joint.commands),
@@ -128,7 +144,9 @@ def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterato
             if types is EVERY_SYNC:
                 yield from _on_every_sync(access, node, communication + at)
             yield from _map(access, node, mapping + at, f"{letter}PDO{pdo.number}", pdo)
-    yield from _others(access, node, profile, joint)
+    for _, index, value in in_the_way(access, node, profile, joint):
+        found = f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel"
+        yield difference_words(node, index, 1, "another identifier, or none", found)
 
 
 def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:
@@ -144,12 +162,16 @@ def read_records(access: ObjectAccess, node: int, communication: int) -> Iterato
                 break
 
 
-def _others(
+def in_the_way(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
-) -> Iterator[str]:
-    """PDOs that this program does not use may be in use, but not on identifiers of the arm's own frames.
+) -> Iterator[tuple[int, int, int]]:
+    """PDOs that this program does not use, on identifiers of the arm's own frames.
 
     A drive that takes the commands to another one obeys them, whatever it is asked itself.
+
+    Yields
+    ------
+    Number, index of the communication record, and what it holds as identifier.
     """
     taken = _RESERVED | {
         pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
@@ -160,28 +182,26 @@ def _others(
     ):
         used = {pdo.number for pdo in pdos}
         for number, value in read_records(access, node, communication):
-            if number in used or value & NOT_VALID or value & IDENTIFIER not in taken:
-                continue
-            yield difference_words(
-                node,
-                communication + number - 1,
-                1,
-                "another identifier, or none",
-                f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel",
-            )
+            if number not in used and not value & NOT_VALID and value & IDENTIFIER in taken:
+                yield number, communication + number - 1, value
 
 
 def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[str]:
     """What a TPDO may have beside its type, that would keep it from following a SYNC."""
-    inhibit = read_number(access, node, index, _INHIBIT) or 0
-    if inhibit * INHIBIT_S >= LONGEST_INHIBIT_S:
+    inhibit = inhibit_s(access, node, index)
+    if inhibit >= LONGEST_INHIBIT_S:
         limit = f"an inhibit time below {1e3 * LONGEST_INHIBIT_S:g} ms"
-        found = f"{1e3 * INHIBIT_S * inhibit:g} ms"
-        yield difference_words(node, index, _INHIBIT, limit, found)
-    start = read_number(access, node, index, _SYNC_START)
+        found = f"{1e3 * inhibit:g} ms"
+        yield difference_words(node, index, INHIBIT, limit, found)
+    start = read_number(access, node, index, SYNC_START)
     if start:
         expected = "SYNC start value 0 (with the next SYNC)"
-        yield difference_words(node, index, _SYNC_START, expected, f"{start}")
+        yield difference_words(node, index, SYNC_START, expected, f"{start}")
+
+
+def inhibit_s(access: ObjectAccess, node: int, index: int) -> float:
+    """How long a TPDO is kept back after the one before."""
+    return INHIBIT_S * (read_number(access, node, index, INHIBIT) or 0)
 
 
 def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] | None:
@@ -224,7 +244,7 @@ def _cob_id(
 ) -> Iterator[str]:
     """Compare an identifier; `refused` is the bit that must not be set beside it."""
     value = read_number(access, node, index, sub)
-    wrong = value is None or value & (IDENTIFIER | _EXTENDED | refused) != expected
+    wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
     if wrong:
         yield difference_words(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
 
@@ -234,7 +254,7 @@ def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | 
     try:
         return access.read_unsigned(node, index, sub)
     except SdoRefused as refusal:
-        if refusal.code in _ABSENT:
+        if refusal.code in ABSENT:
             return None
         raise
 

@@ -30,6 +30,8 @@ _DOWNLOAD, _BLOCK_DOWNLOAD, _BLOCK_END = 1, 6, 0x01
 """Client command specifiers of an SDO that writes, and the bit by which a block's end differs from its start."""
 _GIVEN_UP_S = 0.05
 """How soon a wait notices that it was given up."""
+_LATEST = 5
+"""Times as long as wanted nodes are waited for, should the thread that listens be gone."""
 
 
 class NodeWatch:
@@ -39,6 +41,8 @@ class NodeWatch:
     ----------
     profile
         Nodes that belong to the arm, and the frames that command them.
+    clock
+        By which nodes are waited for: it stands still while nobody listens.
 
     Attributes
     ----------
@@ -50,6 +54,8 @@ class NodeWatch:
         Emergencies that are not over, oldest first.
     other_operator_at_s
         When another operator's heartbeat was last heard, None if never.
+    strangers
+        Nodes whose heartbeat was heard though they are none of this arm's; without node 127.
     restarted
         Nodes that booted without being told to.
     given_up
@@ -58,7 +64,8 @@ class NodeWatch:
         What somebody else commands on this bus, in words; empty if nobody was seen to.
     """
 
-    def __init__(self, profile: BusProfile) -> None:
+    def __init__(self, profile: BusProfile, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self.profile, self.nodes = profile, profile.nodes
         self._commanded = {
             identifier: (joint, frames)
@@ -69,6 +76,7 @@ class NodeWatch:
         self.nmt_state: dict[int, int] = {}
         self.faults: tuple[Fault, ...] = ()
         self.other_operator_at_s: float | None = None
+        self.strangers: frozenset[int] = frozenset()
         self.restarted: frozenset[int] = frozenset()
         self.intrusion = ""
         self.given_up: Callable[[], bool] = lambda: False
@@ -155,9 +163,9 @@ class NodeWatch:
 
     def _wait_for(self, happened: Callable[[], bool], timeout_s: float) -> bool:
         """Wait until something has happened, or nobody wants it any more: STOP wakes nobody, it takes no lock."""
-        end_s = time.monotonic() + timeout_s
+        end_s, latest_s = self._clock() + timeout_s, time.monotonic() + _LATEST * timeout_s
         while not happened() and not self.given_up():
-            left_s = end_s - time.monotonic()
+            left_s = min(end_s - self._clock(), latest_s - time.monotonic())
             if left_s <= 0.0:
                 break
             self._changed.wait(min(left_s, _GIVEN_UP_S))
@@ -168,7 +176,9 @@ class NodeWatch:
             with self._changed:
                 self.other_operator_at_s = now_s
                 self._changed.notify_all()
-        elif node in self.nodes:
+        elif node not in self.nodes:
+            self.strangers |= {node}
+        else:
             self.heard_at_s[node] = now_s
             if self.nmt_state.get(node) != state:
                 with self._changed:

@@ -64,6 +64,8 @@ class NmtCommand(IntEnum):
 
 HEARTBEAT_PERIOD_S: Final = 0.1
 HEARTBEAT_TIMEOUT_S: Final = 0.5
+LONGEST_WATCH_S: Final = 10.0
+"""A drive that notices later than this that its operator is gone does not watch."""
 CONTROL_PERIOD_S: Final = 0.01
 """The plant moves on by this much with every SYNC (60C2h)."""
 
@@ -117,6 +119,8 @@ RATED_TORQUE: Final = 0x6076
 """N m / 1000; the per mille of 6071h, 6072h, 6077h refer to it."""
 TORQUE_ACTUAL: Final = 0x6077
 TARGET_POSITION: Final = 0x607A
+POSITION_OFFSET: Final = 0x60B0
+TORQUE_OFFSET: Final = 0x60B2
 HOME_OFFSET: Final = 0x607C
 POSITION_LIMITS: Final = 0x607D
 """Sub 1 lowest, sub 2 highest position, counts."""

@@ -18,7 +18,7 @@ from hardware.objects import (
     TPDO1_COMMUNICATION,
     TPDO1_MAP,
 )
-from hardware.profile import Entry
+from hardware.profile import ANSWERED, COMMANDED, Entry
 from hardware.sdo import ObjectAccess
 
 DESCRIBING: Final = (POSITION_LIMITS, ENCODER_RESOLUTION, CONTROL_PERIOD, SENSOR)
@@ -39,6 +39,33 @@ class FoundPdo:
     def name(self) -> str:
         """``TPDO1``, ``RPDO3``."""
         return f"{'T' if self.sent else 'R'}PDO{self.number}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PdoRoom:
+    """What a drive's PDOs could be set up of: numbers of those it takes and sends, used or not, and objects' bits."""
+
+    taken: tuple[int, ...] = ()
+    sent: tuple[int, ...] = ()
+    bits: tuple[tuple[int, int], ...] = ()
+
+
+NO_ROOM: Final = PdoRoom()
+
+
+def read_room(access: ObjectAccess, node: int) -> PdoRoom:
+    """Read which PDOs a drive has, and how wide the objects are that have to be in them."""
+    bits = []
+    for index in (*COMMANDED, *ANSWERED):
+        try:
+            bits.append((index, 8 * len(access.read(node, index))))
+        except SdoRefused:
+            continue
+    taken, sent = (
+        tuple(number for number, _ in read_records(access, node, first))
+        for first in (RPDO1_COMMUNICATION, TPDO1_COMMUNICATION)
+    )
+    return PdoRoom(taken=taken, sent=sent, bits=tuple(bits))
 
 
 def read_pdos(access: ObjectAccess, node: int) -> tuple[FoundPdo, ...]:

@@ -1,13 +1,12 @@
 """Which nodes are on a bus, and whether they are set up as this program drives them. Moves and enables nothing.
 
-Listens first: where an operator's heartbeat or SYNC is heard, nothing is sent at all. Then every node number
+Listens first: where anything is heard that only a master sends, nothing is sent at all. Then every node number
 is asked for its device type, and whoever answers for who it is. Knows SDO; no session and no arm file.
 """
 
 from __future__ import annotations
 
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,13 +18,13 @@ import can
 from hardware import mapping
 from hardware.buses import BusSettings, open_bus
 from hardware.errors import BusError, HardwareError, SdoRefused
+from hardware.masters import masters_words
 from hardware.objects import (
     ARM,
     ARM_JOINTS,
     COB_HEARTBEAT,
     COB_SDO_FROM_SERVER,
     COB_SDO_TO_SERVER,
-    COB_SYNC,
     DEVICE_NAME,
     DEVICE_TYPE,
     IDENTITY,
@@ -34,7 +33,7 @@ from hardware.objects import (
     POSITION_ACTUAL,
     TOKEN,
 )
-from hardware.pdo_reading import FoundPdo, read_described, read_pdos
+from hardware.pdo_reading import NO_ROOM, FoundPdo, PdoRoom, read_described, read_pdos, read_room
 from hardware.profile import BusProfile
 from hardware.sdo import ObjectAccess
 from hardware.supervision import watch_differences
@@ -44,11 +43,15 @@ LISTEN_S: Final = 1.2
 """Some heartbeats of an operator, and one of the slowest node that is driven, fit in here."""
 ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
+MOST_NAMED: Final = 6
+"""Kinds of frames of others that a sentence names."""
 NO_WATCH: Final = (
     "node {}: without 1016h nothing says that it notices when the operator is gone: keep a hand on the hardware "
     "stop, and see what it does (sarcal arm-check)"
 )
 _POLL_S: Final = 0.02
+_LONGEST: Final = 10
+"""Times `ANSWERS_S`, on a bus where the answers do not end."""
 _READ_DEVICE_TYPE: Final = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
 _UPLOAD_ANSWER: Final = 2
 _SUPERVISES: Final = ((ARM, ARM_JOINTS), (TOKEN, 0))
@@ -76,6 +79,8 @@ class FoundNode:
         The PDOs of a drive that are in use.
     described
         The objects in which a drive describes itself, of those that can be compared with an arm file.
+    room
+        What the PDOs of a drive could be set up of.
     supervises
         Whether it says which arm this is (2020h) and who is in control (2010h).
     """
@@ -91,27 +96,32 @@ class FoundNode:
     pdos: tuple[FoundPdo, ...] = ()
     described: tuple[int, ...] = ()
     supervises: bool = False
+    room: PdoRoom = NO_ROOM
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probe:
-    """What a bus holds. `busy` says who works on it, in words; then nobody was asked anything."""
+    """What a bus holds. `busy` says who works on it, in words; then nobody was asked anything.
+
+    `meanwhile` says the same of somebody who came while the nodes were asked: their answers may be to others.
+    """
 
     busy: str
     heard: tuple[int, ...]
     nodes: tuple[FoundNode, ...]
+    meanwhile: str = ""
 
 
 class _Ears:
     """Receives in a thread of its own: notes who speaks, hands SDO answers on."""
 
-    def __init__(self, wire: Wire) -> None:
-        self._wire = wire
+    def __init__(self, wire: Wire, profile: BusProfile) -> None:
+        self._wire, self._profile = wire, profile
         self.heartbeats: Counter[int] = Counter()
         self.answers: Counter[int] = Counter()
         self.device_types: dict[int, int] = {}
-        self.syncs = 0
+        self.masters: Counter[str] = Counter()
         self.deliver: Callable[[int, bytes], None] = lambda _identifier, _data: None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="sarcal-probe", daemon=True)
@@ -120,6 +130,28 @@ class _Ears:
     def listen(self, seconds: float) -> None:
         """Let time pass."""
         self._closing.wait(seconds)
+
+    def listen_to_the_last(self) -> None:
+        """Let time pass until no node has answered any more for `ANSWERS_S`.
+
+        Counted in looks, not by the clock: a computer that is late itself would take its own lateness for the
+        end of the answers.
+        """
+        looks = round(ANSWERS_S / _POLL_S)
+        known = quiet = 0
+        for _ in range(_LONGEST * looks):
+            self.listen(_POLL_S)
+            quiet = 0 if self.answers.total() > known else quiet + 1
+            known = self.answers.total()
+            if quiet >= looks:
+                return
+
+    def told(self) -> str:
+        """Say what came from masters so far, and forget it; empty if nothing did."""
+        seen, self.masters = self.masters, Counter()
+        listed = [f"{words}{f', {n} times' if n > 1 else ''}" for words, n in list(seen.items())]
+        more = f"; and {len(listed) - MOST_NAMED} more" if len(listed) > MOST_NAMED else ""
+        return "; ".join(listed[:MOST_NAMED]) + more
 
     def close(self) -> None:
         """End the thread."""
@@ -137,9 +169,9 @@ class _Ears:
 
     def _take_in(self, message: can.Message) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
-        if identifier == COB_SYNC:
-            self.syncs += 1
-        elif COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
+        if words := masters_words(self._profile, identifier, data):
+            self.masters[words] += 1
+        if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
             self.heartbeats[identifier - COB_HEARTBEAT] += 1
         elif COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
             node = identifier - COB_SDO_FROM_SERVER
@@ -157,7 +189,6 @@ def probe(
     opener: Callable[[BusSettings], can.BusABC] = open_bus,
     listen_s: float = LISTEN_S,
     record_to: Path | None = None,
-    clock: Callable[[], float] = time.monotonic,
 ) -> Probe:
     """Look who is on a bus, and compare the drives that a profile names with it.
 
@@ -167,30 +198,30 @@ def probe(
         It cannot be opened, or takes no frames.
     """
     wire = Wire(opener(settings), record_to=record_to)
-    ears = _Ears(wire)
+    ears = _Ears(wire, profile)
     try:
         ears.listen(listen_s)
-        busy = ""
-        if ears.heartbeats[OPERATOR_NODE]:
-            busy = f"an operator (node {OPERATOR_NODE}) is at work on this bus"
-        elif ears.syncs:
-            busy = "somebody sends SYNC on this bus"
-        if busy:
+        if others := ears.told():
+            busy = f"somebody else is at work on this bus: {others}"
             return Probe(busy=busy, heard=tuple(sorted(ears.heartbeats)), nodes=())
         for node in NODES:
             wire.send(COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
             if node % 16 == 0:
                 ears.listen(_POLL_S)  # slow adapters take a few frames at a time
-        until = clock() + ANSWERS_S
-        while clock() < until:
-            ears.listen(_POLL_S)
+        ears.listen_to_the_last()
         answers = dict(ears.answers)
         access = ObjectAccess(wire.send, sorted(answers))
         ears.deliver = access.deliver
         found = tuple(
             _look_at(access, profile, node, ears, answers[node]) for node in sorted(answers)
         )
-        return Probe(busy="", heard=tuple(sorted(ears.heartbeats)), nodes=found)
+        came = ears.told()
+        return Probe(
+            busy="",
+            heard=tuple(sorted(ears.heartbeats)),
+            nodes=found,
+            meanwhile=came and f"somebody else came to work on this bus meanwhile: {came}",
+        )
     finally:
         ears.close()
         wire.close()
@@ -204,7 +235,7 @@ def _look_at(
     heard = ears.heartbeats[node] > 0
     problems, name, serial, position = list[str](), "", None, None
     supervises, notes = False, list[str]()
-    pdos, described = tuple[FoundPdo, ...](), tuple[int, ...]()
+    pdos, described, room = tuple[FoundPdo, ...](), tuple[int, ...](), NO_ROOM
     if answers > 1:
         # Nothing that it says can be told from what the other one says.
         problems.append(f"two devices answer as node {node}: give one of them another number")
@@ -227,6 +258,7 @@ def _look_at(
                     notes.append(NO_WATCH.format(node))
                 pdos = read_pdos(access, node)
                 described = read_described(access, node)
+                room = read_room(access, node)
                 position = access.read_signed(node, POSITION_ACTUAL)
         except HardwareError as error:
             problems.append(str(error))
@@ -244,6 +276,7 @@ def _look_at(
         pdos=pdos,
         described=described,
         supervises=supervises,
+        room=room,
         notes=tuple(notes),
     )
 

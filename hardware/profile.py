@@ -1,7 +1,7 @@
 """How the nodes of an arm are set up on the bus: numbers, PDOs, modes. Facts alone: knows no bus and no file.
 
 SYNC (080h), emergencies, SDO and heartbeats are where CiA 301's predefined connection set has them; what a
-maker is free to choose is here, and is compared with every drive before anything is enabled.
+maker is free to choose is here, and is compared with every drive before anything is enabled, or written into it.
 """
 
 from __future__ import annotations
@@ -99,6 +99,8 @@ class BusProfile:
         1000h of a drive that can be driven, in the bits of the mask.
     mode_codes
         6060h of each joint mode.
+    configures_pdos
+        Whether PDOs that differ are written into the drives whenever they are connected to, or refused.
     compared
         Objects in which drives describe themselves, and which are compared with the arm file.
     slowest_heartbeat_ms
@@ -114,6 +116,7 @@ class BusProfile:
     device_type: int = DRIVE_DEVICE_TYPE
     device_type_mask: int = DEVICE_TYPE_MASK
     mode_codes: Mapping[JointMode, int] = field(default_factory=lambda: MappingProxyType(MODE_CODE))
+    configures_pdos: bool = False
     compared: frozenset[int] = frozenset()
     slowest_heartbeat_ms: int = SLOWEST_HEARTBEAT_MS
     heartbeat_timeout_s: float | None = None

@@ -92,12 +92,13 @@ class ObjectAccess:
         for _ in range(READ_ATTEMPTS - 1):
             # Frames do get lost, or come twice; to ask again changes nothing.
             with suppress(BusError, TwoDevices):
-                return self._read_once(node, index, subindex)
+                return self.read_once(node, index, subindex)
             # What is still on its way would be taken for the next answer.
             self._pause.wait(_ON_ITS_WAY_S)
-        return self._read_once(node, index, subindex)
+        return self.read_once(node, index, subindex)
 
-    def _read_once(self, node: int, index: int, subindex: int) -> bytes:
+    def read_once(self, node: int, index: int, subindex: int = 0) -> bytes:
+        """Read an object's bytes, and ask no second time if no answer comes."""
         data = self._guarded(node, index, subindex, lambda client: client.upload(index, subindex))
         return bytes(data)
 

@@ -22,6 +22,7 @@ def build_snapshot(
     modes: Sequence[JointMode | None],
     token: int,
     stopped: bool,
+    stopped_for: str,
     moving: bool,
     period_s: float,
     now_s: float,
@@ -58,5 +59,7 @@ def build_snapshot(
         token=token,
         faults=nodes.faults,
         stopped=stopped,
+        stopped_for=stopped_for,
         moving=moving,
+        lateness=attention.lateness,
     )

@@ -66,6 +66,15 @@ def follows_command(statusword: int) -> bool:
     return bool(statusword & StatusBit.FOLLOWS_COMMAND)
 
 
+def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
+    """The first joint asked for position mode whose enabled drive does not say that it follows; None if all do."""
+    for joint, (status, mode) in enumerate(zip(sample.statuswords, modes, strict=True), 1):
+        enabled = state_of(status) is DriveState.OPERATION_ENABLED
+        if mode is JointMode.POSITION and enabled and not follows_command(status):
+            return joint
+    return None
+
+
 def look_until_whole(desk: Desk) -> Generator[Setpoints | None, Sample, Sample]:
     """Exchange SYNCs without a command until one was answered by every joint; at least two."""
     sample = desk.sample

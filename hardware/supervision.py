@@ -11,6 +11,7 @@ from hardware.objects import (
     FOLLOWING_WINDOW,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_PRODUCER,
+    LONGEST_WATCH_S,
     OPERATOR_NODE,
 )
 from hardware.profile import BusProfile
@@ -20,12 +21,10 @@ from hardware.sdo import ObjectAccess
 HEARTBEATS = 2.5
 """Heartbeats of a node that may fail to come before it is called silent."""
 
-LONGEST_WATCH_MS = 10_000
-"""A drive that notices later than this that its operator is gone does not watch."""
-
 FOLLOWING_SHARE, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
 """On ways without a fault the virtual arms' joints are at most 0.11 deg from their targets; a drive trips at 3 deg."""
-_ANYTHING = 0xFFFFFFFF
+FEWEST_COUNTS = 10.0
+"""No window is smaller: what a drive that trips sooner calls an error may be its sensor's noise."""
 
 
 def patience_s(access: ObjectAccess, profile: BusProfile, least_s: float) -> float:
@@ -78,12 +77,14 @@ def watch_differences(access: ObjectAccess, node: int) -> tuple[str, ...] | None
         read_number(access, node, HEARTBEAT_CONSUMER, sub) or 0 for sub in range(1, entries + 1)
     ]
     if any(
-        value >> 16 & 0x7F == OPERATOR_NODE and 0 < value & 0xFFFF <= LONGEST_WATCH_MS
+        value >> 16 & 0x7F == OPERATOR_NODE and 0 < value & 0xFFFF <= 1e3 * LONGEST_WATCH_S
         for value in watched
     ):
         return ()
     seen = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
-    expected = f"node {OPERATOR_NODE}'s heartbeat watched, for {LONGEST_WATCH_MS} ms at the most"
+    expected = (
+        f"node {OPERATOR_NODE}'s heartbeat watched, for {1e3 * LONGEST_WATCH_S:.0f} ms at the most"
+    )
     return (difference_words(node, HEARTBEAT_CONSUMER, None, expected, seen),)
 
 
@@ -92,11 +93,12 @@ def following_windows_counts(
 ) -> tuple[float, ...]:
     """How far from its target a joint may be before the operator is told: part of what its drive takes (6065h).
 
-    A drive that takes anything, or does not say what, is allowed `FOLLOWING_RAD`.
+    Never more than `FOLLOWING_RAD`: a drive may take anything, or not say what.
     """
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
         told = read_number(access, node, FOLLOWING_WINDOW, 0)
         usual = FOLLOWING_RAD * scale.density
-        windows.append(usual if told in (None, 0, _ANYTHING) else FOLLOWING_SHARE * (told or 0.0))
+        share = FOLLOWING_SHARE * told if told else usual
+        windows.append(max(min(share, usual), FEWEST_COUNTS))
     return tuple(windows)

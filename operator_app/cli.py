@@ -20,6 +20,9 @@ from operator_app.commands.table import APP, COMMANDS, module
 from operator_app.own_names import ForeignPackageError, require_own_names
 from operator_app.words_out import harmless, say
 
+NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)+")
+OPTION = re.compile(r"--[a-z-]+")
+
 DESCRIPTION = """\
 Calibrate a redundant arm without any external measuring device: the hand is bolted to the table
 through a passive hinge, the arm moves inside the closed chain, and its joint readings alone give
@@ -74,7 +77,9 @@ def _dispatch(argv: Sequence[str]) -> int:
     if wanted == APP:
         module(APP).add_arguments(parser)
     chosen = None
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
+    subparsers = parser.add_subparsers(
+        dest="command", metavar="COMMAND", title="commands", parser_class=_CommandParser
+    )
     for name, summary in COMMANDS.items():
         sub = subparsers.add_parser(
             name, help=summary, description=summary[0].upper() + summary[1:] + "."
@@ -84,7 +89,7 @@ def _dispatch(argv: Sequence[str]) -> int:
             chosen = sub
     if completing is not None:
         complete(parser, chosen)
-    args = parser.parse_args(argv)
+    args = parser.parse_args(_with_their_options(argv))
 
     from operator_app.exit_codes import EXPECTED_ERRORS, exit_code
 
@@ -97,6 +102,17 @@ def _dispatch(argv: Sequence[str]) -> int:
     # Here, where a full disk can still be said in words.
     sys.stdout.flush()
     return code
+
+
+def _with_their_options(words: Sequence[str]) -> list[str]:
+    """Join ``--base-point -60,0,80``: argparse takes a list that begins with a minus for an option."""
+    joined: list[str] = []
+    for word in words:
+        if NUMBERS.fullmatch(word) and joined and OPTION.fullmatch(joined[-1]):
+            joined[-1] = f"{joined[-1]}={word}"
+        else:
+            joined.append(word)
+    return joined
 
 
 def _in_words(error: Exception) -> str:
@@ -116,6 +132,30 @@ class _Parser(argparse.ArgumentParser):
             hint = f"did you mean {near[0]}? " if near else ""
             message = f"there is no command {unknown[1]!r}; {hint}all: {', '.join(COMMANDS)}"
         super().error(harmless(message))
+
+
+class _CommandParser(_Parser):
+    """One command's: its words and options in any order, and its own usage where one is not known.
+
+    Up to Python 3.12 a positional argument that may be left out counts as left out where an option comes
+    before it: `session show --json latest`.
+    """
+
+    _underway = False
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        if self._underway or "--" in (args or ()):
+            return super().parse_known_args(args, namespace)
+        self._underway = True
+        try:
+            found, unknown = self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._underway = False
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found, unknown
 
 
 class _Version(argparse.Action):

@@ -20,7 +20,7 @@ from fixtures.measured import Measured
 from hardware.arm_offers import ArmOffer, ArmOrder, offer
 from hardware.buses import BusSettings, bus_settings
 from hardware.canopen_arm import CanopenArm
-from hardware.connection import BusOpeners
+from hardware.on_bus import BusOpeners
 from hardware.outside_arm import OutsideArm
 from hardware.priority import first_in_line
 from hardware.timing import Pace, Timing
@@ -243,7 +243,10 @@ def _timing(procedure: Procedure, *, speed: float, embedded: bool) -> Timing:
     timing, profile = Timing(), procedure.profile
     if embedded:
         timing = Timing(
-            speed=speed, heartbeat_timeout_s=EMBEDDED_PATIENCE_S, lost_after_s=EMBEDDED_PATIENCE_S
+            speed=speed,
+            heartbeat_timeout_s=EMBEDDED_PATIENCE_S,
+            lost_after_s=EMBEDDED_PATIENCE_S,
+            sdo_timeout_s=EMBEDDED_PATIENCE_S,
         )
     elif profile.heartbeat_timeout_s is not None:
         timing = replace(timing, heartbeat_timeout_s=profile.heartbeat_timeout_s)

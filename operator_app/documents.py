@@ -10,11 +10,10 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.resources import expanded
 from operator_app.errors import SessionError
-from operator_app.exit_codes import UsageError
 from operator_app.session.calibrated import Calibrated, recorded
-from operator_app.session.export import PARAMETERS_NAME, document_of
-from operator_app.session.folder import find_session, read_session
+from operator_app.session.folder import PARAMETERS_NAME, find_session, read_session
 from operator_app.session.opening import Choices, resume
+from operator_app.session.parameters_document import document_of
 
 
 def parameters_at(reference: str, root: Path) -> ParametersDocument:
@@ -27,7 +26,7 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
 
     Raises
     ------
-    ConfigError, SessionError, UsageError
+    ConfigError, SessionError
         There is none; says what to do.
     """
     where = expanded(reference)
@@ -45,8 +44,9 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
         return found
     file = folder / PARAMETERS_NAME
     if not file.is_file():
-        raise UsageError(
-            f"{folder}: this session has no {PARAMETERS_NAME}; write it with: sarcal export {folder}"
+        raise SessionError(
+            f"{folder}: this session has no {PARAMETERS_NAME}",
+            f"write it with: sarcal export {folder}",
         )
     return load_parameters(file)
 

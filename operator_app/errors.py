@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+COMMANDS = ("pip ", "sarcal ")
+
+
+def _as_sentence(remedy: str) -> str:
+    """With a capital, unless it begins with what is to be typed."""
+    return remedy if remedy.startswith(COMMANDS) else remedy[:1].upper() + remedy[1:]
+
 
 class SessionError(Exception):
     """Something the operator has to know and can act on.
@@ -17,7 +24,7 @@ class SessionError(Exception):
     def __init__(self, happened: str, remedy: str) -> None:
         self.happened = happened
         self.remedy = remedy
-        super().__init__(f"{happened}. {remedy}." if remedy else f"{happened}.")
+        super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
 
 
 class GuardError(SessionError):

@@ -7,7 +7,7 @@ place, and what fails then fails far from the cause. Knows nothing of what the p
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 FIRST_WORDS = {
@@ -16,6 +16,8 @@ FIRST_WORDS = {
     "solver": b'"""Kinematics, closure, estimation and planning.',
 }
 """How each of our packages begins."""
+
+REPAIR = "pip install --force-reinstall --no-deps sarcal"
 
 
 class ForeignPackageError(ImportError):
@@ -27,17 +29,24 @@ class ForeignPackageError(ImportError):
         The top-level name, and the file that Python finds by it.
     """
 
-    def __init__(self, name: str, found: str, owners: Iterable[str]) -> None:
+    def __init__(self, name: str, found: str, owners: Sequence[str], *, ours: bool) -> None:
         self.found = found
-        owner = " and ".join(owners) or name
-        super().__init__(
-            f"the name {name!r} belongs to another package here: Python finds {found}, which is not "
-            f"part of sarcal (installed by {owner}). sarcal cannot share an environment with it: "
-            f"install sarcal in one of its own (python3 -m venv), or remove the other "
-            f"(pip uninstall {owner.split(' and ')[0]}) and then repair ours "
-            "(pip install --force-reinstall --no-deps sarcal)",
-            name=name,
-        )
+        if owners:
+            said = (
+                f"belongs to another package here: Python finds {found}, which is not part of sarcal "
+                f"(installed by {' and '.join(owners)}). sarcal cannot share an environment with it: install "
+                "sarcal in one of its own (python3 -m venv), or remove the other "
+                f"(pip uninstall {owners[0]}) and then repair ours ({REPAIR})"
+            )
+        elif ours:
+            said = f"belongs to another package here: {found} is not as sarcal has it; repair it ({REPAIR})"
+        else:
+            said = (
+                f"is a part of sarcal, and Python finds {found} before it, which no installed package "
+                "brought. Rename or move it, or start elsewhere: files beside a script, in the working "
+                "directory and on PYTHONPATH come first"
+            )
+        super().__init__(f"the name {name!r} {said}", name=name)
 
 
 def require_own_names() -> None:
@@ -54,12 +63,19 @@ def require_own_names() -> None:
         origin = "nothing" if spec is None or spec.origin is None else spec.origin
         own = home / name / "__init__.py"
         # Where both were installed into one folder, the other's __init__.py may lie in it.
-        if Path(origin).resolve() != own or not own.read_bytes().startswith(words):
-            raise ForeignPackageError(name, origin, _owners(name))
+        found = Path(origin).resolve()
+        if found != own or not own.read_bytes().startswith(words):
+            owners = _owners(name, found)
+            raise ForeignPackageError(name, origin, owners, ours=found == own or spec is None)
 
 
-def _owners(name: str) -> list[str]:
-    """Distributions other than ours that say they install `name`; looked up only when all is lost."""
-    from importlib.metadata import packages_distributions
+def _owners(name: str, found: Path) -> list[str]:
+    """Distributions other than ours that installed the file found; looked up only when all is lost."""
+    from importlib.metadata import files, packages_distributions
 
-    return sorted({d for d in packages_distributions().get(name, []) if d != "sarcal"})
+    others = {d for d in packages_distributions().get(name, []) if d != "sarcal"}
+    return sorted(
+        other
+        for other in others
+        if any(Path(str(file.locate())).resolve() == found for file in files(other) or ())
+    )

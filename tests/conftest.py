@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Generator
 from pathlib import Path
 
 import hypothesis
@@ -56,10 +58,22 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give a campaign, minutes of work where nothing else runs, the patience a busy machine needs."""
+    """Put what must run alone first, and give a campaign the patience a busy machine needs."""
     for item in items:
         if item.get_closest_marker("campaign") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(1200))
+    # The first worker has them all then, and no other one waits for its turn.
+    items.sort(key=lambda item: item.get_closest_marker("real_time") is None)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Run one test in real time at a time on this machine; to wait for its turn is not part of its time."""
+    if item.get_closest_marker("real_time") is None:
+        return (yield)
+    with Path(tempfile.gettempdir(), f"sarcal-real-time-{os.getuid()}").open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        return (yield)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

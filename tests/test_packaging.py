@@ -155,6 +155,11 @@ def test_a_foreign_package_of_our_name_is_told_at_start_with_what_to_do(
 ) -> None:
     (tmp_path / name).mkdir()
     (tmp_path / name / "__init__.py").write_text("raise SystemExit('imported')\n")
+    # As pip leaves it.
+    record = tmp_path / f"another_{name}-1.0.dist-info"
+    record.mkdir()
+    (record / "METADATA").write_text(f"Metadata-Version: 2.1\nName: another-{name}\nVersion: 1.0\n")
+    (record / "RECORD").write_text(f"{name}/__init__.py,,\n")
     for start in (
         "from operator_app.cli import main; sys.exit(main(['--version']))",
         "import sarcal",
@@ -168,7 +173,22 @@ def test_a_foreign_package_of_our_name_is_told_at_start_with_what_to_do(
         said = ran.stderr.splitlines()[-1]
         assert f"the name '{name}' belongs to another package here" in said
         assert str(tmp_path / name / "__init__.py") in said
-        assert f"pip uninstall {name}" in said
+        assert f"pip uninstall another-{name}" in said
+
+
+def test_ones_own_file_of_our_name_is_to_be_renamed_and_nothing_uninstalled(tmp_path: Path) -> None:
+    own = tmp_path / "solver.py"
+    own.write_text("raise SystemExit('imported')\n")
+    script = tmp_path / "mine.py"
+    script.write_text("import sarcal\n")
+    ran = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert ran.returncode == 1
+    said = ran.stderr.splitlines()[-1]
+    assert f"Python finds {own} before it" in said
+    assert "Rename or move it" in said
+    assert "uninstall" not in said
 
 
 def test_a_foreign_package_installed_over_ours_is_told_too(tmp_path: Path) -> None:

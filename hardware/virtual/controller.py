@@ -24,7 +24,8 @@ from typing import Self
 import can
 
 from hardware import objects
-from hardware.acceptance import controller_filters
+from hardware.acceptance import controller_filters, keep_out
+from hardware.attention import Attention
 from hardware.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
 from hardware.priority import ahead_of_its_program
 from hardware.virtual.axis import AxisSettings
@@ -117,6 +118,7 @@ class VirtualController:
         self.sync_count = 0
         self.tracker: SimulatedTracker | None = None
         self.failure: Exception | None = None
+        self._attention = Attention(clock)
         self._heard_s: dict[int, float] = {}
         self._posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -150,7 +152,7 @@ class VirtualController:
         self._nodes: tuple[VirtualNode, ...] = (*self.drives, self.supervisor)
         self._numbers = {node.number for node in self._nodes}
         self._by_rpdo1 = {objects.COB_RPDO1 + node.number: node for node in self.drives}
-        bus.set_filters(controller_filters(len(self.drives)))
+        keep_out(bus, controller_filters(len(self.drives)))
         self._network = ControllerNetwork(bus, self.disturbances)
         watched = objects.OPERATOR_NODE << 16 | round(heartbeat_timeout_s * 1e3)
         for node in self._nodes:
@@ -264,6 +266,7 @@ class VirtualController:
     def _turn(self, message: can.Message | None) -> None:
         """Take in a frame, if there is one, and see to what is due."""
         self._in_turn = threading.get_ident()
+        self._attention.look()
         if message is not None:
             self._hear(message)
         self._see_to_time()
@@ -300,7 +303,7 @@ class VirtualController:
             drive.on_rpdo1(data)
         elif identifier - number == objects.COB_HEARTBEAT:
             if number not in self._numbers and len(data) == 1:
-                self._heard_s[number] = self._clock()
+                self._heard_s[number] = self._attention.listened_s
         else:
             self._network.notify(identifier, data, message.timestamp)
 
@@ -347,10 +350,10 @@ class VirtualController:
         if off_until_s is not None and now >= off_until_s:
             self.disturbances.off_until_s = None
         holder = self.supervisor.holder
-        if holder and self._lost(holder, now):
+        if holder and self._lost(holder):
             self._catch_up()
             holder = self.supervisor.holder
-            if holder and self._lost(holder, self._clock()):
+            if holder and self._lost(holder):
                 self._group.lose_heartbeat()
                 self.supervisor.lapse()
         for number, since in self.disturbances.cut_since_s.items():
@@ -363,8 +366,13 @@ class VirtualController:
                 if self.disturbances.beats(node.number, now):
                     node.beat()
 
-    def _lost(self, node: int, now: float) -> bool:
-        return now - self._heard_s.get(node, -math.inf) > self._timeout_s
+    def _lost(self, node: int) -> bool:
+        """Whether a node was silent for too long, the time in which nobody here listened left out.
+
+        A drive has a processor to itself. This one shares it with whoever is to beat: stands the machine still,
+        both were late.
+        """
+        return self._attention.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
 
     def _catch_up(self) -> None:
         """Look at what has arrived: the heartbeat may be among it, and this loop may be the late one."""
@@ -377,7 +385,7 @@ class VirtualController:
     # ---- the supervisor's surroundings -------------------------------------------------------------------
 
     def _hears(self, node: int) -> bool:
-        return not self._lost(node, self._clock())
+        return not self._lost(node)
 
     def _run_work(self) -> None:
         while (work := self._work.get()) is not None:

@@ -21,7 +21,9 @@ class Arm(StrEnum):
     HOLDS = "all drives stop and hold by themselves"
     TRIPS = "that drive blocks its valve or holds, all others stop and hold"
     BLOCKS = "all valves are blocked"
-    STRAYS = "that drive may go on until the session ends, which takes its power: press STOP"
+    STOPPED = (
+        "is stopped by the program at once: that drive is switched off, all others stop and hold"
+    )
 
 
 POSES = "every pose accepted before"
@@ -78,6 +80,10 @@ _CABLE = (
 )
 _RECONNECT = "Find out why, then connect again: the arm is compared with its poses first."
 _COMMISSION = "Commission the drive as the message says, then connect again; nothing was enabled."
+_ASTRAY = (
+    "Nothing need be pressed. Mend that drive, or end whoever else leads it; then reset (R, or `sarcal reset`) "
+    "and go on: the first pose is read again before anything else."
+)
 _SENSOR = "Retake what is marked; look at the encoder's coupling and its cable."
 
 FAULTS: Mapping[str, FaultWords] = MappingProxyType(
@@ -253,7 +259,8 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             broken="a sensor stands still",
             says=(
                 "reads as it did at pose",
-                "following error",
+                # Of a joint that is led: its drive, or this program, misses it on the way.
+                *("following error", "from where it was told to be"),
             ),
             remedy=_SENSOR,
         ),
@@ -286,9 +293,10 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             says=(
                 *("following error", "from where it was told to be", "excess torque"),
                 *("poses could be reached", "does not come to rest", "the drive is in"),
+                "after it was stopped",
             ),
-            remedy="Press STOP; take that drive out of service.",
-            arm=Arm.STRAYS,
+            remedy=_ASTRAY,
+            arm=Arm.STOPPED,
         ),
         "slipped-fixture": FaultWords(
             broken="the fixture slips by 1 mm on the table",
@@ -306,11 +314,11 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
         "stray": FaultWords(
             broken="a drive goes where it was not told to, 5 deg, and does not say so",
             says=(
-                *("from where it was told to be", "excess torque"),
+                *("from where it was told to be", "after it was stopped", "excess torque"),
                 *("does not come to rest", "the drive is in"),
             ),
-            remedy="Press STOP; take that drive out of service.",
-            arm=Arm.STRAYS,
+            remedy=_ASTRAY,
+            arm=Arm.STOPPED,
         ),
         "emcy-storm": FaultWords(
             broken="a drive sends fifty emergencies on every SYNC",

@@ -11,12 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from operator_app.calibration.hand_error import HandAccuracy, spread_of
+from operator_app.calibration.hand_error import HandAccuracy, spread_along, spread_of
 from operator_app.calibration.solution import Solution
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward
-from solver.chain.parameters import DhEntry, is_entry
+from solver.chain.parameters import DhEntry, is_entry, nominal_vector
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import TIP, PointClosure
@@ -52,6 +52,11 @@ class CalibratedArm:
     _free: tuple[str, ...]
     _covariance: FloatArray
 
+    @property
+    def entries(self) -> tuple[str, ...]:
+        """Entries of `hand` that were calibrated."""
+        return tuple(name for name in self._free if name not in TIP_NAMES)
+
     def T_base(self, q_rad: FloatArray, frame: Frame = "tip") -> FloatArray:
         """Place of the tip, or of frame n, in the base frame at readings (..., n): (..., 4, 4), m.
 
@@ -66,16 +71,14 @@ class CalibratedArm:
         return T
 
     def tip_sigma_m(self, q_rad: FloatArray) -> FloatArray:
-        """Standard deviation of the tip's distance from there at readings (m, n): (m,), m.
+        """Standard deviation of the tip's distance from there at readings (m, n): (m,), m."""
+        return self.tip_with_sigma_m(q_rad)[1]
+
+    def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tip in the base frame (m, 3), and the standard deviation of its distance from there (m,), m.
 
         ``sqrt(trace(J C J'))``, J = dp/dx of the parameters that are not the ground's, C their covariance.
         """
-        rates = self._position_rates(q_rad)
-        squares = ((rates @ self._covariance) * rates).sum((-2, -1))
-        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
-
-    def _position_rates(self, q_rad: FloatArray) -> FloatArray:
-        """How fast the tip moves with each free parameter, (m, 3, P)."""
         own = tuple(name for name in self._free if name in TIP_NAMES)
         point = PointClosure(
             table=self.hand,
@@ -84,10 +87,11 @@ class CalibratedArm:
             ground_m=np.zeros(3),
             own=own,
         )
-        x = np.array([p.nominal for p in point.parameters])
-        rates = point.loop(x, q_rad, np.zeros((*q_rad.shape[:-1], 0))).jac_x
         order = [p.name for p in point.parameters]
-        return np.asarray(rates[..., [order.index(name) for name in self._free]])
+        # From a socket at the base's origin.
+        tip = point.loop(nominal_vector(point.parameters), q_rad, np.zeros((*q_rad.shape[:-1], 0)))
+        rates = tip.jac_x[..., [order.index(name) for name in self._free]]
+        return tip.residual, np.sqrt(spread_along(rates, self._covariance))
 
 
 EVERYWHERE = 300
@@ -111,18 +115,17 @@ class HandErrors:
     after_m: FloatArray
 
 
-def hand_accuracy(found: CalibratedArm, arm: ArmModel) -> HandAccuracy:
+def hand_accuracy(errors: HandErrors) -> HandAccuracy:
     """Sum up how far off the hand is before and after calibration."""
-    errors = hand_errors(found, arm)
     return HandAccuracy(
         before=spread_of(errors.before_m), after=spread_of(errors.after_m), poses=EVERYWHERE
     )
 
 
-def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
-    """Compare the hand before and after calibration over the ranges of all joints.
+def even_poses(arm: ArmModel) -> FloatArray:
+    """Readings (m, n), rad, evenly over the ranges of all joints.
 
-    The poses follow an additive recurrence (Roberts' R_n: steps of powers of the root of
+    They follow an additive recurrence (Roberts' R_n: steps of powers of the root of
     ``g^(n+1) = g + 1``), as even as random ones of many times their number; no machine's own sequence.
     """
     n, g = arm.joint_count, 2.0
@@ -130,17 +133,23 @@ def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
         g = (1.0 + g) ** (1.0 / (n + 1))
     steps = g ** -np.arange(1.0, n + 1)
     even = (0.5 + np.arange(1, EVERYWHERE + 1)[:, None] * steps) % 1.0
-    q = arm.lower_rad + even * (arm.upper_rad - arm.lower_rad)
+    return np.asarray(arm.lower_rad + even * (arm.upper_rad - arm.lower_rad))
+
+
+def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
+    """Compare the hand before and after calibration over the ranges of all joints."""
+    q = even_poses(arm)
     entries = (DhEntry.parse(name) for name in found.identified)
     nominal = arm.table.stacked()
     believed = replace(
-        found, hand=_with(found.hand, {e.name: float(nominal[e.kind, e.row - 1]) for e in entries})
+        found,
+        hand=with_entries(found.hand, {e.name: float(nominal[e.kind, e.row - 1]) for e in entries}),
     )
-    tip = found.T_base(q)[:, :3, 3]
+    tip, sigma = found.tip_with_sigma_m(q)
     return HandErrors(
         tip_m=tip,
         before_m=np.linalg.norm(tip - believed.T_base(q)[:, :3, 3], axis=-1),
-        after_m=found.tip_sigma_m(q),
+        after_m=sigma,
     )
 
 
@@ -167,11 +176,11 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
         tip = np.array([x.get(given.get(n, ""), v) for n, v in zip(TIP, part.tip_m, strict=True)])
     free = [*entries, *(n for n in plain if n in TIP_NAMES)]
     rows = [names.index(given[n]) for n in free]
-    flange = _with(arm.table, {n: x[given[n]] for n in own})
+    flange = with_entries(arm.table, {n: x[given[n]] for n in own})
     held = _hand_rows(part, arm.table, flange)
     return CalibratedArm(
         flange=flange,
-        hand=_with(held, {n: x[given[n]] for n in entries}),
+        hand=with_entries(held, {n: x[given[n]] for n in entries}),
         tip_m=tip,
         identified=tuple(own),
         _free=tuple(free),
@@ -188,7 +197,8 @@ def _hand_rows(part: ClosureModel, nominal: DhTable, flange: DhTable) -> DhTable
     return DhTable(theta_off_rad=rows[0], s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])
 
 
-def _with(table: DhTable, values: dict[str, float]) -> DhTable:
+def with_entries(table: DhTable, values: dict[str, float]) -> DhTable:
+    """Return the rows with some entries changed."""
     rows = table.stacked()
     for name, value in values.items():
         entry = DhEntry.parse(name)

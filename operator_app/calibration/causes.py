@@ -99,7 +99,24 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
         case Cause.FROZEN:
             return frozen_in_words(int(subject), candidate.poses, labels)
         case Cause.READING:
-            return _reading(int(subject), found, scene.arm)
+            return _reading(int(subject), found, scene)
+        case Cause.SCATTER:
+            return _scatter(found)
+        case Cause.SCALE:
+            return Words(
+                f"SCALE_{subject}",
+                f"the scale of joint {subject}'s encoder is off by about {100.0 * float(found.b[0]):+.1f} %",
+                f"check counts_per_rev and the gear of joint {subject} in arm file and drive, then take all "
+                "poses again",
+            )
+        case Cause.DRIFT:
+            return Words(
+                f"DRIFT_JOINT_{subject}",
+                f"the reading of joint {subject} drifts by about {STEP(float(found.b[0])).with_unit} from the "
+                "first pose to the last",
+                f"let arm and electronics warm up, check the coupling of joint {subject}'s sensor, then take "
+                "all poses again",
+            )
         case Cause.LENGTH | Cause.TWIST:
             return _entry(candidate, found, scene)
         case Cause.GIVES:
@@ -249,16 +266,34 @@ def shift_in_words(
     )
 
 
-def _reading(joint: int, found: Evidence, arm: ArmModel) -> Words:
-    sd = _rms(found.b)
+def _reading(joint: int, found: Evidence, scene: Scene) -> Words:
+    """Say how much a joint's readings, which are means of samples, scatter from pose to pose."""
+    arm, sd = scene.arm, _rms(found.b)
+    shares = [float(np.median(a.share)) for a in scene.design.errors.analogue if a.joint == joint]
+    samples = round(1.0 / shares[0]) if shares else 1
     sensor = arm.joints[joint - 1].sensor
     spec = ""
     if isinstance(sensor, Encoder | Rvdt):
-        spec = f", {MANY_TIMES(sd / sensor.sigma_rad).shown} times its specification"
+        stated = np.sqrt(sensor.variance_of_mean_rad2(samples))
+        spec = f", {MANY_TIMES(sd / stated).shown} times its specification"
     return Words(
         _sensor_code(joint, arm),
         f"the reading of joint {joint} scatters by {SCATTER(sd).with_unit}{spec}",
         f"check the sensor and cable of joint {joint}, or calibrate with --unsensed {joint}",
+    )
+
+
+def _scatter(found: Evidence) -> Words:
+    """Say by how much all readings scatter from pose to pose."""
+    # Coefficients are shrunk; with what stays uncertain of each their mean square is not.
+    squares = float(found.b @ found.b + np.trace(found.covariance))
+    size = SCATTER(np.sqrt(squares / found.dof_used)).with_unit
+    return Words(
+        "SCATTER",
+        f"the readings of all joints scatter by about {size} from pose to "
+        "pose, more than their sensors do: vibration, play, or an arm that had not settled",
+        "wait longer before a pose is taken and average more samples, look for vibration and loose "
+        "couplings, then take all poses again",
     )
 
 

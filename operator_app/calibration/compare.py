@@ -20,6 +20,7 @@ import numpy as np
 from operator_app.calibration.compare_notices import notices
 from operator_app.calibration.judgement import Notice
 from operator_app.config.parameters import ParametersDocument
+from operator_app.errors import SessionError
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
@@ -28,12 +29,15 @@ DEFAULT_LEVEL = 0.01
 """How often two calibrations of an arm that did not change may be said to differ."""
 
 
-class IncomparableError(Exception):
+class IncomparableError(SessionError):
     """The documents are not about one arm; `reasons` say why."""
 
     def __init__(self, reasons: tuple[str, ...]) -> None:
         self.reasons = reasons
-        super().__init__("these calibrations cannot be compared: " + "; ".join(reasons))
+        super().__init__(
+            f"these calibrations cannot be compared: {'; '.join(reasons)}",
+            "compare two calibrations of one arm",
+        )
 
 
 class Side(Enum):
@@ -215,7 +219,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
         reasons.append(f"A has {len(a.joints)} joints, B {len(b.joints)}")
     if a.arm.serial != b.arm.serial:
         reasons.append(
-            f"A is of the arm with serial {a.arm.serial}, B of {b.arm.serial}: drift is of one arm"
+            f"A is of the arm with serial {a.arm.serial}, B of {b.arm.serial}: drift is of one arm "
+            "(own poses: name it with sarcal import --serial)"
         )
     return tuple(reasons)
 

@@ -27,7 +27,7 @@ REMEDIES = {
     "joint_play": "take half of the joints' play out and state it",
     "sag": "state the links' masses, or how much less the joints sag",
     "discrepancy": "find what bends with the pose that no file states",
-    "counts": "take more samples in every pose",
+    "counts": "fit encoders of more counts: one that stands still reads alike however often it is asked",
 }
 
 
@@ -75,10 +75,11 @@ def halvings(solution: Solution) -> tuple[Halving, ...]:
 
 def remedy_of(source: str) -> str:
     """What halves a source of the budget."""
+    joint = source.rpartition("_")[2]
     if source.startswith("rvdt_curve_"):
-        return f"replace the RVDT of joint {source[-1]} or take its curve on a bench"
+        return f"replace the RVDT of joint {joint} or take its curve on a bench"
     if source.startswith("rvdt_gain_"):
-        return f"have the scale factor of joint {source[-1]}'s RVDT set twice as well and state its gain"
+        return f"have the scale factor of joint {joint}'s RVDT set twice as well and state its gain"
     if source.startswith("rvdt_noise_"):
-        return f"take four times as many samples of joint {source[-1]} in every pose"
+        return f"take four times as many samples of joint {joint} in every pose"
     return REMEDIES.get(source, "take more poses that differ more")

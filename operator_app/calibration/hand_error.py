@@ -39,6 +39,21 @@ class Spread:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOffset:
+    """An offset of which nothing is known but its value in the arm's file.
+
+    Attributes
+    ----------
+    rate_m_per_rad
+        How far the hand moves with what it is off, rms over the joints' ranges.
+    """
+
+    name: str
+    value_rad: float
+    rate_m_per_rad: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HandAccuracy:
     """What a calibration brings where the arm is used: its hand's distance from where it was believed.
 
@@ -51,11 +66,15 @@ class HandAccuracy:
         What is left by the covariance of the parameters, one standard deviation.
     poses
         How many, evenly over all joints' ranges.
+    holds_for
+        Offsets that were not sought and of which no file states how well they are known: `after` holds
+        only where they are what they were held at.
     """
 
     before: Spread
     after: Spread
     poses: int
+    holds_for: tuple[HeldOffset, ...] = ()
 
 
 def spread_of(distances_m: FloatArray) -> Spread:
@@ -67,6 +86,13 @@ def spread_of(distances_m: FloatArray) -> Spread:
     )
 
 
+def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
+    """Return ``trace(J C J')`` (m,) of rates J (m, 3, P) with parameters of covariance C (P, P)."""
+    # One product for all poses: many small ones cost more than all of its arithmetic.
+    rows = J.reshape(-1, len(C))
+    return np.asarray(np.maximum(((rows @ C) * rows).reshape(len(J), -1).sum(-1), 0.0))
+
+
 def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigma:
     """Propagate the covariance of all parameters to the hand's position at poses `q` (m, n), rad.
 
@@ -75,7 +101,8 @@ def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigm
     part in that. Errors of the readings come on top.
     """
     x, C = estimate.x, estimate.covariance
-    base = [p.name in model.ground_side for p in model.parameters]
+    ground = set(model.ground_side)
+    base = [p.name in ground for p in model.parameters]
     squares = []
     for start in range(0, len(q), AT_ONCE):
         here = np.arange(start, min(start + AT_ONCE, len(q)))
@@ -87,6 +114,6 @@ def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigm
             u = part.initial_unsensed(x, at)
         J = np.array(part.loop(x, at, u).jac_x[..., -3:, :])
         J[..., base] = 0.0
-        squares.append(((J @ C) * J).sum((-2, -1)))
-    square = np.maximum(np.concatenate(squares), 0.0)
+        squares.append(spread_along(J, C))
+    square = np.concatenate(squares)
     return TipSigma(rms=float(np.sqrt(square.mean())), worst=float(np.sqrt(square.max())))

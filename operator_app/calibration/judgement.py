@@ -7,15 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import radians
 
-from fixtures.base import SetupCheck, Severity
+from fixtures.base import Fixture, SetupCheck, Severity
 from operator_app.calibration.causes import NamedCause, poses_named
+from operator_app.calibration.hand_error import HandAccuracy
 from operator_app.calibration.mounted_twice import Alike
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.units.figure import (
     ANGLE_TOLERANCE,
     CHI2,
+    CLOSURE_LENGTH,
     CONDITION,
+    NOMINAL_OFFSET,
     ORI_LIMIT,
     POS_LIMIT,
     READING,
@@ -25,6 +29,7 @@ from operator_app.units.figure import (
 )
 from operator_app.units.numbers import significant
 from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
 from solver.judging.identifiability import Identifiability
@@ -51,6 +56,17 @@ def setup_notices(checks: tuple[SetupCheck, ...]) -> tuple[Notice, ...]:
         for c in checks
         if c.severity is not Severity.OK and not c.code.startswith("HIDDEN")
     )
+
+
+def endpoint_notices(fixture: Fixture, poses: PoseSet) -> tuple[Notice, ...]:
+    """Say that measured endpoints took no part, where the fixture is no instrument."""
+    if poses.endpoint is None or fixture.kind == "measured":
+        return ()
+    text = (
+        f"the poses have measured endpoints (x_m,y_m,z_m), which a {fixture.kind} knows nothing of: they took no "
+        "part; calibrate with a measured fixture, or judge by them with sarcal verify --open-loop"
+    )
+    return (Notice(code="ENDPOINTS_UNUSED", text=text),)
 
 
 def range_notices(
@@ -97,7 +113,7 @@ def noise_notices(chi2: float, dof: int) -> tuple[Notice, ...]:
     )
 
 
-def held_notices(held: tuple[str, ...]) -> tuple[Notice, ...]:
+def held_notices(held: tuple[str, ...], accuracy: HandAccuracy) -> tuple[Notice, ...]:
     """Say what was dropped on request."""
     if not held:
         return ()
@@ -105,8 +121,40 @@ def held_notices(held: tuple[str, ...]) -> tuple[Notice, ...]:
         Notice(
             code="HELD",
             text=f"{', '.join(held)} cannot be seen in these poses and "
-            f"{'was' if len(held) == 1 else 'were'} held at nominal values",
+            f"{'was' if len(held) == 1 else 'were'} held at nominal values"
+            f"{held_in_words(accuracy)}",
         ),
+    )
+
+
+def not_sought_notices(
+    joints: tuple[int, ...], accuracy: HandAccuracy, arm: ArmModel
+) -> tuple[Notice, ...]:
+    """Say which offsets were not looked for, by the procedure or the arm's file, and what that means."""
+    if not joints:
+        return ()
+    values = {f"theta_off_{j}": float(arm.table.theta_off_rad[j - 1]) for j in joints}
+    at = ", ".join(f"{n} at {NOMINAL_OFFSET(v).with_unit}" for n, v in values.items())
+    words = f"not calibrated but held, as the arm's file has it: {at}"
+    if arm.offset_tolerance_rad is not None:
+        size = ANGLE_TOLERANCE(arm.offset_tolerance_rad).with_unit
+        words += f"; known within {size}, which the hand's accuracy counts in"
+    return (Notice(code="HELD", text=words + held_in_words(accuracy)),)
+
+
+def held_in_words(accuracy: HandAccuracy) -> str:
+    """What the hand's accuracy does not count in, as a sentence after another; empty where there is nothing."""
+    if not accuracy.holds_for:
+        return ""
+    names = ", ".join(h.name for h in accuracy.holds_for)
+    rates = ", ".join(
+        f"{Figure(h.rate_m_per_rad * radians(1.0), CLOSURE_LENGTH).with_unit} rms for each degree of {h.name}"
+        for h in accuracy.holds_for
+    )
+    return (
+        f". No file states how well {names} is known: what is said of the hand's accuracy holds only if the value "
+        f"held is right, and otherwise the hand is off by {rates} as well. Calibrate it in a fixture that shows it, "
+        "or state offset_tolerance_deg in the arm's file"
     )
 
 

@@ -67,9 +67,9 @@ def placement_checks(
 ) -> tuple[SetupCheck, ...]:
     """Judge the geometry of every placement at the identified parameters `x` of `model`."""
     found: dict[tuple[str, str], SetupCheck] = {}
+    whole = fixture.model(arm, unsensed_joints=unsensed_joints).parameters
     for part, columns, _ in model.parts():
         known = {p.name: float(v) for p, v in zip(part.parameters, x[columns], strict=True)}
-        whole = fixture.model(arm, unsensed_joints=unsensed_joints).parameters
         here = np.array([known.get(p.name, p.nominal) for p in whole])
         for check in fixture.placement_checks(arm, here, unsensed_joints=unsensed_joints):
             found.setdefault((check.code, check.text), check)

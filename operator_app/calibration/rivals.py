@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 from time import thread_time
 from typing import TypeVar
 
@@ -14,7 +15,6 @@ import numpy as np
 
 from fixtures.ball import Ball
 from fixtures.base import Fixture
-from fixtures.hinge import Hinge
 from operator_app.calibration.causes import (
     NamedCause,
     Words,
@@ -25,10 +25,10 @@ from operator_app.calibration.causes import (
 from operator_app.calibration.loop import in_order, loop_of_poses, pick
 from operator_app.calibration.noise import error_model, noise_model, soften
 from operator_app.calibration.other_basins import far_from_nominal
+from operator_app.calibration.other_fixtures import hinge_instead, instead
 from operator_app.calibration.shifted import shift_of
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.errors import SolverError
@@ -48,7 +48,7 @@ FITS = 3.0
 BETTER = 10.0
 """And by so much it has to be smaller than without it."""
 
-PROMISING = 0.1
+PROMISING = 0.3
 """A rival is solved to the end when it leaves less than this share of the squared closure error."""
 
 PER_FREEDOM = 4.6
@@ -56,6 +56,15 @@ PER_FREEDOM = 4.6
 
 CLOSED_M, MANY = 2e-3, 20
 """Loops of so many poses that close to this (rms) close as those of the fixture they are thought to be."""
+
+TILTS = 30.0
+"""And so many times less is left of the closure (rms, m and rad alike) than in the fixture of the file."""
+
+LEAST_M = 2e-3
+"""Lengths that differ by less are exchanged within what a tolerance may be."""
+
+LEAST_RAD = np.deg2rad(0.05)
+"""Offsets below this are none in either unit."""
 
 TRIED = 3
 """How many of the most promising are solved to the end."""
@@ -75,6 +84,8 @@ class Rival:
     poses: PoseSet
     fixture: Fixture
     unsensed: tuple[int, ...] = ()
+    arm: ArmModel | None = None
+    """Another than the file's, where that is the mistake."""
 
 
 def named_rivals(
@@ -86,6 +97,7 @@ def named_rivals(
     scale: float,
     dof: int,
     near: bool = False,
+    of_files: bool = False,
 ) -> tuple[NamedCause, ...]:
     """Name the mistakes that explain a gross misfit, the most probable first.
 
@@ -96,6 +108,8 @@ def named_rivals(
     near
         Only simple mistakes of the file that bring the solution near the nominal values, however well
         it fits without.
+    of_files
+        Only simple mistakes of the files.
     """
     deadline = thread_time() + SECONDS
     as_it_is = np.inf
@@ -105,7 +119,7 @@ def named_rivals(
     found: list[tuple[Rival, float]] = []
     families = (
         (_same_loop(fixture, poses, arm, unsensed),)
-        if near
+        if near or of_files
         else (
             _frozen(arm, fixture, poses, unsensed),
             _same_loop(fixture, poses, arm, unsensed),
@@ -119,7 +133,7 @@ def named_rivals(
             if thread_time() > deadline:
                 break
             ratio, left = _solved(arm, rival)
-            if rival.fixture is not fixture and _closes(arm, rival):
+            if rival.fixture is not fixture and _closes(arm, rival, far=as_it_is):
                 # So few equations close by chance nowhere, however good the statements are.
                 ratio = min(ratio, 0.99 * FITS)
             if ratio < FITS and (near or BETTER * ratio < scale):
@@ -133,6 +147,21 @@ def named_rivals(
             if ratio < FITS
         ]
     return _named(found)
+
+
+def named_hinge(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed: tuple[int, ...]
+) -> tuple[NamedCause, ...]:
+    """Name a hinge in which everything closes, where poses in a ball tell too little: it is one.
+
+    A ball closes wherever a hinge does, with a centre that may be anywhere along its axis.
+    """
+    if not isinstance(fixture, Ball) or len(poses) < MANY:
+        return ()
+    other = hinge_instead(arm, fixture, poses)
+    rival = Rival(words=other.words, poses=poses, fixture=other.fixture, unsensed=unsensed)
+    ratio, left = _solved(arm, rival)
+    return _named([(rival, _weight(ratio, left, left))]) if ratio < FITS else ()
 
 
 def named_shift(
@@ -187,6 +216,31 @@ def _same_loop(
             words = Words(mistake.code, mistake.text + ": the loops close", mistake.remedy)
             changed = replace(poses, q_rad=mistake.q_rad)
             yield Rival(words=words, poses=changed, fixture=fixture)
+    offsets = arm.table.theta_off_rad
+    if LEAST_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
+        words = Words(
+            "RADIANS_OFFSETS",
+            "with theta_off_deg of the arm file taken as radians the loops close",
+            "an arm file has degrees (multiply its theta_off_deg by 57.29578)",
+        )
+        meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
+        yield Rival(words=words, poses=poses, fixture=fixture, arm=meant)
+    for kind in ("s", "a"):
+        lengths = getattr(arm.table, f"{kind}_m")
+        for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
+            if abs(lengths[i] - lengths[j]) > LEAST_M:
+                order = np.arange(len(lengths))
+                order[[i, j]] = j, i
+                one, two = f"{kind}_{i + 1}", f"{kind}_{j + 1}"
+                words = Words(
+                    f"EXCHANGED_{one}_{two}",
+                    f"with {one} and {two} of the arm file exchanged the loops close",
+                    f"measure both and correct the arm file's {kind}_m of links {i + 1} and {j + 1}",
+                )
+                table = replace(arm.table, **{f"{kind}_m": lengths[order]})
+                yield Rival(
+                    words=words, poses=poses, fixture=fixture, arm=replace(arm, table=table)
+                )
 
 
 def _frozen(
@@ -209,35 +263,14 @@ def _frozen(
 def _blind(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
 ) -> Iterator[Rival]:
-    """A hinge that is none; a sensor that says nothing in any pose."""
-    if isinstance(fixture, Hinge):
-        yield Rival(
-            words=Words(
-                "WRONG_FIXTURE",
-                "the loops close as those of a ball that turns freely, not of a hinge",
-                "calibrate with --fixture ball, or look what lets the hinge tilt",
-            ),
-            poses=poses,
-            fixture=_ball_instead(arm, fixture, poses),
-        )
+    """A fixture that is another one; a sensor that says nothing in any pose."""
+    for other in instead(arm, fixture, poses):
+        yield Rival(words=other.words, poses=poses, fixture=other.fixture)
     for j in range(1, poses.joint_count + 1):
         if j not in unsensed:
             yield Rival(
                 words=wrong_reading(j, arm), poses=poses, fixture=fixture, unsensed=(*unsensed, j)
             )
-
-
-def _ball_instead(arm: ArmModel, hinge: Hinge, poses: PoseSet) -> Ball:
-    """A ball where the hinge is thought to be."""
-    tip = np.array([hinge.a_n_m, 0.0, hinge.s_n_m])
-    theta_off, *lengths_and_twists = arm.table.stacked()
-    frames = forward(poses.q_rad + theta_off, *lengths_and_twists)
-    ground = np.median(frames.p_end + frames.R_end @ tip, axis=0)
-    return Ball(
-        tip_m=(float(tip[0]), float(tip[1]), float(tip[2])),
-        ground_m=(float(ground[0]), float(ground[1]), float(ground[2])),
-        give=hinge.give,
-    )
 
 
 def _shifted(
@@ -285,7 +318,7 @@ def _screened(
 
 def _start(arm: ArmModel, rival: Rival) -> tuple[FloatArray, float]:
     """Parameters of a rival's loop and the mean square of what is left of the closure."""
-    q = rival.poses.q_rad
+    arm, q = rival.arm or arm, rival.poses.q_rad
     if not rival.unsensed:
         model = loop_of_poses(arm, rival.fixture, rival.poses)
         problem = ClosureProblem.of(model, q)
@@ -314,14 +347,20 @@ def _is_near(arm: ArmModel, rival: Rival) -> bool:
     """Whether a rival's loop closes near its nominal values."""
 
     def near() -> bool:
-        model = loop_of_poses(arm, rival.fixture, rival.poses)
+        model = loop_of_poses(rival.arm or arm, rival.fixture, rival.poses)
         return not far_from_nominal(model.parameters, _start(arm, rival)[0])
 
     return _tried(near, otherwise=False)
 
 
-def _closes(arm: ArmModel, rival: Rival) -> bool:
-    return len(rival.poses) >= MANY and _cost(arm, rival) < CLOSED_M**2
+def _closes(arm: ArmModel, rival: Rival, *, far: float) -> bool:
+    """Whether a loop closes in another fixture, by far more than noise of the readings explains.
+
+    `far` is the mean square of what is left of it in the fixture of the file: noise leaves a few times
+    more where rotations count as well, a hand that tilts a hundred times more.
+    """
+    cost = _cost(arm, rival)
+    return len(rival.poses) >= MANY and cost < CLOSED_M**2 and cost * TILTS**2 < far
 
 
 def _cost(arm: ArmModel, rival: Rival) -> float:
@@ -330,6 +369,7 @@ def _cost(arm: ArmModel, rival: Rival) -> float:
 
 def _solved(arm: ArmModel, rival: Rival) -> tuple[float, int]:
     """chi2/dof of a rival at stated variances, and its degrees of freedom."""
+    arm = rival.arm or arm
 
     def solve() -> tuple[float, int]:
         x, _ = _start(arm, rival)

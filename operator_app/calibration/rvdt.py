@@ -106,6 +106,7 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
         variances={c.name: float(v) for c, v in zip(fit.design.components, fit.v, strict=True)},
         corrections=corrections,
         unsensed=np.concatenate(angles, axis=-1),
+        layout=fit.design,
     )
 
 

@@ -68,6 +68,8 @@ class Solution:
         joints, and in records of earlier versions.
     implicit
         What weighing every reading by its noise gives, where the paper's estimate is the chosen one.
+    length_tolerance_m
+        How well lengths were taken to be known, where that was asked for and is not what the arm's file states.
     """
 
     model: ClosureModel
@@ -91,6 +93,7 @@ class Solution:
     accuracy: HandAccuracy | None = None
     implicit: Estimate | None = None
     condition_at_readings: float | None = None
+    length_tolerance_m: float | None = None
 
     @property
     def accepted(self) -> bool:

@@ -14,18 +14,21 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
 from operator_app.calibration.branches import Branches, on_main_branch
-from operator_app.calibration.calibrated_arm import calibrated_arm, hand_accuracy
+from operator_app.calibration.calibrated_arm import calibrated_arm, hand_accuracy, hand_errors
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.hand_error import tip_sigma
+from operator_app.calibration.held_offsets import offsets_not_sought, with_held
 from operator_app.calibration.judgement import (
     alike_notices,
     as_stated_notices,
     cause_notices,
     condition_notices,
+    endpoint_notices,
     flexure_notices,
     flipped_notices,
     held_notices,
     noise_notices,
+    not_sought_notices,
     outlier_notices,
     range_notices,
     range_text,
@@ -49,12 +52,13 @@ from operator_app.calibration.refusals import (
     require_identifiable,
 )
 from operator_app.calibration.repeats import Reread, repeats_of
-from operator_app.calibration.rivals import named_rivals
+from operator_app.calibration.rivals import named_hinge, named_rivals
 from operator_app.calibration.rvdt import judge_rvdts
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.stuck import explained
 from operator_app.calibration.weighing import Known, weigh
 from operator_app.config.procedure import AcceptanceLimits
+from operator_app.units.figure import SIGMA_ORI, SIGMA_POS
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
@@ -73,6 +77,7 @@ from solver.judging.identifiability import (
     Identifiability,
     condition_at_readings,
     identifiability,
+    plainly_seen,
 )
 from solver.judging.ranges import Fault, RangeFinding, range_findings
 from solver.judging.seen_by_fit import seen_by_fit
@@ -175,10 +180,10 @@ def calibrate(
             ) from error
         return seen
 
-    if paper is not None:
-        # Before anything is weighted: an estimate along a blind direction is worth nothing.
+    # Before anything is weighted: an estimate along a blind direction is worth nothing.
+    if paper is not None and (estimator == "paper" or not plainly_seen(hard, paper.x, q)):
         seen = require(identifiability(hard, paper.x, q, sigma_rad=sigma))
-        x0 = paper.x
+    x0 = x0 if paper is None else paper.x
     # The paper's estimate is judged by what weighing every reading by its noise gives beside it.
     model, tolerance = soften(hard, arm, length_tolerance_m=length_tolerance_m, held=held)
     there = np.flatnonzero(kept)
@@ -228,7 +233,7 @@ def calibrate(
         implicit = estimate.without(tuple(tolerance))
         estimate, components, model, tolerance = judged_paper, None, hard, {}
     else:
-        # What is blind at all was seen at the first estimate, if there was one.
+        # Where there was a first estimate the fit ended at loops that close.
         seen = require(
             seen_by_fit(judged.linear, unknowns, taken=judged.order)
             if paper is not None
@@ -264,7 +269,7 @@ def calibrate(
             search=found,
             rvdt=rvdt,
             returned=repeats_of(
-                rereads, arm, model, estimate.x, pick(poses, there).label, fixture.give
+                rereads, arm, model, estimate.x, tuple(poses.label[k] for k in there), fixture.give
             ),
         ),
         paper=judged_paper,
@@ -288,19 +293,29 @@ def calibrate(
         assumed=(*arm.assumed, *fixture.give.assumed),
         hand=tip_sigma(model, estimate, q),
         implicit=implicit,
+        length_tolerance_m=length_tolerance_m,
         condition_at_readings=condition_at_readings(hard, x, q),
         warnings=(),
         reasons=(),
     )
+    found_arm = calibrated_arm(solution, arm)
+    errors_there = hand_errors(found_arm, arm)
+    accuracy = with_held(
+        hand_accuracy(errors_there), errors_there.after_m, found_arm, arm, judged.linear
+    )
+    # What was dropped on request has its own words.
+    not_sought = tuple(j for j in offsets_not_sought(model, arm) if f"theta_off_{j}" not in held)
     return replace(
         solution,
-        accuracy=hand_accuracy(calibrated_arm(solution, arm), arm),
+        accuracy=accuracy,
         warnings=(
             *noise_notices(whole.linear.stated.chi2, whole.linear.dof),
             *range_notices(out_of_range, poses.label),
+            *endpoint_notices(fixture, poses),
             *setup_notices(checks),
             *flipped_notices(flipped, poses.label),
-            *held_notices(held),
+            *held_notices(held, accuracy),
+            *not_sought_notices(not_sought, accuracy, arm),
             *as_stated_notices(() if drop else blind, arm),
             *rival_notices(found),
             *flexure_notices(components, tuple(tolerance)),
@@ -342,11 +357,16 @@ def _why_blind(
         return stuck
     if saturated is not None:
         return saturated
+    if hinge := named_hinge(arm, fixture, used, unsensed=unsensed):
+        return _do_not_fit(hinge)
     if paper is None or _closes(paper):
+        return error
+    if error.note or any(d.immobile_joints for d in error.directions):
+        # Poses so few, or a joint that stands still: no parameter has to be believed for that.
         return error
     # Where nothing closes the solution is nowhere, and what it cannot see there says nothing.
     rivals = named_rivals(arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof)
-    return _do_not_fit(rivals) if rivals else error
+    return _do_not_fit(rivals) if rivals else PosesDoNotFitError((_open_words(paper),))
 
 
 def _saturated(found: tuple[RangeFinding, ...], poses: PoseSet) -> PosesDoNotFitError | None:
@@ -363,6 +383,16 @@ def _saturated(found: tuple[RangeFinding, ...], poses: PoseSet) -> PosesDoNotFit
 def _closes(estimate: Estimate) -> bool:
     after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
     return after.position_m.rms < NO_CLOSURE_M and (turned is None or turned.rms < NO_CLOSURE_RAD)
+
+
+def _open_words(paper: Estimate) -> str:
+    """What is left of loops that no parameters close, and where to look."""
+    left, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
+    also = "" if turned is None else f" and {SIGMA_ORI(turned.rms).with_unit}"
+    return (
+        f"the loops stay open by {SIGMA_POS(left).with_unit}{also} (rms) whatever the parameters: look for readings "
+        "far noisier than the arm file states, an arm that moved while it was read, or poses of another arm"
+    )
 
 
 def _do_not_fit(rivals: tuple[NamedCause, ...]) -> PosesDoNotFitError:

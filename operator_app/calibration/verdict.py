@@ -7,7 +7,7 @@ shows. Knows results and words; computes no estimate.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -24,6 +24,7 @@ from operator_app.units.figure import (
     TIMES,
     TURNED,
 )
+from operator_app.units.numbers import plural
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter
 from solver.estimators.estimate import Estimate
@@ -51,6 +52,10 @@ COARSE_RAD, COARSE_M = np.deg2rad(1.0), 0.01
 
 MOST_NAMED = 5
 """Nobody looks for more causes than these at once."""
+
+PROVEN = 1e-4
+"""Chance of a return below which what slipped refuses, however wide the sigmas are: the slip itself may have
+made them so."""
 
 FEW_DOF, LEAST_DOF = 30, 10
 """With fewer degrees of freedom no test can tell much; with fewer than the second not even the sigmas
@@ -113,6 +118,9 @@ def causes_of(
     labels
         Of the poses in the order in which they were taken.
     """
+    if estimate.dof < LEAST_DOF:
+        # Refused for that, and whatever else is read into so few poses may be chance.
+        return ()
     names = [p.name for p in estimate.parameters]
     here = [names.index(name) for name in judged]
     sd = estimate.standard_deviation[here]
@@ -144,7 +152,7 @@ def causes_of(
             )
     found.extend(_unnamed(trial))
     found.extend(_doubted(trial, labels))
-    return tuple(_once(found))[:MOST_NAMED]
+    return each_once(found)[:MOST_NAMED]
 
 
 def _doubted(trial: Trial, labels: tuple[str, ...]) -> Iterable[NamedCause]:
@@ -167,7 +175,8 @@ def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: floa
         return True
     # What was one value before and is another after: both have to be within what is claimed.
     names = [p.name for p in estimate.parameters]
-    changed = (f"theta_off_{cause.subject}",) if cause.cause is Cause.LOST_COUNTS else cause.entries
+    of_reading = cause.cause in (Cause.LOST_COUNTS, Cause.DRIFT)
+    changed = (f"theta_off_{cause.subject}",) if of_reading else cause.entries
     sd = [
         float(estimate.standard_deviation[names.index(n)]) if n in names else np.inf
         for n in changed
@@ -203,12 +212,17 @@ def _unnamed(trial: Trial) -> Iterable[NamedCause]:
     )
 
 
-def _once(causes: Iterable[NamedCause]) -> Iterable[NamedCause]:
-    seen: set[str] = set()
+def each_once(causes: Iterable[NamedCause]) -> tuple[NamedCause, ...]:
+    """Every code once: what is found again after it was taken out was not all taken out.
+
+    One that refuses goes on refusing.
+    """
+    found: dict[str, NamedCause] = {}
     for cause in causes:
-        if cause.text not in seen:
-            seen.add(cause.text)
-            yield cause
+        first = found.setdefault(cause.code, cause)
+        if cause.refuses and not first.refuses:
+            found[cause.code] = replace(first, refuses=True)
+    return tuple(found.values())
 
 
 def too_few(estimate: Estimate) -> tuple[NamedCause, ...]:
@@ -219,8 +233,8 @@ def too_few(estimate: Estimate) -> tuple[NamedCause, ...]:
         NamedCause(
             code="TOO_FEW_POSES",
             probability=1.0,
-            text=f"{estimate.dof} degree{'s' * (estimate.dof != 1)} of freedom are too few to tell "
-            "whether anything is wrong",
+            text=f"{plural(estimate.dof, 'degree')} of freedom {'is' if estimate.dof == 1 else 'are'} too few to "
+            "tell whether anything is wrong",
             remedy="take at least 20 poses",
             refuses=estimate.dof < LEAST_DOF,
         ),
@@ -358,6 +372,8 @@ def return_tests(
 
 def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> NamedCause:
     """Say what slipped between two readings of a pose."""
+    from scipy.special import chdtri
+
     where = f"between pose {read.label} and its second reading after {read.after} poses"
     # A slip may be any joint's; a fixture has two sides to slip on, and may give.
     of_joint = PRIORS[Cause.LOST_COUNTS] / len(found.difference_rad)
@@ -384,5 +400,5 @@ def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> NamedCaus
         f"(sigma {SLIP_SIGMA(found.sigma_rad).with_unit}) {where}",
         remedy=f"check the coupling and cable of joint {found.joint}'s sensor (lost counts, a slipped "
         "coupling), home the joint and take all poses again",
-        refuses=abs(found.size_rad) > IMPACT * sd,
+        refuses=abs(found.size_rad) > IMPACT * sd or found.chi2 > float(chdtri(found.dof, PROVEN)),
     )

@@ -5,16 +5,17 @@ Knows calibrations and pose sets; no file, no bus and no screen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fixtures.base import Fixture
+from operator_app.calibration.foretold import MadeFrom, foretell, shift_in_words
 from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.noise import freed, noise_model
 from operator_app.calibration.solution import Solution
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
@@ -24,6 +25,8 @@ from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.estimators.implicit import NoiseModel
 from solver.judging.holdout import Verification, verify
+from solver.judging.odd_poses import FALSE_ALARM, left_out, odd_poses
+from solver.judging.prediction import Shift, shifted
 from solver.judging.statistics import chi2_test
 from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
@@ -33,9 +36,6 @@ STEPS = 3
 
 NOT_KNOWN = 0.1
 """Standard deviation (m) of what is not known beside what poses tell."""
-
-IMPROBABLE = 0.01
-"""Chance of naming any pose of a set in which all are sound."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,20 +74,30 @@ class Prediction:
     nominal
         Closure sigmas of the same poses at the nominal parameters, for comparison.
     odd_poses
-        Indices of poses too improbable to be chance, the worst first.
+        Indices of poses too improbable to be chance, the worst first; of a sound set any is in 1 of 1000.
     poses
         How many were judged.
+    shift
+        One joint or the fixture that has shifted in all of them alike; None where none has.
     """
 
     verification: Verification
     nominal: ClosureSigmas
     odd_poses: tuple[int, ...]
     poses: int
+    shift: Shift | None = None
+
+    @property
+    def why(self) -> str:
+        """What has shifted, in words; empty where nothing is named."""
+        return "" if self.shift is None else shift_in_words(self.shift)
 
     @property
     def holds(self) -> bool:
         """Whether the calibration predicts these poses as well as it claims to."""
         found = self.verification
+        if self.shift is not None or self.odd_poses:
+            return False
         # A smaller chi2 than expected is no failure: these poses fit better than promised.
         return bool(found.closed.all()) and found.chi2.per_dof <= found.chi2.high
 
@@ -133,11 +143,15 @@ def judge_poses(
     fixed: Fixed,
     *,
     calibrated: tuple[int, ...] | None = None,
+    made: MadeFrom | None = None,
 ) -> Prediction:
     """Judge new poses of the same arm in the same fixture, at the same placement.
 
     Parameters
     ----------
+    made
+        The calibration with its own poses. What these tell of curves, sag and give is then known, and one
+        common shift is looked for. None: all of that is unknown anew in every pose.
     calibrated
         Numbers of the placements that were calibrated, where the new poses may be of others: where the
         fixture stands there is found from them, everything else is as it was fixed. None: the same.
@@ -147,6 +161,9 @@ def judge_poses(
     ValueError
         The parameters are not those of this loop: another fixture, or another number of placements.
     """
+    given = poses
+    if made is not None and calibrated is None and len(poses.placements) == 1:
+        given = replace(poses, placement=_as_numbered(made, poses))
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=fixed.unsensed_joints)
     # A calibration that corrected lengths and twists within their tolerance has those as well.
     model = freed(model, fixed.values)
@@ -163,13 +180,60 @@ def judge_poses(
         left = chi2.dof - len(unknown)
         found = replace(found, chi2=chi2_test(chi2.per_dof * chi2.dof, left))
     at_nominal = closure_at_readings(model, nominal_vector(model.parameters), poses.q_rad)
-    odd = np.flatnonzero((found.pose_probability < IMPROBABLE / len(poses)) | ~found.closed)
+    improbable = (found.pose_probability < FALSE_ALARM / len(poses)) | ~found.closed
+    odd = tuple(int(k) for k in np.argsort(found.pose_probability) if improbable[k])
+    shift: Shift | None = None
+    start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
+    if made is not None and bool(found.closed.all()):
+        found, odd, shift = _as_foretold(arm, fixture, made, given, start, found, odd)
     return Prediction(
         verification=found,
         nominal=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
-        odd_poses=tuple(int(k) for k in odd[np.argsort(found.pose_probability[odd])]),
+        odd_poses=odd,
         poses=len(poses),
+        shift=shift,
     )
+
+
+def _as_foretold(
+    arm: ArmModel,
+    fixture: Fixture,
+    made: MadeFrom,
+    poses: PoseSet,
+    start: Mapping[str, float],
+    found: Verification,
+    odd: tuple[int, ...],
+) -> tuple[Verification, tuple[int, ...], Shift | None]:
+    """Return what is judged with all that the calibration's own poses tell; as found without where nothing fits."""
+    from scipy.special import chdtrc
+
+    told = foretell(arm, fixture, made, poses, start)
+    if told is None:
+        return found, odd, None
+    named = odd_poses(told.left)
+    # A shift is one only if it is there without the poses that are wrong by themselves.
+    shift = shifted(named.rest, told.subjects)
+    left = told.left
+    if shift is not None:
+        left = left.also(told.subjects[shift.subject])
+        named = odd_poses(left)
+    chi2, dof = left_out(left)
+    return (
+        replace(
+            found,
+            chi2=chi2_test(told.left.chi2, told.left.dof),
+            pose_chi2=chi2,
+            pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
+        ),
+        tuple(pose.pose for pose in named.odd),
+        shift,
+    )
+
+
+def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
+    """Placement of new poses that are of the same one, whatever number their file gives it."""
+    known = made.poses.placements
+    return np.full(len(poses), known[0]) if len(known) == 1 else poses.placement
 
 
 def stated_noise(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -> NoiseModel:

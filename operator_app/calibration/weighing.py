@@ -16,7 +16,8 @@ from operator_app.calibration.loop import pick
 from operator_app.calibration.other_basins import other_basin
 from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeats import Repeat, Reread
-from operator_app.calibration.rivals import named_rivals, named_shift
+from operator_app.calibration.rivals import named_hinge, named_rivals, named_shift
+from operator_app.calibration.unsteady import unsteady
 from operator_app.calibration.verdict import (
     MOST_BELIEVED,
     Judgement,
@@ -46,7 +47,7 @@ FLIPPED_SHARE = 0.25
 """With more of the poses on the other branch nobody knows which branch is meant."""
 
 
-OF_A_READING = ("STEP_JOINT_", "FROZEN_JOINT_", "ENCODER_", "RVDT_")
+OF_A_READING = ("STEP_JOINT_", "DRIFT_JOINT_", "FROZEN_JOINT_", "ENCODER_", "RVDT_")
 """Codes of causes that are one joint's reading."""
 
 MOST_SEVERAL = 3
@@ -117,6 +118,20 @@ def weigh(
             arm, fixture, used, unsensed=unsensed, scale=scale, dof=trial.left.dof
         )
         by_tests = rivals or by_tests
+    elif scale > MOST_BELIEVED and _of_metal(trial):
+        # A fixture that gives, or a length that is off, by so much may as well be a file that is wrong.
+        by_tests = (
+            named_rivals(
+                arm,
+                fixture,
+                used,
+                unsensed=unsensed,
+                scale=scale,
+                dof=trial.left.dof,
+                of_files=True,
+            )
+            or by_tests
+        )
     elif joint := _seems_wrong(trial):
         by_tests = (
             named_shift(arm, fixture, used, unsensed=unsensed, joint=joint, scale=scale) or by_tests
@@ -148,17 +163,28 @@ def weigh(
     if paper is not None:
         test, of_paper = paper_test(paper, found.estimate)
         tests = (*tests, test)
+    of_fit = of_the_fit(judging, judged, known_beforehand(model.parameters, arm, fixture))
+    if any(cause.refuses for cause in of_fit):
+        of_fit = (*named_hinge(arm, fixture, used, unsensed=unsensed), *of_fit)
+    first = (
+        *_beforehand(poses, known),
+        *too_few(judging),
+        *lost,
+        *(() if gross else (*_of_geometry(known.checks), *far)),
+    )
+    slipped, by_tests = proven_by_return(since, by_tests)
+    if not any(cause.refuses for cause in first):
+        first, slipped = (*slipped, *first), ()
     return Judgement(
         causes=(
-            *_beforehand(poses, known),
-            *too_few(judging),
-            *lost,
-            *(() if gross else (*_of_geometry(known.checks), *far)),
+            *first,
+            *slipped,
             *by_tests,
-            *not_yet_named(since, by_tests),
+            *(c for c in not_yet_named(since, by_tests) if not c.refuses),
+            *unsteady(arm, used, unsensed, _labels(used)),
             *(far if gross and not rivals else ()),
             *of_paper,
-            *of_the_fit(judging, judged, known_beforehand(model.parameters, arm, fixture)),
+            *of_fit,
         ),
         tests=tests,
         stated_chi2_per_dof=scale,
@@ -214,6 +240,23 @@ def _labels(poses: PoseSet) -> tuple[str, ...]:
     )
 
 
+def proven_by_return(
+    since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
+) -> tuple[tuple[NamedCause, ...], tuple[NamedCause, ...]]:
+    """Take out what a return proves, and what is left of the tests' causes: what was named refuses then.
+
+    By the poses alone a slip may move no parameter by more than its sigmas, which are as wide as it made them.
+    """
+    proven: list[NamedCause] = []
+    for returned in since:
+        if not returned.refuses:
+            continue
+        same = [c for c in by_tests if not not_yet_named((returned,), (c,))]
+        proven += [replace(c, refuses=True) for c in same] or [returned]
+    codes = {cause.code for cause in proven}
+    return tuple(proven), tuple(c for c in by_tests if c.code not in codes)
+
+
 def not_yet_named(
     since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
 ) -> tuple[NamedCause, ...]:
@@ -248,6 +291,12 @@ def _seems_wrong(trial: Trial) -> int:
     """Joint (1-based) whose reading explains it best if it is wrong in every pose in its own way; 0 if none."""
     best = trial.rounds[0][0].candidate if trial.rounds else None
     return 0 if best is None or best.cause is not Cause.READING else int(best.subject)
+
+
+def _of_metal(trial: Trial) -> bool:
+    """Whether a fixture that gives, or an entry of the arm's table, explains it best."""
+    best = trial.rounds[0][0].candidate if trial.rounds else None
+    return best is not None and best.cause in (Cause.GIVES, Cause.LENGTH, Cause.TWIST)
 
 
 def _several(fit: LinearFit) -> tuple[NamedCause, ...]:

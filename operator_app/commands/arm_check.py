@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
+import signal
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -21,10 +24,10 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import harmless, say
 
 if TYPE_CHECKING:
-    from hardware.bench_check import Finding
+    from hardware.bench.finding import Finding
 
-STAGES = ("look", "hold", "move", "free", "silence")
-"""Names of `hardware.bench_check.Stage`, here so that --help does not load the bus."""
+STAGES = ("look", "hold", "move", "free", "leave", "silence")
+"""Names of `hardware.bench.finding.Stage`, here so that --help does not load the bus."""
 MARK = {True: "ok", False: "FAILED", None: "-"}
 
 
@@ -35,9 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--through",
         choices=STAGES,
         default=STAGES[-1],
-        help="the last stage: look (nothing is enabled), hold (drives on, STOP), move (each joint by a "
-        "little, and STOP on the way), free (each joint lets go), silence (as if this program died); "
-        "default silence. Every stage after look asks first, joint by joint",
+        help="the last stage: look (nothing is enabled), hold (drives on, what must be refused, STOP), move (each "
+        "joint by a little, halted, interrupted and stopped on its way), free (each joint lets go), leave (closed "
+        "and connected again), silence (as if this program died); default silence. Every stage after look asks "
+        "first, joint by joint",
     )
     parser.add_argument(
         "--step",
@@ -61,9 +65,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Try, and report each thing as it was found; exit 3 where something failed."""
-    from hardware.bench_check import Stage, check
-    from hardware.canopen_arm import CanopenArm
+    from hardware.bench.check import Bench, check
+    from hardware.bench.finding import Stage
     from operator_app.composition import open_arm
+    from operator_app.config.description import describe
     from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 
     if not 0.05 <= args.step <= 10.0:
@@ -80,20 +85,20 @@ def execute(args: argparse.Namespace) -> int:
                 "the embedded virtual arm is part of this program: try it on `sarcal controller -i "
                 "loopback` in another terminal, and name the bus of a real arm with -i"
             )
-        if not isinstance(rig.arm, CanopenArm):
-            raise UsageError(
-                f"arm-check tries CiA 402 drives on a CAN bus, and {rig.opening.choices.interface} is an arm that "
-                "an installed package offers; try that with: pytest --pyargs sarcal.arm_contract"
-            )
         arm = rig.arm
         try:
-            for finding in check(
-                arm,
-                _ask,
-                last=Stage(args.through),
+            bench = Bench(
+                arm=arm,
+                description=describe(rig.opening.procedure.arm),
+                ask=_ask,
                 step_rad=math.radians(args.step),
                 speed_rad_per_s=math.radians(args.speed),
-            ):
+                # In the background of a shell nobody can press it.
+                interrupt=None
+                if signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+                else _press_ctrl_c,
+            )
+            for finding in check(bench, last=Stage(args.through)):
                 findings.append(finding)
                 say(_line(finding), err=args.json)
         finally:
@@ -106,10 +111,17 @@ def execute(args: argparse.Namespace) -> int:
     passed = sum(f.passed is True for f in findings)
     say(
         f"{passed} passed, {failed} failed, {len(findings) - passed - failed} not tried or not told. "
-        + ("The arm is held." if held else "The arm did not answer when it was told to hold."),
+        + _left(findings, held=held),
         err=args.json,
     )
     return ExitCode.ARM_FAULT if failed else ExitCode.ACCEPTED
+
+
+def _left(findings: Sequence[Finding], *, held: bool) -> str:
+    """Say how the arm is left."""
+    if not any(finding.name == "connect" for finding in findings):
+        return "Nothing was enabled: there is no connection to the arm."
+    return "The arm is held." if held else "The arm did not answer when it was told to hold."
 
 
 def _line(finding: Finding) -> str:
@@ -125,3 +137,7 @@ def _ask(question: str) -> bool:
     say(f"{question} [y/N] ", err=True)
     sys.stderr.flush()
     return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def _press_ctrl_c() -> None:
+    os.kill(os.getpid(), signal.SIGINT)

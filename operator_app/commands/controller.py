@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hardware.objects import HEARTBEAT_TIMEOUT_S, LONGEST_WATCH_S
 from hardware.virtual.fault_words import FAULTS
 from operator_app.commands.options import (
     a_path,
@@ -63,6 +64,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="where the simulated tracker of an open arm (a fixture of kind measured, such as tracker) "
         "listens on this machine; default 7327, 0 takes any that is free",
+    )
+    parser.add_argument(
+        "--heartbeat-timeout",
+        type=_patience_s,
+        metavar="S",
+        help="how long the drives go without the operator's heartbeat before they trip (1016h), in s: default "
+        f"{HEARTBEAT_TIMEOUT_S:g}, at most {LONGEST_WATCH_S:g}; for a machine that both programs share with others",
     )
     faults = parser.add_argument_group("faults, to see what an operator sees of them")
     faults.add_argument(
@@ -134,6 +142,7 @@ def execute(args: argparse.Namespace) -> int:
             placement=args.placement,
             slots=args.state,
             script=script,
+            heartbeat_timeout_s=args.heartbeat_timeout or HEARTBEAT_TIMEOUT_S,
         ) as controller,
         _tracker(controller.tracker, args.tracker_port) as tracker,
     ):
@@ -156,6 +165,16 @@ def execute(args: argparse.Namespace) -> int:
         while controller.failure is None:
             time.sleep(_LOOK_S)
     raise _out_of_order(controller.failure)
+
+
+def _patience_s(text: str) -> float:
+    try:
+        found = float(text)
+    except ValueError:
+        found = 0.0
+    if not 0.1 <= found <= LONGEST_WATCH_S:
+        raise argparse.ArgumentTypeError(f"{text} is no time from 0.1 s to {LONGEST_WATCH_S:g} s")
+    return found
 
 
 def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
+from dataclasses import asdict
 
 from operator_app.commands.options import (
     a_path,
@@ -11,6 +13,7 @@ from operator_app.commands.options import (
     choices_from,
     estimator_options,
     force_option,
+    json_option,
     recording,
     scenario_options,
     session_record_option,
@@ -42,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--upload", action="store_true", help="upload them to the controller and read them back"
     )
     force_option(parser)
+    json_option(parser)
     estimator_options(parser)
     sessions_option(parser)
     session_record_option(parser)
@@ -56,17 +60,21 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.parameters_file import format_parameters
     from operator_app.report.exports import FILES, Calibration, in_format
     from operator_app.session.calibrated import calibrated
-    from operator_app.session.export import PARAMETERS_NAME, document_of
-    from operator_app.session.folder import read_session
+    from operator_app.session.export import export
+    from operator_app.session.folder import PARAMETERS_NAME, read_session
     from operator_app.session.journal import utc_now
     from operator_app.session.listener import Listener
     from operator_app.session.opening import resume
+    from operator_app.session.parameters_document import document_of
     from operator_app.session.workflow import connect
 
     if args.upload and args.format != "yaml":
         raise UsageError(
             f"--upload: a controller takes the parameters file, not --format {args.format}"
         )
+    to_stdout = str(args.output) == "-"
+    if args.json and to_stdout:
+        raise UsageError("--json: stdout is taken by -o -; name a file")
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = read_session(opening.folder).state
     if state is None or not state.used_poses:
@@ -103,21 +111,34 @@ def execute(args: argparse.Namespace) -> int:
         with unattended(opening, record_to=recording(args, opening)) as session:
             connect(session, Listener())
             session.take_control()
-            exported = session.export(solution, upload_too=True, forced=forced)
+            exported = export(session, solution, upload_too=True, forced=forced)
         data, receipt = exported.parameters.read_bytes(), exported.receipt
     else:
         document = document_of(solution, state, procedure, utc=utc_now(), forced=forced)
         data = format_parameters(document)
-    if str(args.output) == "-":
+    target = args.output or opening.folder / name
+    if to_stdout:
         sys.stdout.buffer.write(data)
     else:
-        target = args.output or opening.folder / name
         write_atomically(target, data)
+    if args.json:
+        told = {
+            "session": str(opening.folder),
+            "format": args.format,
+            "file": str(target),
+            "verdict": solution.verdict.value,
+            "forced": forced,
+            "serial_number": state.serial_number,
+            "uploaded": None if receipt is None else asdict(receipt),
+        }
+        say(json.dumps(told, indent=2, allow_nan=False))
+        return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
+    if not to_stdout:
         say(f"Parameters  {target}")
     if receipt is not None:
         say(
             f"Controller  {state.serial_number}: slot {receipt.slot} active, {receipt.length} bytes "
             f"read back, SHA-256 {receipt.sha256}",
-            err=str(args.output) == "-",
+            err=to_stdout,
         )
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED

@@ -76,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.report.facts import facts_of
     from operator_app.report.session_result import session_json, session_text, unidentifiable_json
     from operator_app.report.text import facts_text, unidentifiable_text
-    from operator_app.session.export import POSES_NAME
+    from operator_app.session.folder import POSES_NAME
     from operator_app.session.importing import UNSTATED, How, ImportedSession
     from solver.errors import UnidentifiableError
 
@@ -106,14 +106,14 @@ def execute(args: argparse.Namespace) -> int:
         if args.json:
             parameters = len(session.model.parameters)
             found = unidentifiable_json(
-                error.directions,
+                error,
                 parameters=parameters,
                 poses=len(session.state.used_poses),
                 folder=folder,
             )
             say(json.dumps(found, indent=2, allow_nan=False))
         else:
-            say(f"{unidentifiable_text(error.directions)}\n\nSession     {folder}")
+            say(f"{unidentifiable_text(error)}\n\nSession     {folder}")
         return ExitCode.NOT_IDENTIFIABLE
     folder = session.write(root=args.sessions)
     save_poses(folder / POSES_NAME, session.state.pose_set())

@@ -34,10 +34,16 @@ Look at these before use; nobody stated them there:
 - sensor of every joint: encoder of {counts} counts/rev assumed. joints: {{kind: rvdt, ...}} and
   {{kind: none}} are known as well; accuracy_deg, gain, backlash_deg and sag_deg have their
   defaults.
-- free: the entries to calibrate beside the fixture's. home_deg: the middle of the ranges, which for
-  many arms is stretched out: take a pose with the elbow bent, before a fixture is made for it.
+- free: the entries to calibrate beside the fixture's.
+- home_deg: {home}
+  Look at it before a fixture is made for it, and take one of your own where something is in the way.
 - tolerance: how well lengths and twists are known, by default 0.5 mm and 0.1 deg.
 - offset_tolerance_deg: how well the joints' zeros are known before; without it nothing is."""
+
+HOMES = {
+    False: "the middle of the ranges.",
+    True: "bent so that every joint moves in a hinge; the middle of the ranges is stretched out.",
+}
 
 OF_WHAT = {
     "arm": ("urdf", "tip"),
@@ -125,11 +131,13 @@ def execute(args: argparse.Namespace) -> int:
 
 def _arm(args: argparse.Namespace) -> int:
     from operator_app.config.arm_file import parse_arm
+    from operator_app.config.degrees import short_degrees
     from operator_app.config.editor import schema_line
     from operator_app.config.new_files import copied
     from operator_app.config.resources import expanded, read_limited
     from operator_app.config.urdf import COUNTS_PER_REV, arm_file_of, parse_urdf
     from operator_app.config.yaml_writer import dump_strict
+    from operator_app.planning.homes import bent_home
 
     if bool(args.urdf) == bool(args.packaged):
         raise UsageError("sarcal new arm: give --urdf FILE or --from NAME")
@@ -141,12 +149,20 @@ def _arm(args: argparse.Namespace) -> int:
     data = read_limited(expanded(args.urdf), args.urdf, limit=LARGEST)
     chain = parse_urdf(data, args.urdf, tip=args.tip)
     name = _named(args.name or chain.name)
+    body = dict(arm_file_of(chain, name=name))
+    bent = bent_home(parse_arm(dump_strict(body), args.urdf))
+    if bent is not None:
+        body["home_deg"] = short_degrees(bent)
     comment = COMMENT.format(
-        line=schema_line("arm"), urdf=Path(args.urdf).name, counts=COUNTS_PER_REV
+        line=schema_line("arm"),
+        urdf=Path(args.urdf).name,
+        counts=COUNTS_PER_REV,
+        home=HOMES[bent is not None],
     )
-    content = dump_strict(arm_file_of(chain, name=name), comment=comment)
-    target = _save(args, "arm", name, content, parse_arm)
+    target = _save(args, "arm", name, dump_strict(body, comment=comment), parse_arm)
     say(f"Arm         {target}: {len(chain.joints)} joints")
+    if bent is not None:
+        say("Home        bent, as nothing can be calibrated from the middle of the ranges")
     for T, where in (
         (chain.T_link_base, "the file's base link to frame 0"),
         (chain.T_flange_tip, f"frame {len(chain.joints)} to the link at the end"),
@@ -212,7 +228,10 @@ def _fixture(args: argparse.Namespace) -> int:
     say(f"Fixture     {target}: {args.kind} for {arm.name}")
     off = from_home_rad(arm, fixture)
     if off is None:
-        say("! No pose near the arm's home_deg closes there: look at the measures, or at home_deg.")
+        say(
+            "! No pose near the arm's home_deg closes there. Look at the measures; then look for a home that "
+            f"closes: sarcal check {args.arm} {target}"
+        )
     else:
         joint = int(np.argmax(np.abs(off)))
         size = STRAY(float(abs(off[joint]))).with_unit

@@ -23,8 +23,16 @@ As found by `sarcal probe`; nothing was moved. What no drive can say, check befo
 - Which way does each joint count? Turn it by hand and watch `sarcal monitor`; where its count falls while
   its angle grows in the arm file's sense, add direction: -1.
 - Where the position units of a drive are not those of the arm file's sensor, add counts_per_rev.
+- {maps}
 - Does each drive hold when the operator's heartbeat (node 127) is lost (1016h)? `sarcal arm-check` tries."""
 """Heads a draft."""
+MAPS = {
+    False: "A drive whose PDOs are others is refused. To have these written into it whenever it is connected to, "
+    "before\n  anything is enabled, and not stored in it: pdo_maps: configured",
+    True: "These PDOs are written into the drives whenever they are connected to, before anything is enabled, and\n"
+    "  not stored in them (pdo_maps: configured). Whether they let it be done shows then.",
+}
+"""By whether a draft has PDOs configured."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +42,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=a_path,
         metavar="FILE",
         help="write a bus profile of the drives that are found, for --profile",
+    )
+    parser.add_argument(
+        "--configure",
+        action="store_true",
+        help="with --draft: a profile that has the drives' PDOs written into them whenever they are connected to "
+        "(pdo_maps: configured), for drives that cannot be driven as they are set up; probe itself writes nothing",
     )
     bus_options(parser)
     record_option(parser)
@@ -49,6 +63,8 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.user_settings import usual_bus
     from operator_app.report.text import aligned
 
+    if args.configure and args.draft is None:
+        raise UsageError("--configure: it is about the profile that --draft FILE writes")
     settings = bus_settings(
         args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
     )
@@ -62,6 +78,8 @@ def execute(args: argparse.Namespace) -> int:
     if args.draft is not None:
         return _draft(args, found)
     problems = [problem for node in found.nodes for problem in node.problems]
+    if found.meanwhile:
+        problems.insert(0, f"{found.meanwhile}: end that program, then probe again")
     fine = bool(found.nodes) and not problems
     if args.json:
         say(json.dumps(asdict(found), indent=2))
@@ -92,7 +110,8 @@ def _nobody(found: Probe, bus: str) -> bool:
     if found.busy:
         heard = ", ".join(map(str, found.heard)) or "none"
         say(
-            f"sarcal: {found.busy}: nobody was asked anything. Heartbeats of nodes: {heard}.",
+            f"sarcal: {found.busy}. Nobody was asked anything. End that program, then probe again. "
+            f"Heartbeats of nodes: {heard}.",
             err=True,
         )
     elif not found.nodes:
@@ -107,17 +126,24 @@ def _draft(args: argparse.Namespace, found: Probe) -> int:
 
     if _nobody(found, "this bus"):
         return ExitCode.ARM_FAULT
-    twice = [p for node in found.nodes for p in node.problems if "two devices" in p]
+    unsure = [p for node in found.nodes for p in node.problems if "two devices" in p]
+    if found.meanwhile:
+        unsure.append(found.meanwhile)
     try:
-        if twice:
-            raise NoDraft(twice)
-        made = draft(found.nodes, name=_name(args.draft))
+        if unsure:
+            raise NoDraft(unsure)
+        made = draft(found.nodes, name=_name(args.draft), configure=args.configure)
     except NoDraft as none:
         for reason in none.reasons:
             say(f"sarcal: {reason}", err=True)
-        say("sarcal: no profile was written: set these up first, then probe again.", err=True)
+        otherwise = (
+            ""
+            if args.configure or unsure
+            else ", or have them set up at every connect: --configure"
+        )
+        say(f"sarcal: no profile was written. Set these up{otherwise}, then probe again.", err=True)
         return ExitCode.ARM_FAULT
-    heading = f"{schema_line('profile')}\n{CHECK}"
+    heading = f"{schema_line('profile')}\n{CHECK.format(maps=MAPS[args.configure])}"
     if silent := ", ".join(str(node.node) for node in found.nodes if node.notes):
         heading += f"\n  Without 1016h, so that nothing says it: node {silent}."
     content = format_profile(made, comment=heading)

@@ -15,7 +15,6 @@ from operator_app.words_out import say
 if TYPE_CHECKING:
     from operator_app.report.subject import Subject
     from operator_app.session.state import SessionState
-    from solver.errors import UnidentifiableDirection
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,13 +61,13 @@ def execute(args: argparse.Namespace) -> int:
     require_joints(unsensed or (), procedure.arm.joint_count)
     contents = read_journal(opening.folder)
     state = session_state(contents)
-    found, blind = None, tuple["UnidentifiableDirection", ...]()
+    found, blind = None, None
     try:
         # The journal's, if it has what is asked for; else it is solved now, and the report says so.
         found = calibrated(state, procedure, estimator=args.estimator, unsensed_joints=unsensed)
         found = checked(found, state, procedure)
     except UnidentifiableError as error:
-        blind = error.directions
+        blind = error
     name = opening.folder.resolve().name
     subject = subject_of_session(
         name, contents.events, procedure, found, torn=contents.torn, unidentifiable=blind
@@ -88,23 +87,22 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
     from operator_app.report.session_result import session_json, session_text, unidentifiable_json
     from operator_app.report.text import facts_text, unidentifiable_text
 
-    solution, facts = subject.solution, subject.facts
-    if solution is None or facts is None:
+    blind, solution, facts = subject.unidentifiable, subject.solution, subject.facts
+    if blind is not None:
         if args.text:
-            say(unidentifiable_text(subject.unidentifiable))
+            say(unidentifiable_text(blind))
             return
         procedure = subject.procedure
         model = procedure.fixture.fixture.model(
             procedure.arm, unsensed_joints=subject.unsensed_joints
         )
-        blind = unidentifiable_json(
-            subject.unidentifiable,
-            parameters=len(model.parameters),
-            poses=len(subject.used),
-            folder=folder,
+        found = unidentifiable_json(
+            blind, parameters=len(model.parameters), poses=len(subject.used), folder=folder
         )
-        say(json.dumps(blind, indent=2, allow_nan=False))
-    elif args.json:
+        say(json.dumps(found, indent=2, allow_nan=False))
+    if solution is None or facts is None:
+        return
+    if args.json:
         found = session_json(facts, solution.paper, folder, state)
         say(json.dumps(found, indent=2, allow_nan=False))
     else:
@@ -115,7 +113,7 @@ def _draw(folder: Path, subject: Subject) -> None:
     from operator_app.report.plotted import save_figures
     from operator_app.report.text import unidentifiable_text
 
-    if subject.solution is None:
+    if subject.unidentifiable is not None:
         say(unidentifiable_text(subject.unidentifiable))
         return
     for file in save_figures(subject, folder):

@@ -29,9 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Connect, say what has tripped, reset it, say what stays."""
     from hardware.arm import DriveState
+    from hardware.canopen_arm import CanopenArm
+    from hardware.cia402 import POWERED
     from hardware.errors import DriveFault
     from operator_app.composition import open_arm
-    from operator_app.session.wording import drive_words
+    from operator_app.session.wording import drive_words, unwatching_words
     from operator_app.signals import ending_signals_interrupt
 
     with ending_signals_interrupt(), open_arm(opening_from(args), record_to=args.record) as rig:
@@ -40,10 +42,16 @@ def execute(args: argparse.Namespace) -> int:
                 "the embedded virtual arm begins anew with every program: there is nothing to reset; "
                 "name a bus with -i, or a session on one"
             )
-        rig.arm.connect()
+        if isinstance(rig.arm, CanopenArm):
+            rig.arm.take_over()  # what somebody left enabled is switched off here, and nowhere else
+        identity = rig.arm.connect()
+        written = [f"Set up as the bus profile asks: {words}" for words in identity.configured]
+        unwatching = unwatching_words(identity)
+        for words in (*written, *([unwatching] if unwatching else [])):
+            say(words, err=args.json)  # beside the JSON
         before = rig.arm.snapshot()
         known = {fault.joint: f"{fault.text} ({fault.code:04X}h)" for fault in before.faults}
-        stopped = {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE, DriveState.QUICK_STOP_ACTIVE}
+        stopped = {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE, *POWERED}
         found = {
             joint.joint: known.get(joint.joint, drive_words(joint.drive))
             for joint in before.joints
@@ -62,11 +70,14 @@ def execute(args: argparse.Namespace) -> int:
                 if joint.drive in stopped and joint.joint not in stays
             }
     cleared = {joint: text for joint, text in found.items() if joint not in stays}
-    _report(args, cleared, {joint: found.get(joint, text) for joint, text in stays.items()})
+    left = {joint: found.get(joint, text) for joint, text in stays.items()}
+    _report(args, cleared, left, arm_joints=len(before.joints))
     return ExitCode.ARM_FAULT if stays else ExitCode.ACCEPTED
 
 
-def _report(args: argparse.Namespace, cleared: dict[int, str], stays: dict[int, str]) -> None:
+def _report(
+    args: argparse.Namespace, cleared: dict[int, str], stays: dict[int, str], *, arm_joints: int
+) -> None:
     if args.json:
         facts = {
             "cleared": [{"joint": j, "was": text} for j, text in cleared.items()],
@@ -79,10 +90,16 @@ def _report(args: argparse.Namespace, cleared: dict[int, str], stays: dict[int, 
     if cleared:
         say("The drives are off. Nothing has moved, and nothing moves before it is told to.")
     elif not stays:
-        say("No drive has tripped: nothing was reset.")
-    for joint, text in stays.items():
         say(
-            f"sarcal: joint {joint} stays tripped: {text}. Remove the cause (release the external stop, "
-            "look at the sensor and at what the joint met), then reset again.",
-            err=True,
+            "No drive has tripped: no fault was reset. As with every connection, the nodes' communication was."
         )
+    for text in dict.fromkeys(stays.values()):
+        joints = [joint for joint, why in stays.items() if why == text]
+        # What trips all of them, as a stop contact does, is the arm's.
+        who = "the arm" if len(joints) > 1 and len(joints) == arm_joints else ""
+        for name in [who] if who else [f"joint {joint}" for joint in joints]:
+            say(
+                f"sarcal: {name} stays tripped: {text}. Remove the cause (release the external stop, "
+                "look at the sensor and at what the joint met), then reset again.",
+                err=True,
+            )

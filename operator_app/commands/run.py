@@ -158,11 +158,11 @@ def _report_unidentifiable(
     from operator_app.report.text import unidentifiable_text
 
     if not args.json:
-        say(unidentifiable_text(error.directions))
+        say(unidentifiable_text(error))
         return
     model = session.fixture.model(session.model, unsensed_joints=session.procedure.unsensed_joints)
     found = unidentifiable_json(
-        error.directions,
+        error,
         parameters=len(model.parameters),
         poses=len(session.state.used_poses),
         folder=session.journal.path.parent,

@@ -72,8 +72,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Solve and report on stdout."""
     from operator_app.calibration.checks import check
+    from operator_app.calibration.foretold import MadeFrom
     from operator_app.calibration.judgement import Notice
     from operator_app.calibration.loop import loop_of_poses, pick_placements
+    from operator_app.calibration.placed import as_calibrated
     from operator_app.calibration.remedy import corrected_poses
     from operator_app.calibration.solve import calibrate
     from operator_app.calibration.verify import fixed_by, judge_poses
@@ -82,7 +84,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.poses_file import load_poses
     from operator_app.report.calibration_data import unidentifiable_data
     from operator_app.report.facts import facts_of
-    from operator_app.report.text import facts_text, paragraph, unidentifiable_text
+    from operator_app.report.text import facts_text, unidentifiable_text
     from operator_app.report.verification import verification_json, verification_text
     from solver.errors import UnidentifiableError
 
@@ -120,18 +122,10 @@ def execute(args: argparse.Namespace) -> int:
     except UnidentifiableError as error:
         loop = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
         if args.json:
-            found = unidentifiable_data(
-                error.directions, parameters=len(loop.parameters), poses=len(poses)
-            )
-            if error.note:
-                found["causes"] = [
-                    {"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}
-                ]
+            found = unidentifiable_data(error, parameters=len(loop.parameters), poses=len(poses))
             say(json.dumps(found, indent=2, allow_nan=False))
         else:
-            say(unidentifiable_text(error.directions))
-            if error.note:
-                say(paragraph(f"! {error.note}", indent=2))
+            say(unidentifiable_text(error))
         return ExitCode.NOT_IDENTIFIABLE
     solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in loaded.warnings)
     if as_read.sha256() == table_of:
@@ -142,7 +136,14 @@ def execute(args: argparse.Namespace) -> int:
     if args.test:
         new = corrected_poses(_test_poses(args, fixture, as_read), tables)
         calibrated = poses.placements if _stays_on_hand(fixture) else None
-        tested = judge_poses(arm, fixture, new, fixed_by(solution), calibrated=calibrated)
+        tested = judge_poses(
+            arm,
+            as_calibrated(fixture, solution.model),
+            new,
+            fixed_by(solution),
+            calibrated=calibrated,
+            made=MadeFrom(solution=solution, poses=poses),
+        )
     if args.json:
         document = facts.json
         if tested is not None:
@@ -159,6 +160,7 @@ def execute(args: argparse.Namespace) -> int:
 def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> PoseSet:
     """Read the poses of ``--test``, or say why they are no test."""
     from operator_app.calibration.loop import pick_placements
+    from operator_app.calibration.new_poses import NoTestError, require_new
     from operator_app.config.poses_file import load_poses
 
     new = load_poses(args.test, joint_count=poses.q_rad.shape[1]).poses
@@ -169,8 +171,10 @@ def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> P
         # One file of all placements: those that took part are no test.
         others = tuple(k for k in new.placements if k not in poses.placements)
         new = pick_placements(new, others) if others else new
-    if new.sha256() == poses.sha256():
-        raise UsageError("--test: these are the poses the calibration is made from")
+    try:
+        require_new(new, poses)
+    except NoTestError as error:
+        raise UsageError(f"--test {args.test}: {error}") from error
     return new
 
 

@@ -83,8 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Judge and report."""
-    from operator_app.calibration.placed import as_calibrated
-    from operator_app.calibration.verify import fixed_by, judge_poses
+    from operator_app.calibration.new_poses import NoTestError, judge_new
     from operator_app.composition import carried_procedure
     from operator_app.config.poses_file import load_poses
     from operator_app.report.verification import verification_json, verification_text
@@ -104,22 +103,10 @@ def execute(args: argparse.Namespace) -> int:
         return _open_loop(args, opening, solution, wanted)
     if args.csv:
         poses = load_poses(args.csv, joint_count=arm.joint_count).poses
-        if poses.sha256() == state.pose_set().sha256():
-            raise UsageError(
-                "these are the poses the calibration was made from: they verify nothing"
-            )
-        if poses.endpoint is not None and fixture.kind != "measured":
-            raise UsageError(
-                f"{args.csv} has measured endpoints, which a {fixture.kind} knows nothing of: with "
-                "--open-loop they judge the calibration; without, take the columns out"
-            )
-        if len(poses.placements) > 1:
-            raise UsageError("new poses must be of one placement, one that was calibrated")
-        known, (placement,) = state.pose_set().placements, poses.placements
-        if len(known) > 1 and placement not in known:
-            raise UsageError(f"{args.csv} is of placement {placement}, which was not calibrated")
-        placed = as_calibrated(fixture, solution.model)
-        verdict = judge_poses(arm, placed, poses, fixed_by(solution, placement))
+        try:
+            verdict = judge_new(arm, fixture, solution, made_from=state.pose_set(), new=poses)
+        except NoTestError as error:
+            raise UsageError(f"{args.csv}: {error}") from error
     else:
         count = NEW_POSES if wanted is None else wanted
         verdict, poses = _on_the_arm(

@@ -35,3 +35,8 @@ def _degrees(wanted_rad: float) -> float:
             step = float(np.nextafter(step, direction))
             steps.append(step)
     return min(steps, key=lambda deg: abs(float(np.deg2rad(deg)) - wanted_rad))
+
+
+def short_degrees(angle_rad: FloatArray) -> list[float]:
+    """Angles (n,) that are only proposed: to a millionth of a degree, as somebody copies them into a file."""
+    return [round(angle, 6) + 0.0 for angle in np.rad2deg(angle_rad).tolist()]

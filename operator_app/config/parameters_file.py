@@ -9,12 +9,14 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.resources import YAML_LIMIT_BYTES, expanded, read_limited
-from operator_app.config.schema import adapter, read_model, schema_name
+from operator_app.config.schema import adapter, is_unlike_any_key, read_model, schema_name
 from operator_app.config.yaml_writer import dump_strict
 
 COMMENT = "Written by sarcal. A controller checks it against this schema; edit it only on purpose."
 RESULT = "the result"
 REMEDY = "this calibration cannot be exported: take more and different poses"
+OF_A_NEWER = "a newer sarcal may have written it: read the file with that one, or remove this key"
+"""Nobody writes this file by hand, so a key that nothing here is like was not misspelt."""
 
 
 def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocument:
@@ -25,7 +27,12 @@ def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocumen
     ConfigError
         With all that is wrong.
     """
-    return read_model(ParametersDocument, data, kind="parameters", file=file)
+    try:
+        return read_model(ParametersDocument, data, kind="parameters", file=file)
+    except ConfigError as error:
+        raise ConfigError(
+            replace(p, remedy=OF_A_NEWER) if is_unlike_any_key(p) else p for p in error.problems
+        ) from error
 
 
 def load_parameters(path: str | Path) -> ParametersDocument:

@@ -125,7 +125,14 @@ class Patience(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProfileFile(StrictRecord):
-    """The whole file, without its ``schema`` line."""
+    """The whole file, without its ``schema`` line.
+
+    Attributes
+    ----------
+    pdo_maps
+        ``compared``: a drive whose PDOs are others is refused. ``configured``: they are written into it at every
+        connect, before anything is enabled, and not stored in it.
+    """
 
     name: Name
     supervisor: Literal["none"] | NodeNumber
@@ -133,6 +140,7 @@ class ProfileFile(StrictRecord):
     commands: tuple[PdoSpec, ...] = ()
     answers: tuple[PdoSpec, ...] = ()
     joints: tuple[JointSpec, ...] = ()
+    pdo_maps: Literal["compared", "configured"] = "compared"
     compared: tuple[Hexadecimal, ...] = ()
     device_type: DeviceType = DeviceType(
         value=f"{DRIVE_DEVICE_TYPE:08X}h", mask=f"{DEVICE_TYPE_MASK:08X}h"
@@ -157,6 +165,7 @@ class ProfileFile(StrictRecord):
             mode_codes=MappingProxyType(
                 {JointMode.POSITION: self.modes.position, JointMode.FREE: self.modes.free}
             ),
+            configures_pdos=self.pdo_maps == "configured",
             compared=frozenset(map(hexadecimal, self.compared)),
             slowest_heartbeat_ms=self.heartbeat.slowest_ms,
             heartbeat_timeout_s=self.heartbeat.silent_after_s,

@@ -61,6 +61,8 @@ def format_profile(profile: BusProfile, *, comment: str) -> bytes:
     }
     if profile.supervisor is None:
         data["serial_number"] = profile.serial_number
+    if profile.configures_pdos:
+        data["pdo_maps"] = "configured"
     data |= shared
     data["joints"] = joints
     data["compared"] = [f"{index:04X}h" for index in sorted(profile.compared)]

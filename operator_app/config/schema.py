@@ -26,6 +26,7 @@ VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2)}
 """Which versions of a kind of file are read, the one that is written last; 1 alone where nothing is said."""
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+UNKNOWN, KNOWN_HERE = "unknown key", "known here: "
 
 
 class StrictModel(BaseModel):
@@ -119,6 +120,11 @@ def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -
     if problems or checked is None:
         raise ConfigError(problems)
     return checked
+
+
+def is_unlike_any_key(problem: Problem) -> bool:
+    """Whether a problem is a key that is like none of those known at its place."""
+    return problem.text == UNKNOWN and problem.remedy.startswith(KNOWN_HERE)
 
 
 def schema_name(kind: str) -> str:
@@ -224,7 +230,7 @@ def _unknown_key(
     present = document.at(parent)
     open_keys = [k for k in known if k not in present]
     value = document.at(path)
-    text = "unknown key"
+    text = UNKNOWN
     match = UNIT.fullmatch(key)
     for candidate in known:
         other = UNIT.fullmatch(candidate)
@@ -241,7 +247,7 @@ def _unknown_key(
     if near:
         path_meant = (*parent, near[0])
         return text, f"did you mean {near[0]}?", path_meant if path_meant in missing else None
-    return text, f"known here: {', '.join(known)}" if known else "remove it", None
+    return text, f"{KNOWN_HERE}{', '.join(known)}" if known else "remove it", None
 
 
 def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:

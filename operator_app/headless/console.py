@@ -14,6 +14,7 @@ from operator_app.composition import CutShort
 from operator_app.headless.ending import cut_short_lines
 from operator_app.planning.drives import DriveChoice, names
 from operator_app.planning.mode_rule import and_the_others
+from operator_app.session.lateness import late_words
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.state import SessionState
@@ -29,6 +30,7 @@ class ConsoleListener(Listener):
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)
         self._progress: Progress | None = None
         self._joints = 0
+        self._late_times = 0
 
     def say(self, text: str) -> None:
         """Write one line of progress."""
@@ -38,6 +40,7 @@ class ConsoleListener(Listener):
         """Say what the session goes on with."""
         if session.journal.contents.torn:
             self.say(f"{session.journal.contents.torn}.")
+        self._late_times = session.state.late.times
         self.say(f"Going on after {len(session.state.used_poses)} poses.")
 
     def cut_short(self, found: CutShort) -> None:
@@ -72,7 +75,11 @@ class ConsoleListener(Listener):
         self.say(f"{joints} {names} in position mode{others}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
-        """Advance the bar."""
+        """Advance the bar, and say if this computer was late."""
+        if new := state.late.times - self._late_times:
+            self._late_times = state.late.times
+            longest_s = state.late.last_s if new == 1 else state.late.longest_s
+            self.say(f"Warning: {late_words(new, longest_s)}.")
         if not sys.stderr.isatty():
             return
         if self._progress is None:

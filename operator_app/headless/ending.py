@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from hardware.errors import DriveFault, HardwareError, MappingDiffers, WrongArm
+from hardware.errors import (
+    DriveAstray,
+    DriveFault,
+    HardwareError,
+    MappingDiffers,
+    NotConfigured,
+    WrongArm,
+)
 from hardware.objects import EmergencyCode
 from operator_app.composition import CutShort
 from operator_app.session.folder import read_session
+from operator_app.session.wording import stopped_words
+
+_STOP_CONTACT = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP_SECOND)
 
 _SILENT = (
     "The arm did not answer when it was told to hold: nobody here knows what it does. Its drives hold by "
@@ -31,9 +41,31 @@ def cut_short_lines(found: CutShort) -> list[str]:
     lines = [f"{said}; no pose was taken."]
     if poses:
         lines = [f"{said}. {poses} poses are kept in {folder}.", *_way_on(found)]
+    if isinstance(found.cause, DriveAstray):
+        # Whoever stands there has just seen it move: before anything else, why, and what to do.
+        lines.insert(0, f"{stopped_words(str(found.cause))}.")
+    if late := _late(found):
+        lines.insert(0, late)
     if connected and not found.held:
         lines.insert(0, _SILENT)
     return lines
+
+
+def _late(found: CutShort) -> str:
+    """Say that this computer was late, where that is why drives tripped: at the next pose it would be too late."""
+    cause = found.cause
+    if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
+        return ""
+    late = found.session.late_here
+    if late.times == 0:
+        return ""
+    again = (
+        "" if late.times == 1 else f", {late.times} times in all, by {late.longest_s:.2f} s at most"
+    )
+    return (
+        f"This computer was late by {late.last_s:.2f} s{again}: the drives missed its heartbeat for that. End "
+        "other programs on it, or give this one real-time priority."
+    )
 
 
 def _way_on(found: CutShort) -> list[str]:
@@ -44,8 +76,14 @@ def _way_on(found: CutShort) -> list[str]:
     if isinstance(cause, DriveFault) and cause.code != EmergencyCode.HEARTBEAT_LOST:
         embedded = session.state.settings.get("interface") in (None, "virtual")
         reset = "" if embedded else f" Then clear its trip with: sarcal reset {folder}"
+        if cause.code in _STOP_CONTACT:
+            return [f"Release the external stop when it is safe.{reset}", goes_on]
         return [f"Find out what joint {cause.joint} met.{reset}", goes_on]
-    wrong = isinstance(cause, MappingDiffers | WrongArm)
+    if isinstance(cause, DriveAstray):
+        return [
+            f"Only when you know why joint {cause.joint} went astray: {goes_on[0].lower()}{goes_on[1:]}"
+        ]
+    wrong = isinstance(cause, MappingDiffers | NotConfigured | WrongArm)
     if isinstance(cause, KeyboardInterrupt) or (isinstance(cause, HardwareError) and not wrong):
         return [goes_on]
     return []

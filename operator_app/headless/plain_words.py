@@ -16,6 +16,7 @@ def describe(step: Step, s: SessionSnapshot) -> list[str]:
     """Where the operator is, whether it is safe, what comes next."""
     kind = "SIMULATED" if s.simulated else "REAL ARM"
     lines = [f"Step {int(step)} of {len(Step)}, {step.title}. {kind}. {_safety(s)}"]
+    lines += [f"Alarm: {alarm.text}." for alarm in s.alarms]
     lines += _DETAILS[step](s)
     label = next_thing(step, s).label
     return [*lines, f"Recommended now: {label}."] if label else lines
@@ -33,7 +34,7 @@ def _safety(s: SessionSnapshot) -> str:
     if s.data is DataState.LOST:
         return f"Alarm: no data for {SILENCE(s.oldest_s).with_unit}."
     if s.stopped:
-        return "STOP is latched."
+        return "The arm was stopped by itself." if s.stopped_for else "STOP is latched."
     data = (
         "Data ok"
         if s.data is DataState.FRESH

@@ -12,7 +12,7 @@ from operator_app.calibration.solution import Solution
 from operator_app.errors import SessionError
 from operator_app.planning.advice import QUICK_TRIES, advise, hint
 from operator_app.session.drives import drives_of
-from operator_app.session.export import Exported
+from operator_app.session.export import Exported, export
 from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd
 from operator_app.session.session import Session
@@ -69,7 +69,8 @@ def run(
     checks = None if known is None else known.checks
     if checks is None:
         checks = session.check(solution, solver)
-    exported = session.export(solution, forced=forced) if solution.accepted or forced else None
+    session.heed()
+    exported = export(session, solution, forced=forced) if solution.accepted or forced else None
     return RunResult(
         solution=solution,
         checks=checks,

@@ -15,6 +15,8 @@ PICTURE = re.compile(r"!\[([^\]]*)\]\([^)]*\)")
 COMMENT = re.compile(r"<!--.*?-->\n?", re.DOTALL)
 ITEM = re.compile(r"( *)([-*]|\d+\.) +(.*)")
 ESCAPED_BAR = "\\|"
+MANY_COLUMNS, TALLEST = 4, 8
+"""A table of so many columns, with a cell of more lines than that, cannot be read side by side."""
 
 
 def as_text(markdown: str, width: int) -> str:
@@ -108,13 +110,28 @@ def _table(rows: Sequence[list[str]], width: int) -> Iterator[str]:
         if max(slack) <= 0:
             break
         wide[max(range(len(wide)), key=lambda k: (slack[k] > 0, wide[k]))] -= 1
-    for number, row in enumerate(body):
-        cells = [_wrapped(cell, w) or [""] for cell, w in zip(row, wide, strict=True)]
+    wrapped = [
+        [_wrapped(cell, w) or [""] for cell, w in zip(row, wide, strict=True)] for row in body
+    ]
+    if len(columns) >= MANY_COLUMNS and max(len(cell) for row in wrapped for cell in row) > TALLEST:
+        yield from _blocks(body, width)
+        return
+    for number, cells in enumerate(wrapped):
         for k in range(max(map(len, cells))):
             pieces = (cell[k] if k < len(cell) else "" for cell in cells)
             yield "  ".join(p.ljust(w) for p, w in zip(pieces, wide, strict=True)).rstrip()
         if number == 0:
             yield "  ".join("-" * w for w in wide)
+
+
+def _blocks(body: Sequence[list[str]], width: int) -> Iterator[str]:
+    """A table too narrow for its text: a block a row, under its first cell."""
+    head, *rows = body
+    for row in rows:
+        yield row[0]
+        for title, cell in zip(head[1:], row[1:], strict=True):
+            yield from _wrapped(f"{title}: {cell}", width, "  ", "    ")
+        yield ""
 
 
 def _longest_word(column: Sequence[str]) -> int:

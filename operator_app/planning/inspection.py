@@ -12,7 +12,9 @@ from operator_app.config.any_file import Found
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
+from operator_app.planning.homes import closing_home
 from operator_app.planning.outlook import Outlook, outlook, seen_by
+from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.errors import SolverError
 from solver.judging.identifiability import Identifiability
@@ -28,6 +30,9 @@ class Chain:
         Its name, where a procedure brings the two together; else empty.
     held
         Entries that stay as the arm's file has them, and why.
+    home
+        Where the arm's home will not do: one (n,) that will, in rad, and what would come of it; None where
+        none was found.
     poses
         Files of poses that are this arm's, and what they see.
     unfit
@@ -39,6 +44,7 @@ class Chain:
     outlook: Outlook
     procedure: str = ""
     held: Mapping[str, str] = field(default_factory=dict)
+    home: tuple[FloatArray, Outlook] | None = None
     poses: tuple[tuple[str, Identifiability], ...] = ()
     unfit: tuple[tuple[str, str], ...] = ()
 
@@ -87,10 +93,12 @@ def _chain(
             seen.append((file, seen_by(arm, spec.fixture, loaded.poses, unsensed_joints=unsensed)))
         except (SolverError, ValueError) as error:
             unfit.append((file, str(error)))
+    found_there = outlook(arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed)
     return Chain(
         arm=arm,
         fixture=spec,
-        outlook=outlook(arm, spec.fixture, position_joints=drives, unsensed_joints=unsensed),
+        outlook=found_there,
+        home=closing_home(arm, spec.fixture, found_there),
         procedure=procedure,
         held=held,
         poses=tuple(seen),

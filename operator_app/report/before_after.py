@@ -11,6 +11,7 @@ import numpy as np
 
 from operator_app.calibration.calibrated_arm import calibrated_arm, hand_errors
 from operator_app.calibration.hand_error import Spread
+from operator_app.calibration.judgement import held_in_words
 from operator_app.calibration.solution import Solution
 from operator_app.report.picture import Axis, Layer, Line, Marks, Picture, map_axes
 from operator_app.report.subject import Subject
@@ -79,11 +80,35 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
     return Pair(
         before=shown("Before", "how far off the hand is", errors.before_m, accuracy.before),
         after=shown("After", "one sigma of the hand", errors.after_m, accuracy.after),
-        note="The area of a mark is how far off the hand is there, in both pictures on one scale.",
+        note="The area of a mark is how far off the hand is there, in both pictures on one scale"
+        f"{held_in_words(accuracy) or '.'}",
     )
 
 
 # ---- arm and fixture in one pose -----------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Words:
+    """What the pictures of an arm say of its hand; `there` is a label, empty where it is the fixture."""
+
+    title: str
+    worst: str
+    where: str
+    there: str = ""
+
+
+HELD = _Words(
+    title="the loop of pose {} stays open by {}",
+    worst="whose loop was farthest from closing",
+    where="where it is held",
+)
+MEASURED = _Words(
+    title="the hand of pose {} is {} from where it was measured",
+    worst="whose hand was farthest from where it was measured",
+    where="where the instrument saw it",
+    there="as measured",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,8 +137,10 @@ def arm_pair(subject: Subject) -> Pair | None:
     at_nominal = closure_at_readings(part, nominal, q)
     missed = np.linalg.norm(at_nominal.residual[:, at_nominal.rotation_rows :], axis=1)
     worst = int(np.argmax(missed))
-    before = _seen(part, nominal, q[worst])
-    after = _seen(part, solution.estimate.x[columns], q[worst])
+    # An instrument saw the hand of an open arm elsewhere in every pose.
+    there = part.at_poses(np.array([worst]))
+    before = _seen(there, nominal, q[worst])
+    after = _seen(there, solution.estimate.x[columns], q[worst])
     if before is None or after is None:
         return None
     masses = subject.procedure.arm.masses
@@ -122,22 +149,29 @@ def arm_pair(subject: Subject) -> Pair | None:
     reach = float(np.ptp(before.chain @ view.T, axis=0).max())
     times = max((k for k in ENLARGED if k * max(sizes) <= GAP_SHARE * reach), default=1)
     kind = subject.procedure.fixture.kind
-    drawn = [_layers(s, view, times, kind) for s in (before, after)]
+    words = MEASURED if kind == "measured" else HELD
+    labels = (words.there or f"{kind}, table", f"{kind}, hand")
+    drawn = [_layers(s, view, times, labels) for s in (before, after)]
     points = [np.array([layer.x, layer.y]) for layers in drawn for layer in layers]
     x, y = map_axes(
         ("across", "up"), *np.concatenate(points, axis=1), unit=LENGTH.unit, aspect=ASPECT
     )
     number = subject.used[int(np.arange(len(subject.used))[poses][worst])].number
     pictures = [
-        _arm(when, gap, number, (x, y), layers)
+        _arm(
+            f"{when}: {words.title.format(number, Figure(gap, CLOSURE_LENGTH).with_unit)}",
+            when,
+            (x, y),
+            layers,
+        )
         for when, gap, layers in zip(("Before", "After"), sizes, drawn, strict=True)
     ]
     enlarged = f", drawn {times} times as wide," if times > 1 else ""
     return Pair(
         before=pictures[0],
         after=pictures[1],
-        note=f"The arm at the readings of pose {number}, whose loop was farthest from closing before; the gap"
-        f"{enlarged} is from the hand to where it is held.",
+        note=f"The arm at the readings of pose {number}, {words.worst} before; the gap{enlarged} is from the "
+        f"hand to {words.where}.",
     )
 
 
@@ -157,7 +191,9 @@ def _view(points: FloatArray, up: FloatArray) -> FloatArray:
     return np.stack((right * np.sign(right[np.argmax(np.abs(right))]), up))
 
 
-def _layers(seen: _Seen, view: FloatArray, times: int, kind: str) -> list[Line | Marks]:
+def _layers(
+    seen: _Seen, view: FloatArray, times: int, labels: tuple[str, str]
+) -> list[Line | Marks]:
     hand = seen.chain[-1]
     pin = hand + times * seen.gap
 
@@ -173,25 +209,27 @@ def _layers(seen: _Seen, view: FloatArray, times: int, kind: str) -> list[Line |
         return np.stack((at - AXIS_M * along, at + AXIS_M * along))
 
     joints, held = flat(seen.chain[:-1]), flat(pin[None, :])
+    # A ball and a measured point have no axis: their mark says what they are.
+    turns, (there, own) = bool(np.any(seen.pin_axis)), labels
+    axes = [
+        line(axis(pin, seen.pin_axis), "dashed", there),
+        line(axis(hand, seen.hand_axis), "b", own),
+    ]
     return [
-        line(axis(pin, seen.pin_axis), "dashed", f"{kind}, table"),
-        line(axis(hand, seen.hand_axis), "b", f"{kind}, hand"),
+        *(axes if turns else ()),
         line(seen.chain, "a", "arm"),
         Marks(x=joints[0], y=joints[1]),
         line(np.stack((hand, pin)), "gap", "gap"),
-        Marks(x=held[0], y=held[1], shape="triangle", class_="d"),
+        Marks(x=held[0], y=held[1], shape="triangle", class_="d", label="" if turns else there),
     ]
 
 
-def _arm(
-    when: str, gap: float, number: int, axes: tuple[Axis, Axis], layers: list[Line | Marks]
-) -> Picture:
-    size = Figure(gap, CLOSURE_LENGTH).with_unit
+def _arm(title: str, when: str, axes: tuple[Axis, Axis], layers: list[Line | Marks]) -> Picture:
     all_layers: list[Layer] = [*layers]
     return Picture(
         ident=f"arm-{when.lower()}",
-        title=f"{when}: the loop of pose {number} stays open by {size}",
-        description=f"The arm from its base to its hand, and {size} beside the hand where the fixture holds it.",
+        title=title,
+        description=f"{title}. The arm from its base to its hand, and the place where the hand should be.",
         x=axes[0],
         y=axes[1],
         layers=all_layers,

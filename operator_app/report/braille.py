@@ -44,10 +44,15 @@ class Canvas:
         """Height in dots."""
         return 4 * self.rows
 
+    @staticmethod
+    def row(y: float) -> int:
+        """Row of cells in which a dot at this height lies."""
+        return _whole(y) // 4
+
     def dot(self, x: float, y: float, role: str = "text") -> None:
         """Set one dot; outside of the canvas nothing happens."""
         across, down = _whole(x), _whole(y)
-        column, row = across // 2, down // 4
+        column, row = across // 2, self.row(y)
         if 0 <= column < self.columns and 0 <= row < self.rows:
             self._bits[row][column] |= _DOTS[across % 2][down % 4]
             self._roles[row][column] = role
@@ -68,7 +73,7 @@ class Canvas:
 
     def letter(self, x: float, y: float, text: str, role: str = "text") -> None:
         """Write text over the cell at a dot."""
-        column, row = _whole(x) // 2, _whole(y) // 4
+        column, row = _whole(x) // 2, self.row(y)
         for k, character in enumerate(text):
             if 0 <= column + k < self.columns and 0 <= row < self.rows:
                 self._letters[row, column + k] = (character, role)

@@ -16,14 +16,14 @@ from operator_app.calibration.checks import Checks
 from operator_app.calibration.halving import halvings
 from operator_app.calibration.judgement import Notice
 from operator_app.calibration.solution import Solution
-from solver.errors import UnidentifiableDirection
+from operator_app.calibration.verdict import Verdict
+from operator_app.units.figure import ANGLE
+from solver.errors import UnidentifiableError
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
 from solver.judging.holdout import HoldOut
 from solver.judging.rvdt import RvdtVerdict
 from solver.judging.statistics import chi2_test, correlations
-
-NOT_IDENTIFIABLE = "not identifiable"
 
 
 def calibration_data(solution: Solution) -> dict[str, Any]:
@@ -36,6 +36,9 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         "rvdt": [_rvdt_data(verdict) for verdict in solution.rvdt],
         "outlier_poses": list(solution.outliers),
         "held": list(solution.held),
+        "hand_accuracy_holds_for": {}
+        if solution.accuracy is None
+        else {h.name: h.value_rad * ANGLE.json_per_si for h in solution.accuracy.holds_for},
         "tolerated": list(solution.tolerated),
         "tolerated_parameters": {},
         "repeatability": None,
@@ -149,12 +152,18 @@ def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
 
 
 def unidentifiable_data(
-    directions: tuple[UnidentifiableDirection, ...], *, parameters: int, poses: int
+    error: UnidentifiableError, *, parameters: int, poses: int
 ) -> dict[str, Any]:
-    """Return the object for a pose set that leaves parameters undetermined (exit code 5)."""
+    """Return the object for a pose set that leaves parameters undetermined (exit code 5).
+
+    Every key that a reader of a calibration looks for is there, and holds nothing.
+    """
+    directions = error.directions
+    causes = [{"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}]
     return {
         "parameters": {},
         "sigma": {},
+        "interval_95": {},
         "rank": parameters - len(directions),
         "unidentifiable": [d.parameters[0] for d in directions],
         "unidentifiable_directions": [
@@ -168,8 +177,12 @@ def unidentifiable_data(
         "variance_components": {},
         "poses": poses,
         "iterations": 0,
-        "verdict": NOT_IDENTIFIABLE,
+        "budget": {},
+        "assumed": [],
+        "verdict": Verdict.NOT_ACCEPTED.value,
         "verdict_reasons": [str(d) for d in directions],
+        "causes": causes if error.note else [],
+        "tests": [],
         "warnings": [],
     }
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from operator_app.config.any_file import Found
+from operator_app.config.degrees import short_degrees
 from operator_app.config.errors import Problem
 from operator_app.planning.inspection import Chain
 from operator_app.report.check_text import in_words
@@ -50,6 +51,7 @@ def _chain(chain: Chain) -> dict[str, Any]:
         "drives": None
         if found.choice is None
         else {"joints": list(found.choice.drives), "reasons": list(found.choice.reasons)},
+        "home_deg": None if chain.home is None else short_degrees(chain.home[0]),
         "refusal": None if found.refusal is None else str(found.refusal),
         "checks": [check_json(c) for c in found.checks],
         "parameters": [p.name for p in found.parameters],

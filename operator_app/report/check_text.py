@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from fixtures.base import Severity
 from operator_app.config.any_file import Found, Looked
+from operator_app.config.degrees import short_degrees
 from operator_app.config.errors import Problem
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters import ParametersDocument
@@ -187,6 +188,7 @@ def _chain(chain: Chain) -> str:
         for d in found.blind
         if not any(f"IMMOBILE_{j}" in said for j in d.immobile_joints)
     ]
+    lines += _other_home(chain)
     lines += [paragraph(f"{name} is held: {why}.") for name, why in chain.held.items()]
     if found.seen is not None and not found.refused:
         lines.append(_well("Poses all over what can be reached", found.seen))
@@ -219,6 +221,28 @@ def _freedom(chain: Chain) -> list[str]:
             f"joint {j + 1}."
         )
     return lines
+
+
+def _other_home(chain: Chain) -> list[str]:
+    """Where the arm's home will not do: another one, ready to be copied into the arm's file."""
+    if chain.home is None:
+        return []
+    home, found = chain.home
+    degrees = ", ".join(f"{a:g}" for a in short_degrees(home))
+    well = (
+        []
+        if found.seen is None
+        else [_well("Poses all over what can be reached from there", found.seen)]
+    )
+    return [
+        paragraph(
+            f"! This home will do, and closes with the {chain.fixture.kind}: write it into the file of "
+            f"{chain.arm.name}, bring the arm there, and check again:",
+            indent=2,
+        ),
+        f"  home_deg: [{degrees}]",
+        *well,
+    ]
 
 
 def _unknowns(found: Outlook) -> str:

@@ -101,7 +101,7 @@ def _rows(found: Calibration) -> list[dict[str, Any]]:
 
 
 def _csv(found: Calibration) -> bytes:
-    """One row a parameter, angles in deg, lengths in mm."""
+    """One row a parameter, angles in deg, lengths in mm; in spite of its verdict: why, in a last column."""
     estimate = found.solution.identified
     rows = [
         (p.name, side_of(found.solution.model, p.name), quantity_of(p).unit,
@@ -110,7 +110,10 @@ def _csv(found: Calibration) -> bytes:
             estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
         )
     ]  # fmt: skip
-    return write_records([CSV_HEADER, *rows])
+    if found.solution.accepted:
+        return write_records([CSV_HEADER, *rows])
+    why = " ".join(found.forced.split())
+    return write_records([(*CSV_HEADER, "forced"), *((*row, why) for row in rows)])
 
 
 def _urdf(found: Calibration) -> bytes:
@@ -149,6 +152,7 @@ def _mat(found: Calibration) -> bytes:
             "arm_model": found.arm.name,
             "arm_serial": found.serial_number,
             "verdict": found.solution.verdict.value,
+            "forced": found.forced,
             "names": names,
             "side": np.array(
                 [side_of(found.solution.model, p.name) for p in estimate.parameters], dtype=object

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from operator_app.report.facts import Facts
 from operator_app.report.markup import Html, element
 from operator_app.report.section import bullets, sentence
@@ -42,7 +44,7 @@ def verdict(subject: Subject) -> Html:
             " The limits of the procedure are met." if good else "",
         ),
     ]
-    if reasons := [str(d) for d in subject.unidentifiable] if facts is None else facts.reasons:
+    if reasons := _reasons(subject):
         said.append(bullets(sentence(reason) for reason in reasons))
     return element("div", *said, class_="verdict" if good else "verdict no")
 
@@ -67,3 +69,11 @@ def tiles(facts: Facts | None) -> Html:
         ),
         class_="tiles",
     )
+
+
+def _reasons(subject: Subject) -> Sequence[str]:
+    """Why the verdict is not better."""
+    if subject.facts is not None:
+        return subject.facts.reasons
+    blind = subject.unidentifiable
+    return [] if blind is None else [str(d) for d in blind.directions]

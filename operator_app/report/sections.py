@@ -147,7 +147,7 @@ def _before_and_after(subject: Subject) -> list[str]:
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
     words = (
         "Sigma and the 95 % interval "
-        + ("follow from the noise of the sensors." if estimate.chi2 is not None else
+        + ("hold every stated source of error." if estimate.chi2 is not None else
            "(Student's) follow from the size of the residuals.")
     )  # fmt: skip
     if subject.solution is not None and subject.solution.paper is None:

@@ -11,10 +11,10 @@ from typing import Any
 
 from operator_app.report.calibration_data import unidentifiable_data
 from operator_app.report.facts import Facts, estimate_json
-from operator_app.session.export import POSES_NAME
+from operator_app.session.folder import POSES_NAME
 from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.state import SessionState
-from solver.errors import UnidentifiableDirection
+from solver.errors import UnidentifiableError
 from solver.estimators.estimate import Estimate
 
 
@@ -32,7 +32,7 @@ def session_json(
             "journal": str(folder / JOURNAL_NAME),
             "serial_number": state.serial_number,
             "parameters": str(folder / exported["file"]) if exported else None,
-            "poses": str(folder / POSES_NAME) if exported else None,
+            "poses": _poses_file(folder),
             "uploaded": bool(uploaded),
             "sha256": uploaded.get("sha256"),
         },
@@ -40,21 +40,31 @@ def session_json(
 
 
 def unidentifiable_json(
-    directions: tuple[UnidentifiableDirection, ...], *, parameters: int, poses: int, folder: Path
+    error: UnidentifiableError, *, parameters: int, poses: int, folder: Path
 ) -> dict[str, Any]:
     """Return the same of a session whose poses leave parameters undetermined."""
-    found = unidentifiable_data(directions, parameters=parameters, poses=poses)
-    return {**found, "paper": None, "session": {"folder": str(folder)}}
+    found = unidentifiable_data(error, parameters=parameters, poses=poses)
+    return {
+        **found,
+        "paper": None,
+        "session": {"folder": str(folder), "poses": _poses_file(folder)},
+    }
+
+
+def _poses_file(folder: Path) -> str | None:
+    """Beside the journal from the first calibration on."""
+    return str(folder / POSES_NAME) if (folder / POSES_NAME).exists() else None
 
 
 def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
     """Say where the session, its files and its upload are."""
-    lines = [f"Session     {folder}"]
-    exported = state.exported
+    lines, exported = [f"Session     {folder}"], state.exported
+    if poses := _poses_file(folder):
+        lines.append(f"Poses       {poses}")
     if not exported:
         why = "" if accepted else ": the calibration was not accepted"
         return "\n".join([*lines, f"Parameters  not written{why}"])
-    lines += [f"Poses       {folder / POSES_NAME}", f"Parameters  {folder / exported['file']}"]
+    lines.append(f"Parameters  {folder / exported['file']}")
     uploaded = exported["uploaded"]
     if uploaded is None:
         return "\n".join([*lines, "Controller  nothing uploaded"])

@@ -18,7 +18,7 @@ from operator_app.session.journal_lines import Event
 from operator_app.session.replay import replay
 from operator_app.session.state import CapturedPose, SessionState
 from solver.arrays import FloatArray
-from solver.errors import UnidentifiableDirection
+from solver.errors import UnidentifiableError
 from solver.estimators.estimate import Estimate
 
 
@@ -51,7 +51,7 @@ class Subject:
     state: SessionState
     solution: Solution | None
     checks: Checks | None
-    unidentifiable: tuple[UnidentifiableDirection, ...] = ()
+    unidentifiable: UnidentifiableError | None = None
     solved_again: str = ""
     last_utc: str = ""
     events: int = 0
@@ -94,10 +94,14 @@ class Subject:
 
     @property
     def _about_the_session(self) -> tuple[Notice, ...]:
-        found = [
-            Notice(code="UNSEEN", text=f"{d}: take poses that differ more, or hold one of them")
-            for d in self.unidentifiable
-        ]
+        found = []
+        if (blind := self.unidentifiable) is not None:
+            found = [
+                Notice(code="UNSEEN", text=f"{d}: take poses that differ more, or hold one of them")
+                for d in blind.directions
+            ]
+            if blind.note:
+                found.insert(0, Notice(code=blind.code, text=blind.note))
         if self.torn:
             text = f"{self.torn}: nothing that counted was in it"
             found.append(Notice(code="TORN", text=text))
@@ -155,7 +159,7 @@ def subject_of_session(
     found: Calibrated | None,
     *,
     torn: str = "",
-    unidentifiable: tuple[UnidentifiableDirection, ...] = (),
+    unidentifiable: UnidentifiableError | None = None,
 ) -> Subject:
     """Read a session's journal.
 

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Sequence
 from operator_app.calibration.judgement import Notice
 from operator_app.report.facts import Facts
 from operator_app.report.table import Column, Table, shown
+from operator_app.units.numbers import names
 from operator_app.words_out import harmless
-from solver.errors import UnidentifiableDirection
+from solver.errors import UnidentifiableError
 
 WIDTH = 80
 
@@ -19,17 +20,25 @@ def facts_text(facts: Facts) -> str:
     blocks = [
         verdict_text(facts),
         *(table_text(table) for table in facts.tables if not table.detail),
-        warnings_text(facts.notices),
+        warnings_text(n for n in facts.notices if n not in _causes(facts)),
     ]
     return "\n\n".join(block for block in blocks if block)
 
 
 def verdict_text(facts: Facts) -> str:
     """Return the verdict with its reasons."""
+    said = facts.reasons
+    head = f"{facts.verdict.upper()}:"
     if facts.accepted:
-        return f"{facts.verdict.upper()}: the calibration meets its limits."
-    reasons = (paragraph(f"- {reason}", indent=2) for reason in facts.reasons)
-    return "\n".join((f"{facts.verdict.upper()}:", *reasons))
+        said = tuple(notice.text for notice in _causes(facts))
+        head = f"{head} the calibration meets its limits.{' What may be off:' if said else ''}"
+    return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in said)))
+
+
+def _causes(facts: Facts) -> tuple[Notice, ...]:
+    """Notices that are causes of the verdict: they are said first."""
+    codes = {cause["code"] for cause in facts.data.get("causes", ())}
+    return tuple(notice for notice in facts.notices if notice.code in codes)
 
 
 def table_text(table: Table) -> str:
@@ -91,19 +100,33 @@ def warnings_text(notices: Iterable[Notice]) -> str:
     return "\n".join(paragraph(f"! {n.text}", indent=2) for n in notices)
 
 
-def unidentifiable_text(directions: Sequence[UnidentifiableDirection]) -> str:
+MANY_JOINTS = 2
+"""More of them stand still for want of moving, and not for a fixture that holds them."""
+
+
+def unidentifiable_text(error: UnidentifiableError) -> str:
     """Return why a pose set cannot give what was asked for."""
+    directions = error.directions
     joints = sorted({j for d in directions for j in d.immobile_joints})
-    which = ", ".join(str(j) for j in joints)
-    remedy = (
-        f"use a fixture in which joint {which} moves (the hinge), or leave theta_off_{which} out of "
-        "the free entries of the arm file."
-        if joints
-        else "take poses that differ more, or hold one parameter of each line at its nominal value: "
-        "--drop-unidentifiable of solve and import chooses them, or leave them out of the free "
-        "entries of the arm file."
-    )
+    if len(joints) > MANY_JOINTS:
+        remedy = "take poses in which every joint moves, through as much of its range as the fixture lets it."
+    elif joints:
+        several = len(joints) > 1
+        remedy = (
+            f"take poses in which joint{'s' * several} {names(joints)} move{'s' * (not several)}, in another "
+            "fixture where this one does not let them (a rigid one holds the elbow, a hinge frees it), or leave "
+            f"{names(f'theta_off_{j}' for j in joints)} out of the free entries of the arm file."
+        )
+    else:
+        remedy = (
+            "take poses that differ more, or hold one parameter of each line at its nominal value: "
+            "--drop-unidentifiable of solve and import chooses them, or leave them out of the free "
+            "entries of the arm file."
+        )
     lines = ["Not identifiable: these poses cannot determine every parameter."]
+    if error.note:
+        # More is known than which ones: a sensor that is stuck, too few poses.
+        lines.append(paragraph(f"! {error.note}", indent=2))
     lines += [paragraph(f"! {direction}", indent=2) for direction in directions]
     return "\n".join([*lines, paragraph(f"What to do: {remedy}")])
 

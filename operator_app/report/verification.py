@@ -6,14 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from operator_app.calibration.foretold import FIXTURE, shift_in_words
 from operator_app.calibration.verify import Prediction
 from operator_app.report.quality_facts import CLOSURE_COLUMNS, closure_row
 from operator_app.report.table import Table, keyed
 from operator_app.report.text import paragraph, table_text
 from operator_app.session.snapshot import Verified
-from operator_app.units.figure import CHI2, SIGMA_ORI, SIGMA_POS
+from operator_app.units.figure import ANGLE, CHI2, SIGMA_ORI, SIGMA_POS
 from operator_app.units.numbers import significant
 from solver.chain.poses import PoseSet
+from solver.judging.prediction import Shift
 
 WORST = 5
 """Odd poses that are named."""
@@ -34,7 +36,7 @@ def closure(verdict: Prediction) -> Table:
 
 def verification_json(verdict: Prediction, poses: PoseSet) -> dict[str, Any]:
     """Return the object of `sarcal verify --json`."""
-    chi2 = verdict.verification.chi2
+    chi2, shift = verdict.verification.chi2, verdict.shift
     return {
         "verdict": "holds" if verdict.holds else "does not hold",
         "poses": verdict.poses,
@@ -42,6 +44,20 @@ def verification_json(verdict: Prediction, poses: PoseSet) -> dict[str, Any]:
         "chi2_band_99": [chi2.low, chi2.high],
         **keyed((closure(verdict),)),
         "odd_poses": [poses.label[k] for k in verdict.odd_poses],
+        "shift": None if shift is None else _shift_json(shift),
+    }
+
+
+def _shift_json(shift: Shift) -> dict[str, Any]:
+    """Return what has shifted: ``joint_4``, by deg, or ``fixture``."""
+    joint = shift.subject != FIXTURE
+    return {
+        "what": f"joint_{shift.subject}" if joint else shift.subject,
+        "size_deg": None if shift.size is None or not joint else shift.size * ANGLE.json_per_si,
+        "sigma_deg": None if shift.sigma is None or not joint else shift.sigma * ANGLE.json_per_si,
+        "chi2": shift.chi2,
+        "threshold": shift.threshold,
+        "text": shift_in_words(shift),
     }
 
 
@@ -59,6 +75,8 @@ def verification_text(verdict: Prediction, poses: PoseSet, folder: str) -> str:
         "by more than its uncertainty allows."
     )
     notices = []
+    if verdict.shift is not None:
+        notices.append(shift_in_words(verdict.shift))
     if found.chi2.per_dof < found.chi2.low:
         notices.append(
             "these poses fit better than what the files state makes likely: the arm is better than "
@@ -71,7 +89,10 @@ def verification_text(verdict: Prediction, poses: PoseSet, folder: str) -> str:
         )
         notices.append(f"look at pose {worst}")
     if not verdict.holds and not np.all(found.closed):
-        notices.append("some poses cannot be closed at all: was the hinge moved since?")
+        notices.append(
+            "some poses cannot be closed at all: was the fixture moved since, or has their placement the "
+            "number of another one?"
+        )
     return "\n".join(
         (
             paragraph(head),
@@ -92,5 +113,5 @@ def verified_words(found: Verified) -> str:
     return (
         f"{found.poses} new poses: {SIGMA_POS(found.position_m).with_unit}"
         f"{'' if turned is None else f', {SIGMA_ORI(turned).with_unit}'} rms, chi2/dof {ratio}: "
-        f"{'as expected' if found.holds else 'worse than expected'}"
+        f"{'as expected' if found.holds else found.why or 'worse than expected'}"
     )

@@ -18,6 +18,7 @@ from operator_app.calibration.solve import calibrate
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.session.state import SessionState
+from operator_app.session.unreturned import unreturned_notices
 from solver.estimators.estimate import Estimate
 
 
@@ -96,7 +97,7 @@ def solve(
             "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
             "use --estimator implicit with --unsensed",
         )
-    return calibrate(
+    solution = calibrate(
         procedure.arm,
         procedure.fixture.fixture,
         state.pose_set(),
@@ -107,6 +108,7 @@ def solve(
         limits=procedure.acceptance,
         rereads=state.rereads,
     )
+    return solution.with_notices(unreturned_notices(state))
 
 
 def checked(found: Calibrated, state: SessionState, procedure: Procedure) -> Calibrated:

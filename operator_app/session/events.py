@@ -218,6 +218,7 @@ ANGLES = of_joints(ANGLE)
 SPREADS = of_joints(number(0.0, LARGEST_RAD))
 COUNT = whole(1)
 JOINTS = many(joint)
+SECONDS = number(0.0)
 OBJECT = keyed(text, anything)
 
 SETTINGS = fields(
@@ -249,9 +250,15 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "opened": {"sources": keyed(text, text), "settings": SETTINGS},
     "resumed": {"settings": SETTINGS},
     "imported": {"file": text, "serial_number": text},
-    "connected": {"serial_number": text, "model?": text, "nodes?": many(NODE)},
+    "connected": {
+        "serial_number": text,
+        "model?": text,
+        "nodes?": many(NODE),
+        "configured?": many(text),
+    },
     "reset": {"joints?": JOINTS, "code?": whole(0)},
     "sensor_fault": {"joint": joint, "text": text},
+    "late": {"times": COUNT, "last_s": SECONDS, "longest_s": SECONDS},
     "return_holds": {"of?": whole(0)},
     "standing": {"told?": text, "probability?": nothing_or(number(0.0, 1.0))},
     "control": {"start_rad": ANGLES, "home_rad?": ANGLES},

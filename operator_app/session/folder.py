@@ -1,4 +1,4 @@
-"""Session folders: naming new ones, listing what there is. Knows journals, no arm."""
+"""Session folders: naming new ones, their files, listing what there is. Knows journals, no arm."""
 
 from __future__ import annotations
 
@@ -14,6 +14,10 @@ from operator_app.session.journal import read_journal
 from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.replay import session_state
 from operator_app.session.state import SessionState
+
+PARAMETERS_NAME = "parameters.yaml"
+POSES_NAME = "poses.csv"
+"""What stands beside a journal once there is something to export."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

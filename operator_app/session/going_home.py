@@ -6,50 +6,27 @@ the way leads through places nobody has spoken for. Knows no screen; asks nobody
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol
-
 import numpy as np
 
-from hardware.arm import Arm, MoveResult
 from operator_app.errors import GuardError
-from operator_app.planning.exploration import Box
+from operator_app.session.session import Session
+from operator_app.session.waypoints import drive_box
 from operator_app.units.figure import REACH
+from solver.chain.sensors import Encoder
 
 AT_THE_EDGE_RAD = float(np.deg2rad(5.0))
 """As near to its box as this the arm counts as in it: where it closes need not be where home was stated."""
+
+NEAR_ZERO_RAD = float(np.deg2rad(0.25))
+"""A counter that began anew, and what a joint gives when it is enabled."""
 
 SLOWLY_RAD_PER_S = float(np.deg2rad(5.0))
 """A person beside the arm sees in time where it goes."""
 
 
-class Homing(Protocol):
-    """What of a session it takes."""
-
-    arm: Arm
-
-    def box(self) -> Box:
-        """Where the joints in position mode may be taken."""
-        ...
-
-    def go_to(
-        self, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
-    ) -> MoveResult:
-        """Move the joints in position mode."""
-        ...
-
-    def settle(self) -> bool:
-        """Wait until the arm has come to rest."""
-        ...
-
-    def record(self, name: str, data: Mapping[str, object]) -> None:
-        """Keep an event."""
-        ...
-
-
-def away_from_box(session: Homing) -> str:
+def away_from_box(session: Session) -> str:
     """Say which drive joints stand outside their box; empty when none does."""
-    box, here = session.box(), session.arm.snapshot().positions_rad
+    box, here = drive_box(session), session.arm.snapshot().positions_rad
     beyond = box.beyond_rad(here)
     return ", ".join(
         f"joint {j} stands at {REACH(float(here[j - 1])).with_unit}, outside "
@@ -59,10 +36,38 @@ def away_from_box(session: Homing) -> str:
     )
 
 
-def require_in_box(session: Homing) -> None:
+def require_counted(session: Session) -> None:
+    """Refuse to move a drive joint whose counter stands at zero outside its box: it may have begun anew.
+
+    No agreement helps: by such a reading it would be driven somewhere else than home.
+
+    Raises
+    ------
+    GuardError
+    """
+    box, here = drive_box(session), session.arm.snapshot().positions_rad
+    zeros = [
+        j
+        for j, by in zip(box.joints, box.beyond_rad(here), strict=True)
+        if by > AT_THE_EDGE_RAD
+        and abs(here[j - 1]) <= NEAR_ZERO_RAD
+        and isinstance(session.model.joints[j - 1].sensor, Encoder)
+    ]
+    if zeros:
+        joints = " and ".join(str(j) for j in zeros)
+        raise GuardError(
+            f"joint {joints} reads zero, where this procedure does not expect it: its counter may "
+            "have begun anew, as after a loss of power, and what is driven by it goes astray",
+            f"home joint {joints}; if it really stands at zero, bring it into its box by hand while its "
+            "drives are off",
+        )
+
+
+def require_in_box(session: Session) -> None:
     """Refuse to move by itself an arm that stands where the procedure does not expect it."""
     away = away_from_box(session)
     if away:
+        require_counted(session)
         raise GuardError(
             f"the arm is not where this procedure may move it: {away}",
             "bring it there by hand while its drives are off, or agree that it goes by itself, slowly "
@@ -70,12 +75,13 @@ def require_in_box(session: Homing) -> None:
         )
 
 
-def go_home(session: Homing) -> str:
+def go_home(session: Session) -> str:
     """Take the drive joints straight and slowly to their home, and say what was done.
 
     What ends the move ends it for good: the arm holds there, and nothing is tried a second time.
     """
-    box = session.box()
+    require_counted(session)
+    box = drive_box(session)
     targets = dict(zip(box.joints, box.centre_rad.tolist(), strict=True))
     moved = session.go_to(targets, speed_rad_per_s=SLOWLY_RAD_PER_S)
     session.settle()

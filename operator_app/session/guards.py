@@ -12,7 +12,7 @@ from fixtures.base import Severity
 from hardware.arm import DriveState, JointMode
 from operator_app.config.procedure import MOST_PLACEMENTS
 from operator_app.planning import mode_rule
-from operator_app.session.snapshot import DataState, SessionSnapshot, Task
+from operator_app.session.snapshot import STALE_S, DataState, SessionSnapshot, Task
 from operator_app.session.steps import Step
 from operator_app.session.wording import drive_words
 from operator_app.units.figure import DATA_AGE, SILENCE
@@ -140,8 +140,10 @@ def may_use_data(s: SessionSnapshot) -> Missing:
         )
     if s.data is DataState.STALE:
         joints = ", ".join(f"J{j}" for j in s.stale_joints)
+        ours = s.arm is not None and s.oldest_s - s.arm.late_s <= STALE_S
+        why = " as this computer is late" if ours else ""
         return (
-            f"the data of {joints} are {DATA_AGE(s.oldest_s).with_unit} old: wait for fresh ones",
+            f"the data of {joints} are {DATA_AGE(s.oldest_s).with_unit} old{why}: wait for fresh ones",
         )
     return ()
 
@@ -221,6 +223,11 @@ def may_run_automatically(s: SessionSnapshot) -> Missing:
     if len(s.state.used_poses) >= s.wanted_poses:
         return (f"all {s.wanted_poses} poses are captured",)
     return ()
+
+
+def moves_metal(s: SessionSnapshot) -> bool:
+    """Whether drives move a real arm: neither a simulated one nor one that a person moves."""
+    return not s.simulated and not (s.identity is not None and s.identity.by_hand)
 
 
 def may_remount(s: SessionSnapshot) -> Missing:

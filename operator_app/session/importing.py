@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from operator_app.session.journal_files import write_new
 from operator_app.session.journal_lines import JOURNAL_NAME, Event, line_of
 from operator_app.session.opening import KINDS
 from operator_app.session.replay import apply
+from operator_app.session.saving_again import replace_session
 from operator_app.session.state import SessionState
 from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
@@ -91,6 +92,7 @@ class ImportedSession:
         self.state = SessionState()
         self._clock = clock
         self._lines: list[bytes] = []
+        self._events: list[Event] = []
         self._chain = ""
         sources = zip(KINDS, procedure.sources, strict=True)
         settings = {
@@ -132,13 +134,22 @@ class ImportedSession:
         if checks is not None:
             self._record("checked", {"record": to_dict(checks)})
 
-    def write(self, *, root: Path | None = None, folder: Path | None = None) -> Path:
+    def write(
+        self,
+        *,
+        root: Path | None = None,
+        folder: Path | None = None,
+        overwrite: bool = False,
+        stale: Sequence[str] = (),
+    ) -> Path:
         """Write the journal into `folder`, or into one named by the time below `root`; return it.
+
+        What may be in `folder` already says `saving_again`; files named `stale` in it go then.
 
         Raises
         ------
         JournalError
-            There is a session already, or nothing can be written.
+            There is a session that stays, or nothing can be written.
         """
         if folder is None:
             folder = new_folder(
@@ -149,10 +160,8 @@ class ImportedSession:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             write_new(path, b"".join(self._lines))
-        except FileExistsError as error:
-            raise JournalError(
-                f"there is a session in {folder} already", "name another folder"
-            ) from error
+        except FileExistsError:
+            replace_session(folder, self._lines, self._events, overwrite=overwrite, stale=stale)
         except OSError as error:
             raise JournalError(
                 f"cannot write {path}: {error.strerror}", "choose a folder you may write to"
@@ -164,6 +173,7 @@ class ImportedSession:
         event = Event(seq=len(self._lines) + 1, utc=utc, name=name, data=data)
         line, self._chain = line_of(event, self._chain)
         self._lines.append(line)
+        self._events.append(event)
         self.state = apply(self.state, name, data, utc)
 
 

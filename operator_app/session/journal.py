@@ -44,10 +44,20 @@ def utc_now() -> datetime:
 
 
 class Journal:
-    """An open, locked journal. Lines are on disk when `append` returns."""
+    """An open, locked journal. Lines are on disk when `append` returns.
 
-    def __init__(self, path: Path, descriptor: int, parsed: Parsed, raw: bytes) -> None:
-        self.path = path
+    `made` are the folders that were made for it, the innermost first.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        descriptor: int,
+        parsed: Parsed,
+        raw: bytes,
+        made: tuple[Path, ...] = (),
+    ) -> None:
+        self.path, self.made = path, made
         self.contents = parsed.contents
         self._descriptor = descriptor
         self._seq = len(parsed.contents.events)
@@ -63,6 +73,7 @@ class Journal:
     def create(cls, folder: Path) -> Journal:
         """Start a journal in a new or empty `folder`; JournalError if there is one already."""
         path = folder / JOURNAL_NAME
+        made = tuple(f for f in (folder, *folder.parents) if not f.exists())
         try:
             folder.mkdir(parents=True, exist_ok=True)
             descriptor = new_file(path)
@@ -79,7 +90,7 @@ class Journal:
         lock(descriptor, path)
         sync_folder(folder)
         contents = JournalContents(events=(), torn="", file=str(path))
-        return cls(path, descriptor, Parsed(contents=contents, chain="", whole_bytes=0), b"")
+        return cls(path, descriptor, Parsed(contents=contents, chain="", whole_bytes=0), b"", made)
 
     @classmethod
     def resume(cls, folder: Path) -> Journal:

@@ -14,14 +14,17 @@ from operator_app.calibration.record import to_dict
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
 from operator_app.config.parameters import ParametersDocument
+from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.calibrated import Calibrated, recorded, solved_data
-from operator_app.session.export import document_of
+from operator_app.session.folder import POSES_NAME
 from operator_app.session.journal import Clock, Journal
+from operator_app.session.parameters_document import document_of
 from operator_app.session.replay import apply, session_state
 from operator_app.session.solving import Solver, solve_here
 from operator_app.session.state import CapturedPose, SessionState
+from operator_app.session.unreturned import unreturned_notices
 from solver.chain.arm_model import ArmModel
 from solver.estimators.least_squares import Progress
 
@@ -110,13 +113,17 @@ class Logbook:
         unsensed_joints: tuple[int, ...] | None = None,
         solver: Solver = solve_here,
     ) -> Solution:
-        """Calibrate from the poses that count, by default as the procedure says and in this process."""
-        own = self.procedure
+        """Calibrate from the poses that count, by default as the procedure says and in this process.
+
+        They are written beside the journal first: whoever is not content with the result wants them.
+        """
+        own, poses = self.procedure, self.state.pose_set()
+        save_poses(self.journal.path.parent / POSES_NAME, poses)
         solution = solver(
             calibrate,
             self.model,
             self.fixture,
-            self.state.pose_set(),
+            poses,
             estimator=own.estimator if estimator is None else estimator,
             unsensed_joints=own.unsensed_joints if unsensed_joints is None else unsensed_joints,
             length_tolerance_m=own.length_tolerance_m,
@@ -124,10 +131,11 @@ class Logbook:
             rereads=self.state.rereads,
             progress=progress,
         )
-        self._record_solution(solution)
+        solution = solution.with_notices(unreturned_notices(self.state))
+        self.record_solution(solution)
         return solution
 
-    def _record_solution(self, solution: Solution) -> None:
+    def record_solution(self, solution: Solution) -> None:
         """Keep a solution of the poses that count."""
         kept = solved_data(
             solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from operator_app.config.procedure import MOST_PLACEMENTS, Procedure
-from operator_app.errors import SessionError
+from operator_app.errors import GuardError, SessionError
 from operator_app.session.journal import Journal
 from operator_app.session.state import SessionState
 
@@ -21,6 +21,15 @@ def next_due(state: SessionState, procedure: Procedure) -> bool:
         and len(state.poses_here) >= procedure.capture.poses
         and any(r.again.after == state.captured for r in state.returns)
     )
+
+
+def require_mounted(state: SessionState) -> None:
+    """Connect to no arm at whose fixture somebody may be at work."""
+    if not state.mounted:
+        raise GuardError(
+            f"the fixture was taken off, and nobody said that it is mounted for placement {state.placement}",
+            "mount it, stand clear, then go on with the session: sarcal run --resume, or the app",
+        )
 
 
 def keep_remounting(folder: Path, placement: int) -> None:

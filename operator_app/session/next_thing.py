@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from fixtures.base import Severity
 from hardware.arm import DriveState, JointState
-from operator_app.session.guards import missing_for, modes_problem
+from operator_app.session.guards import missing_for, modes_problem, moves_metal
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
 
@@ -27,10 +27,13 @@ def next_thing(step: Step, s: SessionSnapshot) -> NextThing:
     if s.task is not None and not s.task.moves:
         return NextThing(action="", label="", hint=f"{s.task.text} ...")
     if s.stopped:
+        why = "the arm was stopped by itself: keep clear until you know why, then Enter (or R) resets it"
         return NextThing(
             action="reset",
             label="Reset STOP",
-            hint="STOP is latched: when it is safe, Enter (or R) resets it; nothing moves by itself",
+            hint=f"{why}; nothing moves by itself"
+            if s.stopped_for
+            else "STOP is latched: when it is safe, Enter (or R) resets it; nothing moves by itself",
         )
     if s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints):
         return NextThing(
@@ -146,6 +149,8 @@ def _capture(s: SessionSnapshot) -> NextThing:
         if s.state.resumed and s.state.poses_here:
             first = s.state.poses_here[0].number
             hint = f"Enter reads pose {first} again (what slipped meanwhile?), then captures {poses} left"
+        if moves_metal(s):
+            hint += " (it asks first)"
         return NextThing(action="automatic", label="Automatic", hint=hint)
     return _next(Step.CALIBRATE, f"all {used} poses are captured")
 

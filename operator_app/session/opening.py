@@ -8,6 +8,7 @@ since. The only place that makes a `Session`; which arm it gets is the compositi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -153,7 +154,10 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def remove_if_empty(session: Session) -> bool:
-    """Take away the folder of a closed session in which no arm was ever connected: it holds nothing."""
+    """Take away the folder of a closed session in which no arm was ever connected: it holds nothing.
+
+    What was made to hold it goes as well, unless something else is in it by now.
+    """
     journal = session.journal
     if journal.loss is not None:
         # Whatever is in its place now is not ours to take away.
@@ -165,6 +169,9 @@ def remove_if_empty(session: Session) -> bool:
         return False
     (folder / JOURNAL_NAME).unlink()
     folder.rmdir()
+    with suppress(OSError):
+        for outer in journal.made[1:]:
+            outer.rmdir()
     return True
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hardware.arm import Lateness
 from operator_app.errors import JournalDamagedError
 from operator_app.session.events import joints_told, problem_of
 from operator_app.session.journal_lines import JournalContents
@@ -132,6 +133,13 @@ def _apply_results(
             return replace(state, checks=data["record"])
         case "exported":
             return replace(state, exported=dict(data))
+        case "late":
+            late = Lateness(
+                times=state.late.times + data["times"],
+                last_s=data["last_s"],
+                longest_s=max(state.late.longest_s, data["longest_s"]),
+            )
+            return replace(state, late=late)
         case "reading":
             reading = CheckReading(
                 kind=data["kind"],
@@ -145,7 +153,15 @@ def _apply_results(
                 placement=data.get("placement", 1),
                 endpoint=tuple(data.get("endpoint", ())),
             )
-            return replace(state, readings=(*state.readings, reading), resumed=False)
+            back = reading.kind == "return"
+            return replace(
+                state,
+                readings=(*state.readings, reading),
+                resumed=False,
+                return_missed="" if back else state.return_missed,
+            )
+        case "return_missed":
+            return replace(state, return_missed=data.get("reason", ""))
         case "repaired" if data["lost"]:
             # A pose, or an exclusion, may be among what is lost: what was concluded may rest on it.
             return replace(_with_other_poses(state, state.poses), resumed=True)

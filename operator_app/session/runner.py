@@ -16,10 +16,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC
 
-from hardware.arm import ArmSnapshot, DriveState
+from hardware.arm import ArmSnapshot
 from hardware.errors import HardwareError
 from operator_app.errors import Cancelled
 from operator_app.session.journal import Clock, utc_now
+from operator_app.session.messages import ARM_AGAIN, acknowledged, resolved_by, told
 from operator_app.session.motion import MotionWatch
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
@@ -30,19 +31,15 @@ from operator_app.session.snapshot import (
     Change,
     DataState,
     Level,
-    Message,
     SessionSnapshot,
     StopReport,
     Task,
     TaskKind,
 )
+from operator_app.session.watchman import Watchman
 from operator_app.session.wording import EXPECTED, words
 
 WATCH_PERIOD_S = 0.05
-MESSAGES_KEPT = 100
-UNSEEN_S = 1.5
-"""A motion that nobody has looked at for so long is ended: any key ends a motion, if it is read."""
-
 MOVING = frozenset(
     {TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.HOME, TaskKind.VERIFY}
 )
@@ -90,8 +87,8 @@ class Runner:
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
-        self._recording_ended, self._told_of_recording = recording_ended, ""
-        self._motion = MotionWatch(session.model, session.procedure.capture)
+        motion = MotionWatch(session.model, session.procedure.capture)
+        self._watchman = Watchman(self, motion, recording_ended, monotonic)
         self._seen_s = self._looked_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(
@@ -115,9 +112,9 @@ class Runner:
                 "checked again",
             )
         self._worker = threading.Thread(target=self._work, name="sarcal-worker", daemon=True)
-        self._watchman = threading.Thread(target=self._watch, name="sarcal-watch", daemon=True)
+        self._watching = threading.Thread(target=self._watch, name="sarcal-watch", daemon=True)
         self._worker.start()
-        self._watchman.start()
+        self._watching.start()
 
     # -- publishing ----------------------------------------------------------------------------------
 
@@ -126,16 +123,14 @@ class Runner:
         with self._publishing:
             self._base = change(self._base)
 
-    def say(self, level: Level, text: str) -> None:
-        """Add a message, from any thread."""
+    def say(self, level: Level, text: str, until: frozenset[TaskKind] = frozenset()) -> None:
+        """Add a message, from any thread; `until` is the work that resolves an alarm."""
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
+        self.publish(lambda s: told(s, level, text, time=time_utc, until=until))
 
-        def add(s: SessionSnapshot) -> SessionSnapshot:
-            number = s.messages[-1].number + 1 if s.messages else 1
-            message = Message(number=number, time=time_utc, level=level, text=text)
-            return replace(s, messages=(*s.messages, message)[-MESSAGES_KEPT:])
-
-        self.publish(add)
+    def acknowledge(self) -> None:
+        """Let no alarm stand any more: the operator has seen them."""
+        self.publish(acknowledged)
 
     def cancelled(self) -> bool:
         """Whether the work in hand should end."""
@@ -184,10 +179,11 @@ class Runner:
     @property
     def connected(self) -> bool:
         """Whether there is an arm to stop: also one that is being connected to."""
-        return self.session.identity is not None or self._connecting
+        return self.session.identity is not None or self.connecting
 
     @property
-    def _connecting(self) -> bool:
+    def connecting(self) -> bool:
+        """Whether the arm is being connected to."""
         job = self._current
         return job is not None and job.kind is TaskKind.CONNECT
 
@@ -217,7 +213,8 @@ class Runner:
         """Software STOP, from the calling thread: waits for no queue, no lock, no work."""
         asked = self._monotonic()
         problem = ""
-        again = self._base.stop is not None and not self._base.stop.problem
+        before = self._base.stop
+        again = (before is not None and not before.problem) or bool(self._watchman.told_of_stop)
         try:
             self.session.arm.stop()
         except Exception as error:  # noqa: BLE001 - STOP may fail, it may not raise
@@ -233,10 +230,12 @@ class Runner:
         )
         self.publish(lambda s: replace(s, stop=report))
         if problem:
-            self.say(Level.ALARM, f"STOP could not be sent: {problem}. Use the hardware stop")
+            problem = f"STOP could not be sent: {problem}. Use the hardware stop"
+            self.say(Level.ALARM, problem, ARM_AGAIN)
         elif not again:
-            # Said once: a key that is held down would push out why it was pressed.
-            self.say(Level.ALARM, "software STOP sent to all drives; it is latched (R resets)")
+            # Said once, and not over why the arm was stopped before.
+            said = "software STOP sent to all drives; it is latched (R resets)"
+            self.say(Level.ALARM, said, frozenset({TaskKind.RESET}))
 
     def close(self, reason: str) -> None:
         """End the work in hand, leave the arm held and the journal whole. Safe to call twice."""
@@ -246,7 +245,7 @@ class Runner:
         self._closing.set()
         self._jobs.put(None)
         self._worker.join()
-        self._watchman.join()
+        self._watching.join()
         self.session.close(reason)
 
     # -- threads -----------------------------------------------------------------------------------
@@ -266,7 +265,7 @@ class Runner:
             yield
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error
-            self._stop_quietly()
+            self.stop_quietly()
 
     def _work_off(self) -> None:
         while True:
@@ -291,11 +290,14 @@ class Runner:
             self._recover()
         except EXPECTED as error:
             said = words(error)
-            self.say(Level.ALARM, f"{said.happened}. {said.remedy}")
+            over = ARM_AGAIN if isinstance(error, HardwareError) else frozenset()
+            self.say(Level.ALARM, f"{said.happened}. {said.remedy}", over | {job.kind})
             self._recover()
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error
             self.say(Level.ALARM, f"a defect of this program: {error!r}")
+        else:
+            self.publish(lambda s: resolved_by(s, job.kind))
         finally:
             self.publish(lambda s: replace(s, task=None))
 
@@ -311,58 +313,19 @@ class Runner:
             self._keep_watch()
 
     def _keep_watch(self) -> None:
-        """Lost data end the work and stop the arm, and so does nobody looking while it moves."""
-        lost = False
         while not self._closing.wait(WATCH_PERIOD_S):
             now = self._picture()
-            self._end_what_nobody_sees(now)
-            self._look_at_motion(now)
-            if news := self.recording_news():
-                self.say(Level.WARNING, news)
-            if now.arm is not None and now.stop is not None:
-                self._count_stopped(now, now.stop)
-            # While connecting anew there are none yet, and a STOP would end it.
-            if now.data is DataState.LOST and not lost and not self._connecting:
-                lost = True
-                sent = "quick stop sent" if self._stop_quietly() else "quick stop NOT sent"
-                self.say(
-                    Level.ALARM,
-                    f"no data from the arm for {now.oldest_s:.1f} s: {sent}, the drives hold by "
-                    "themselves. Look at the bus and the controller",
-                )
-            elif lost and _all_is_heard(now):
-                lost = False
-                self.say(Level.INFO, "the data are back: reset STOP (R) when it is safe")
-
-    def _look_at_motion(self, now: SessionSnapshot) -> None:
-        if now.arm is not None and now.data is DataState.FRESH:
-            motion = self._motion.see(now.now_s, now.arm)
-            self.publish(lambda s: replace(s, motion=motion))
-        elif now.motion is not None:
-            self._motion.forget()
-            self.publish(lambda s: replace(s, motion=None))
+            self._watchman.look(now, unseen_s=now.now_s - self._looked_s)
 
     def recording_news(self) -> str:
-        """How a recording of the bus ended early, in words; "" when that was told already, or it did not.
+        """How a recording of the bus ended early, in words; "" when that was told already, or it did not."""
+        return self._watchman.recording_news()
 
-        A full disk ends a recording, and nothing else: the session goes on without it.
-        """
-        words, told = self._recording_ended(), self._told_of_recording
-        self._told_of_recording = words
-        return "" if words == told else words[:1].upper() + words[1:]
+    def note_why_stopped(self) -> None:
+        """Have it kept in the journal why the arm was stopped."""
+        self.submit(TaskKind.NOTE, "noting why the arm was stopped", self._operations.heed)
 
-    def _end_what_nobody_sees(self, now: SessionSnapshot) -> None:
-        """A screen that hangs, on a terminal that is not read any more, takes no key that stops."""
-        unseen = now.now_s - self._looked_s
-        if now.task is not None and now.task.moves and unseen > UNSEEN_S and not self.cancelled():
-            self.cancel()
-            self.say(
-                Level.ALARM,
-                f"the screen did not answer for {unseen:.1f} s while the arm moved: the motion was "
-                "ended. Look at the terminal and its connection",
-            )
-
-    def _stop_quietly(self) -> bool:
+    def stop_quietly(self) -> bool:
         """Quick stop; whether it could be sent."""
         self.cancel()
         try:
@@ -370,25 +333,3 @@ class Runner:
         except HardwareError:
             return False
         return True
-
-    def _count_stopped(self, now: SessionSnapshot, report: StopReport) -> None:
-        if now.arm is None or report.acknowledged_after_s is not None or not now.arm.stopped:
-            return
-        resting = sum(j.drive is not DriveState.OPERATION_ENABLED for j in now.arm.joints)
-        done = resting == len(now.arm.joints)
-        counted = replace(
-            report,
-            drives_stopped=resting,
-            acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
-        )
-        # A newer STOP, or a reset, may have been said meanwhile: that stands.
-        self.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)
-
-
-def _all_is_heard(s: SessionSnapshot) -> bool:
-    """Whether every joint answers and every node's heartbeat is back: a reset needs both."""
-    return (
-        s.data is DataState.FRESH
-        and s.arm is not None
-        and max(s.arm.heartbeat_age_s.values(), default=0.0) < LOST_S
-    )

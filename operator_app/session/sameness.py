@@ -7,7 +7,6 @@ an old pose again. Knows no bus and no screen; refuses in words.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,26 +15,22 @@ from fixtures.base import Fixture
 from fixtures.errors import FixtureError
 from fixtures.measured import Measured
 from hardware.arm import ArmIdentity, Reading
-from hardware.errors import SensorFault
 from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.placed import as_calibrated, as_seen
 from operator_app.calibration.repeats import compare_readings
-from operator_app.calibration.stuck import turned_unread
 from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.calibrated import Calibrated, recorded
+from operator_app.session.first_standing import at_zero
 from operator_app.session.state import CheckReading, SessionState, pose_set_of
-from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, SPAN, TURNED, WHOLE_DEGREES
+from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, SPAN, TURNED
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.rotations import rotation_matrix
-from solver.chain.sensors import Encoder, NoSensor, Rvdt
+from solver.chain.sensors import NoSensor
 from solver.errors import SolverError
 from solver.estimators.implicit import estimate_implicit
-
-AT_ZERO_COUNTS = 2.5
-"""A counter that has just begun anew, and the noise of its last bit."""
 
 REMOUNTED_M, REMOUNTED_RAD = 4e-3, float(np.deg2rad(1.0))
 """More than a slender fixture bends (paper, section 4); less may be that, and the verdict tells."""
@@ -45,9 +40,6 @@ IMPROBABLE = 1e-4
 
 WORSE = 4.0
 """Times the worst chi2 of the session's own poses: where the model is wrong, theirs is large as well."""
-
-TURNED_RAD = float(np.deg2rad(2.0))
-"""What a joint that stands still must have turned by, if the others are right."""
 
 _START_ANEW = "find out what was changed; poses before and after it do not belong together: start a new session"
 
@@ -98,7 +90,7 @@ def check_identity(state: SessionState, identity: ArmIdentity) -> None:
         )
 
 
-def check_counters(arm: ArmModel, counts: Iterable[float]) -> None:
+def check_counters(arm: ArmModel, counts: FloatArray) -> None:
     """Refuse joints whose counter stands at zero where the joint cannot be.
 
     Raises
@@ -108,10 +100,8 @@ def check_counters(arm: ArmModel, counts: Iterable[float]) -> None:
     fresh = [
         f"joint {number} reads 0.000 deg, outside its range "
         f"{SPAN(joint.lower_rad).shown} .. {SPAN(joint.upper_rad).with_unit}"
-        for number, (joint, count) in enumerate(zip(arm.joints, counts, strict=True), 1)
-        if isinstance(joint.sensor, Encoder)
-        and abs(count) <= AT_ZERO_COUNTS
-        and not joint.lower_rad <= 0.0 <= joint.upper_rad
+        for number in at_zero(arm, counts)
+        if not (joint := arm.joints[number - 1]).lower_rad <= 0.0 <= joint.upper_rad
     ]
     if fresh:
         raise GuardError(
@@ -160,11 +150,7 @@ def check_standing(
             told="The loop closes where the arm stands, by the poses so far.",
             probability=probability,
         )
-    zeros = [
-        str(j)
-        for j, (joint, count) in enumerate(zip(arm.joints, reading.mean_counts, strict=True), 1)
-        if isinstance(joint.sensor, Encoder) and abs(count) <= AT_ZERO_COUNTS
-    ]
+    zeros = [str(j) for j in at_zero(arm, reading.mean_counts)]
     if zeros:
         raise GuardError(
             f"the counter of joint {' and '.join(zeros)} stands at zero, and with it the loop does not "
@@ -289,60 +275,6 @@ def _placed(state: SessionState, procedure: Procedure) -> Fixture:
     if isinstance(known, Calibrated):
         return as_calibrated(fixture, known.solution.model)
     return as_seen(procedure.arm, fixture, state.pose_set())
-
-
-def require_moving(state: SessionState, procedure: Procedure, reading: Reading) -> None:
-    """Refuse a reading in which a joint stands still to the count, though the others say that it turned.
-
-    Raises
-    ------
-    SensorFault
-    """
-    if not state.poses_here or not procedure.fixture.fixture.holds_hand:
-        # Where every joint is driven, its drive sees that it does not move.
-        return
-    last, arm = state.poses_here[-1], procedure.arm
-    moved = reading.mean_rad - last.mean_rad
-    still = [j for j in range(1, arm.joint_count + 1) if _stands_still(arm, j, moved, reading)]
-    if not still or np.abs(moved).max() < TURNED_RAD:
-        return
-    model = procedure.fixture.fixture.model(arm)
-    x: FloatArray = np.array([p.nominal for p in model.parameters])
-    found = turned_unread(model, x, last.mean_rad, reading.mean_rad, still)
-    if found is not None and abs(found[1]) > TURNED_RAD:
-        joint, turn = found
-        raise SensorFault(
-            joint,
-            f"reads as it did at pose {last.number}, to the count, but the others moved as if it had "
-            f"turned by about {WHOLE_DEGREES(abs(turn)).with_unit}: its sensor is stuck. No pose counts that "
-            f"reads so. Mend the sensor, or calibrate without it: --unsensed {joint}",
-            stuck=True,
-        )
-
-
-def read_alike(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
-    """Numbers of the poses just before, in which a joint reads to the count what it reads in the last one."""
-    sensor = arm.joints[joint - 1].sensor
-    near = getattr(sensor, "resolution_rad", 0.0)
-    here = state.poses_here
-    alike = []
-    for pose in reversed(here):
-        if abs(pose.mean_rad[joint - 1] - here[-1].mean_rad[joint - 1]) > near:
-            break
-        alike.append(pose.number)
-    return tuple(alike)
-
-
-def _stands_still(arm: ArmModel, joint: int, moved: FloatArray, reading: Reading) -> bool:
-    sensor = arm.joints[joint - 1].sensor
-    if isinstance(sensor, NoSensor):
-        return False
-    if isinstance(sensor, Rvdt) and sensor.noise_lsb > 0.0:
-        # A converter that is alive is never quite still.
-        return bool(
-            reading.sd_rad[joint - 1] == 0.0 and abs(moved[joint - 1]) < sensor.resolution_rad
-        )
-    return bool(abs(moved[joint - 1]) <= sensor.resolution_rad)
 
 
 def _fixed(state: SessionState, procedure: Procedure) -> Fixed | None:

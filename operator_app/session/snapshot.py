@@ -47,16 +47,6 @@ class Level(Enum):
     ALARM = "alarm"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Message:
-    """Something that happened. `time` is UTC, HH:MM:SS; `number` counts from 1."""
-
-    number: int
-    time: str
-    level: Level
-    text: str
-
-
 class TaskKind(Enum):
     """What the worker is doing."""
 
@@ -75,6 +65,20 @@ class TaskKind(Enum):
     RESET = "resetting STOP"
     HOLD = "holding"
     NOTE = "noting"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Message:
+    """Something that happened. `time` is UTC, HH:MM:SS; `number` counts from 1.
+
+    `until`: work that resolves an alarm when it is done.
+    """
+
+    number: int
+    time: str
+    level: Level
+    text: str
+    until: frozenset[TaskKind] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +139,7 @@ class Verified:
     """New poses judged by parameters that were fixed before.
 
     rms of the closure at the readings (of its orientation None where only positions close), chi2/dof,
-    and whether the parameters predict as well as they claim to.
+    whether the parameters predict as well as they claim to, and what is named as the reason where they do not.
     """
 
     poses: int
@@ -143,6 +147,7 @@ class Verified:
     orientation_rad: float | None
     chi2_per_dof: float
     holds: bool
+    why: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,6 +175,8 @@ class SessionSnapshot:
         Where a planned capture takes the arm now, with the poses predicted on the way; else None.
     estimator, unsensed_joints
         How the next calibration will be made.
+    messages, alarms
+        What was said, oldest first, and what of it stands: neither resolved nor acknowledged.
     """
 
     now_s: float
@@ -211,6 +218,7 @@ class SessionSnapshot:
     stop: StopReport | None = None
     task: Task | None = None
     messages: tuple[Message, ...] = field(default=())
+    alarms: tuple[Message, ...] = ()
 
     @property
     def connected(self) -> bool:
@@ -226,6 +234,11 @@ class SessionSnapshot:
     def stopped(self) -> bool:
         """Whether STOP is latched."""
         return self.arm is not None and self.arm.stopped
+
+    @property
+    def stopped_for(self) -> str:
+        """Why the arm was stopped by itself, in words; "" where it was not, or STOP was pressed."""
+        return "" if self.arm is None else self.arm.stopped_for
 
     @property
     def wanted_poses(self) -> int:

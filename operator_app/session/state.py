@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hardware.arm import ON_TIME, JointMode, Lateness
 from operator_app.calibration.repeats import Reread
 from operator_app.config.procedure import CapturePlan
 from solver.arrays import FloatArray
@@ -133,6 +134,8 @@ class SessionState:
         are of this one.
     mounted
         Whether it is: False from when the fixture was to come off until somebody says that it is mounted.
+    return_missed
+        Why the first pose could not be read once more, since it last was; empty: nobody tried in vain.
     slipped
         What a joint's reading did that no motion explains: no pose counts until the first one, read
         again, reads as it did. Empty: nothing.
@@ -147,10 +150,13 @@ class SessionState:
     solution, checks
         Records (`operator_app.calibration.record`) of the last solve and of the second opinions on
         it; empty until there is one, and in journals of earlier versions.
+    late
+        How late the computer itself was, all connections together.
     """
 
     opened_utc: str = ""
     imported: str = ""
+    return_missed: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     serial_number: str = ""
@@ -176,6 +182,12 @@ class SessionState:
     checks: Mapping[str, Any] = field(default_factory=dict)
     solved_utc: str = ""
     exported: Mapping[str, Any] = field(default_factory=dict)
+    late: Lateness = ON_TIME
+
+    @property
+    def position_joints(self) -> tuple[int, ...]:
+        """Joints in position mode as last confirmed."""
+        return tuple(j for j, m in enumerate(self.modes, 1) if m == JointMode.POSITION.value)
 
     @property
     def next_waypoint(self) -> int:

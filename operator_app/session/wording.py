@@ -13,11 +13,13 @@ from hardware.errors import (
     BusError,
     CommandRefused,
     ControlDenied,
+    DriveAstray,
     DriveFault,
     HardwareError,
     MappingDiffers,
     ModeNotReached,
     NodeMissing,
+    NotConfigured,
     Stopped,
     UploadRefused,
     WrongArm,
@@ -39,7 +41,16 @@ def words(error: BaseException) -> SessionError:
     return SessionError(_capital(str(error)), _remedy(error))
 
 
+def stopped_words(why: str) -> str:
+    """Return what the arm was stopped for, nobody having pressed STOP, and what to do now."""
+    return f"{_capital(why)}. {_REMEDIES[DriveAstray]}"
+
+
 def _remedy(error: BaseException) -> str:
+    if isinstance(error, UnidentifiableError) and error.code.startswith("FROZEN_JOINT_"):
+        return (
+            "Mend that sensor, or calibrate without it (J, or --unsensed); more poses do not help"
+        )
     found = next((kind for kind in type(error).__mro__ if kind in _REMEDIES), None)
     return "Nothing was changed" if found is None else _REMEDIES[found]
 
@@ -50,8 +61,11 @@ _REMEDIES: Mapping[type, str] = {
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
     WrongArm: "Connect the arm that the arm file describes, or name its own arm file",
     MappingDiffers: "Nothing was enabled and nothing moves",
+    NotConfigured: "Nothing was enabled and nothing moves",
     ControlDenied: "Ask the other operator to give up control, then connect again",
     ModeNotReached: "Look at that drive's fault, reset it (R) and apply the modes again",
+    DriveAstray: "Keep clear until you know why: the drive has failed, or somebody else leads it. Then reset "
+    "(R, or `sarcal reset`), and go on from the modes",
     DriveFault: "The arm holds. Find out what it met, reset (R) and apply the modes again",
     Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     CommandRefused: "Nothing was sent to the drives",
@@ -102,6 +116,18 @@ def unwatching_words(identity: ArmIdentity) -> str:
     return (
         f"{which}: without 1016h nothing says that a drive notices when this program is gone; it may stay as it "
         "is then, driven or free. Keep a hand on the hardware stop. What it does shows: sarcal arm-check"
+    )
+
+
+def configured_words(identity: ArmIdentity) -> str:
+    """Say that drives were set up as the bus profile has it; "" where none had to be."""
+    changed = identity.configured
+    if not changed:
+        return ""
+    return (
+        f"{len(changed)} PDO{'s' if len(changed) > 1 else ''} of the drives set up as the bus profile asks, until "
+        f"the drives are switched off: {changed[0]}{'; and so on' if len(changed) > 1 else ''}. The session's "
+        "journal has them all"
     )
 
 

@@ -6,20 +6,28 @@ Everything here may be ended by the operator between two deeds and gone on with.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
 
 from hardware.arm import ArmIdentity
+from hardware.objects import EmergencyCode
+from operator_app.calibration.foretold import MadeFrom
 from operator_app.calibration.placed import as_calibrated
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
 from operator_app.errors import GuardError
 from operator_app.planning.clear_ways import is_clear
+from operator_app.session.exploring import explore, reach
 from operator_app.session.going_home import away_from_box, go_home, require_in_box
 from operator_app.session.instrument import TargetLostError
 from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, Stop
+from operator_app.session.sameness import check_return
 from operator_app.session.session import Session
 from operator_app.session.state import pose_set_of
-from operator_app.session.wording import unwatching_words
+from operator_app.session.waypoints import verification_waypoints
+from operator_app.session.wording import configured_words, unwatching_words
 from solver.chain.poses import PoseSet
 from solver.loops.placements import Placements
 
@@ -32,14 +40,31 @@ def connect(session: Session, listener: Listener) -> ArmIdentity:
     session.told = listener.told
     identity = session.connect()
     listener.connected(identity)
+    if words := configured_words(identity):
+        listener.told(f"{words}.")
     if words := unwatching_words(identity):
         listener.told(f"{words}.")
-    if session.clear_lost_heartbeat():
+    if _clear_lost_heartbeat(session):
         listener.told(
             "The drives had tripped because an operator's heartbeat was lost (8130h), as after a "
             "program was killed or frozen: reset. Nothing has moved."
         )
     return identity
+
+
+def _clear_lost_heartbeat(session: Session) -> bool:
+    """Reset drives that tripped for nothing but the loss of an operator's heartbeat; whether any had.
+
+    Such a trip says that a program ended or froze, not that the arm met anything. The drives stay
+    disabled. With any other trip among them, nothing is reset.
+    """
+    faults = session.arm.snapshot().faults
+    if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
+        return False
+    session.arm.reset_stop()
+    joints = sorted({f.joint for f in faults if f.joint is not None})
+    session.record("reset", {"joints": joints, "code": int(EmergencyCode.HEARTBEAT_LOST)})
+    return bool(joints)
 
 
 def take_poses(
@@ -82,7 +107,7 @@ def take_poses(
         _there_and_back(session, listener, planned)
     end = None
     if planned is None:
-        _explore(session, listener)
+        explore(session, listener)
     else:
         end = planned.run()
     state = session.state
@@ -126,7 +151,7 @@ def _return_to_first(
     way: tuple[Stop, ...] = ()
     if planned is None:
         targets = {j: float(first.mean_rad[j - 1]) for j in session.position_joints}
-        missed = session.reach(targets).reason
+        missed = reach(session, targets).reason
     else:
         missed, way = planned.to_first()
     if missed:
@@ -140,10 +165,17 @@ def _return_to_first(
             session.record("return_missed", {"of": first.number, "reason": lost.happened})
             listener.told(f"Pose {first.number} could not be read once more: {lost.happened}.")
             return way
-        told = session.require_same_return() if resumed else ""
+        told = _require_same_return(session) if resumed else ""
         if told:
             listener.told(told)
     return way
+
+
+def _require_same_return(session: Session) -> str:
+    """Refuse to go on when the pose that was read again does not read as it did; what else it says."""
+    told = check_return(session.state, session.procedure)
+    session.record("return_holds", {"of": session.state.returns[-1].first.number, "told": told})
+    return told
 
 
 def _there_and_back(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
@@ -160,31 +192,6 @@ def _there_and_back(session: Session, listener: Listener, planned: PlannedCaptur
             f"the arm does not come back to where it was before: {back.reason}",
             "look at what is in the way, then go on with this session",
         )
-
-
-def _explore(session: Session, listener: Listener) -> None:
-    """Visit waypoints in turn until there are enough poses."""
-    plan, wanted = session.plan(), session.procedure.capture.poses
-    while (taken := len(session.state.poses_here)) < wanted:
-        waypoint = session.state.next_waypoint
-        if waypoint >= len(plan):
-            raise GuardError(
-                f"only {taken} of {wanted} poses could be reached",
-                "drive another pair of joints, widen the span, mount the hinge elsewhere, or "
-                "calibrate from what there is",
-            )
-        listener.going(None)
-        if session.visit(waypoint):
-            listener.arrived(waypoint)
-            try:
-                session.capture(waypoint)
-            except TargetLostError as lost:
-                session.record("waypoint_skipped", {"waypoint": waypoint, "reason": lost.happened})
-                listener.told(f"Passed over: {lost.happened}.")
-                continue
-            listener.pose_captured(
-                session.state, session.state.wanted_poses(session.procedure.capture)
-            )
 
 
 def verify(
@@ -204,7 +211,7 @@ def verify(
     before = len(session.state.readings)
     for target in _new_places(session, solution, poses):
         listener.going(None)
-        if session.reach(target).reached:
+        if reach(session, target).reached:
             try:
                 session.look_again("verification")
             except TargetLostError as lost:
@@ -217,9 +224,11 @@ def verify(
             "ask for fewer, or drive another pair of joints",
         )
     taken = pose_set_of(session.state.readings[before:])
+    taken = replace(taken, placement=np.full(len(taken), session.state.placement))
     fixture = as_calibrated(session.fixture, solution.model)
     here = fixed_by(solution, session.state.placement)
-    verdict = judge_poses(session.model, fixture, taken, here)
+    made = MadeFrom(solution=solution, poses=session.state.pose_set())
+    verdict = judge_poses(session.model, fixture, taken, here, made=made)
     session.record("verified", _summary(verdict, taken))
     return verdict, taken
 
@@ -236,9 +245,9 @@ def _new_places(session: Session, solution: Solution, poses: int) -> Iterator[Ma
         model, columns = model.of(session.state.placement)
         x = x[columns]
     if known >= set(session.position_joints):
-        yield from session.verification_plan(poses)
+        yield from verification_waypoints(session, poses)
         return
-    for target in session.verification_plan(MANY_PLACES * poses):
+    for target in verification_waypoints(session, MANY_PLACES * poses):
         here = session.arm.snapshot().positions_rad
         if is_clear(session.model, model, x, here, target):
             yield target
@@ -254,4 +263,5 @@ def _summary(verdict: Prediction, taken: PoseSet) -> Mapping[str, object]:
         "orientation_rad": None if turned is None else turned.rms,
         "chi2_per_dof": found.chi2.per_dof,
         "holds": verdict.holds,
+        "why": verdict.why,
     }

@@ -195,6 +195,26 @@ def apply_modes(chosen: Chosen) -> None:
     )
 
 
+def automatic(chosen: Chosen) -> None:
+    """Take the poses that are left; where drives move a real arm by themselves, after a question."""
+
+    def begin(again: Chosen) -> None:
+        again.hand(
+            TaskKind.AUTOMATIC, "moving and capturing automatically", lambda o: o.automatic()
+        )
+
+    if not guards.moves_metal(chosen.s):
+        begin(chosen)
+        return
+    text = (
+        "The arm moves by itself, pose after pose, until all are captured. Nobody within its reach; "
+        "somebody has a hand on the hardware stop. Any key stops it."
+    )
+    chosen.ask(
+        YesNo(title="Capture automatically?", text=text, yes="Move"), lambda again, _: begin(again)
+    )
+
+
 def go(chosen: Chosen, waypoint: int | None) -> None:
     """Move to a waypoint."""
     text = "moving" if waypoint is None else f"moving to waypoint {waypoint + 1}"
@@ -268,7 +288,9 @@ def calibrate(chosen: Chosen) -> None:
     """Calibrate as the settings say."""
     s = chosen.s
     chosen.hand(
-        TaskKind.CALIBRATE, "calibrating", lambda o: o.calibrate(s.estimator, s.unsensed_joints)
+        TaskKind.CALIBRATE,
+        "calibrating",
+        lambda o: o.results.calibrate(s.estimator, s.unsensed_joints),
     )
 
 
@@ -306,7 +328,9 @@ def upload(chosen: Chosen, forced: str = "") -> None:
     )
     chosen.ask(
         Typed(title="Upload to the controller?", text=text, expected=serial),
-        lambda again, _: again.hand(TaskKind.UPLOAD, "uploading", lambda o: o.upload(forced)),
+        lambda again, _: again.hand(
+            TaskKind.UPLOAD, "uploading", lambda o: o.results.upload(forced)
+        ),
     )
 
 
@@ -335,7 +359,7 @@ def verify(chosen: Chosen) -> None:
         lambda again, _: again.hand(
             TaskKind.VERIFY,
             f"moving to {VERIFY_POSES} new poses",
-            lambda o: o.verify(VERIFY_POSES),
+            lambda o: o.results.verify(VERIFY_POSES),
         ),
     )
 

@@ -16,6 +16,7 @@ from operator_app.session import actions
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import Level, SessionSnapshot
+from operator_app.session.snapshot import Message as Said
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.look import SMALLEST, is_compact
@@ -58,20 +59,28 @@ class Hint(Lines, can_focus=False):
 
 
 class Log(Lines, can_focus=False):
-    """The last messages, newest first."""
+    """Alarms that stand, then the last messages, newest first."""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """As many lines as there are rows."""
+        """As many lines as there are rows; of other messages one has room below an alarm."""
+        standing = {alarm.number for alarm in s.alarms}
         rows: list[Line] = []
+        for k, alarm in enumerate(s.alarms[::-1], 1):
+            which = f"{k} of {len(standing)}: " if len(standing) > 1 else ""
+            rows += _rows(alarm, width, f"{which}{alarm.text} (A acknowledges)")
+        rows = rows[: max(height - 1, 1)] if rows else []
         for message in s.messages[::-1]:
-            glyph, role = MARKS[message.level]
-            text = f" {message.time} {glyph}{message.text}"
-            room = height - len(rows)
-            if room <= 0:
+            if len(rows) >= height:
                 break
-            pieces = wrapped(text, width - 1, role, " " * 10)
-            rows += [(*((" ", "text"),), *p) for p in pieces][:room]
-        return [clip(row, width) for row in rows]
+            if message.number not in standing:
+                rows += _rows(message, width, message.text)
+        return [clip(row, width) for row in rows[:height]]
+
+
+def _rows(message: Said, width: int, text: str) -> list[Line]:
+    glyph, role = MARKS[message.level]
+    pieces = wrapped(f" {message.time} {glyph}{text}", width - 1, role, " " * 10)
+    return [((" ", "text"), *piece) for piece in pieces]
 
 
 class Footer(Lines, can_focus=False):
@@ -190,6 +199,9 @@ class MainScreen(Screen[None]):
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot."""
         self._shows += 1
+        if bool(s.alarms) != self.has_class("-alarm"):
+            self.set_class(bool(s.alarms), "-alarm")
+            self.call_after_refresh(self.forget)
         self.rails[0].place = self.view.place
         news = self._news(s)
         if news != self._told or self._shows % SELDOM == 0:
@@ -204,7 +216,7 @@ class MainScreen(Screen[None]):
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         told = s.messages[-1].number if s.messages else 0
         return (
-            s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, told,
+            s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, told, len(s.alarms),
             s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
             id(s.receipt), id(s.plan), self.hint.refusal, s.wanted_joints, self.hint.step, self.size,
             self.rails[0].place, self.app.screen is self,

@@ -126,6 +126,11 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
     return Frames(axes_of=axes, origin_of=origins)
 
 
+_OF_X = np.array([kind in (DhKind.A, DhKind.ALPHA) for kind in DhKind])
+_TURNS = np.array([kind.is_angle for kind in DhKind])
+"""Which kinds (4,) of entries move what follows along or about x, and which are angles."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
     """D-H entries whose screws are wanted, in their order, sorted once by where they act.
@@ -146,14 +151,17 @@ class Entries:
     @classmethod
     def of(cls, kinds: Sequence[int], rows: Sequence[int]) -> Entries:
         """Entries `kinds` (`DhKind`) of links `rows`, 0 the first of the chain."""
-        of_x = [kind in (DhKind.A, DhKind.ALPHA) for kind in kinds]
-        turns = [kind in (DhKind.THETA_OFF, DhKind.ALPHA) for kind in kinds]
+        kind = np.array(kinds, dtype=np.int64)
+        of_x, turns = _OF_X[kind], _TURNS[kind]
         return cls(
-            frame=np.array([row + x for row, x in zip(rows, of_x, strict=True)], dtype=np.int64),
-            axis=np.array([0 if x else 2 for x in of_x], dtype=np.int64),
+            frame=np.array(rows, dtype=np.int64) + of_x,
+            axis=np.where(of_x, 0, 2),
             turning=np.flatnonzero(turns),
-            sliding=np.flatnonzero(np.logical_not(turns)),
+            sliding=np.flatnonzero(~turns),
         )
+
+
+NO_ENTRIES = Entries.of((), ())
 
 
 def jacobian(frames: Frames, entries: Entries) -> FloatArray:

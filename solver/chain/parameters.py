@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 
@@ -36,6 +37,8 @@ class DhKind(IntEnum):
 
 _SYMBOLS = tuple(kind.name.lower() for kind in DhKind)
 
+_NAME = re.compile(rf"({'|'.join(_SYMBOLS)})_(\d+)")
+
 
 @dataclass(frozen=True, slots=True, order=True)
 class DhEntry:
@@ -47,17 +50,18 @@ class DhEntry:
     @property
     def name(self) -> str:
         """Paper notation, e.g. ``theta_off_4``."""
-        return f"{self.kind.symbol}_{self.row}"
+        return f"{_SYMBOLS[self.kind]}_{self.row}"
 
     @classmethod
+    @lru_cache(maxsize=1024)
     def parse(cls, name: str) -> DhEntry:
         """Read ``theta_off_4``, ``a_0``, ...; ValueError if it is no such name."""
-        match = re.fullmatch(r"(theta_off|s|a|alpha)_(\d+)", name)
+        match = _NAME.fullmatch(name)
         if match is None:
             raise ValueError(
                 f"{name!r} is not a D-H entry (theta_off_<row>, s_<row>, a_<row>, alpha_<row>)"
             )
-        return cls(DhKind[match[1].upper()], int(match[2]))
+        return cls(DhKind(_SYMBOLS.index(match[1])), int(match[2]))
 
 
 def entries(names: Sequence[str]) -> tuple[DhEntry, ...]:
@@ -81,7 +85,7 @@ class Parameter:
 
 def is_entry(name: str) -> bool:
     """Whether `name` is that of an entry of a D-H table."""
-    return re.fullmatch(r"(theta_off|s|a|alpha)_\d+", name) is not None
+    return _NAME.fullmatch(name) is not None
 
 
 def nominal_vector(parameters: Iterable[Parameter]) -> FloatArray:

@@ -283,14 +283,7 @@ class Campaign:
             self.plan = None
             return
         target = self._visits.popleft()
-        route = plan.graph.route(
-            self.task.model,
-            plan.x,
-            self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),
-            source=self._node,
-            target=target,
-            drives=self.drives,
-        )
+        route = self._route(plan, target)
         if route is None:
             # The others may still be reached; a later plan fills the gap, away from this one.
             self._unreached.append(plan.manifold.q[target])
@@ -307,6 +300,20 @@ class Campaign:
         )
         self._queue.append(Capture(planned=True, why=f"planned pose {number}"))
         self._node = target
+
+    def _route(self, plan: Plan, target: int) -> Route | None:
+        """Way from where the arm stands to a candidate of `plan`; None where none is known to be safe.
+
+        Four fifths of the planning margin: between two candidates that keep the margin a path may bulge.
+        """
+        return plan.graph.route(
+            self.task.model,
+            plan.x,
+            self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),
+            source=self._node,
+            target=target,
+            drives=self.drives,
+        )
 
     def _moves(self, route: Route, goal: str, *, of: str = "") -> list[GoTo | ChangeDrives]:
         """Moves along a route, with the changes of drives on it."""
@@ -345,14 +352,7 @@ class Campaign:
         target = int(np.argmin(away))
         if away[target] > NEXT_TO_RAD:
             return None
-        route = plan.graph.route(
-            self.task.model,
-            plan.x,
-            self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),
-            source=self._node,
-            target=target,
-            drives=self.drives,
-        )
+        route = self._route(plan, target)
         if route is None:
             return None
         moves = self._moves(route, "a captured pose")

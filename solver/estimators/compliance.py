@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 
 WISHART_DOF = 6.0
 """nu: the fewest for which a 6 x 6 compliance is positive."""
@@ -41,6 +41,11 @@ class Pulled:
 
     pull: FloatArray
     halves: tuple[tuple[float, FloatArray | None], ...]
+
+    def at_poses(self, poses: IntArray) -> Pulled:
+        """Return the same at some of the poses."""
+        halves = tuple((s, None if turn is None else turn[poses]) for s, turn in self.halves)
+        return Pulled(pull=self.pull[poses], halves=halves)
 
 
 def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray:

@@ -96,6 +96,12 @@ class Whitened:
     S: FloatArray
     F: FloatArray
 
+    def times(self, coefficients: FloatArray) -> FloatArray:
+        """Columns times coefficients (width, ...): (m, r, ...), one product for all poses and not one for each."""
+        m, r, width = self.M.shape
+        found = self.M.reshape(m * r, width) @ coefficients
+        return found.reshape(m, r, *coefficients.shape[1:])
+
 
 class Design(Layout):
     """Noise and columns of a closure model with stated errors, some poses at a time.

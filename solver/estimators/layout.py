@@ -118,15 +118,12 @@ class Layout:
                 raise ValueError(f"joint {joint} has no reading in use whose noise could be found")
         self.nominal = nominal_vector(parameters)
         self.soft: BoolArray = np.array([n in errors.tolerance for n in names], dtype=bool)
-        soft_names = [n for n in names if n in errors.tolerance]
-        self.soft_sd = np.array([errors.tolerance[n] for n in soft_names])
         # Lengths before twists before offsets, so that each is one group of columns.
-        kind = np.array([_SOFT.index(_source(p)) for p in parameters], dtype=int)
+        self.soft_kind = np.array([_SOFT.index(_source(p)) for p in parameters], dtype=int)
         self.soft_index = np.concatenate(
-            [np.flatnonzero(self.soft & (kind == k)) for k in range(len(_SOFT))]
+            [np.flatnonzero(self.soft & (self.soft_kind == k)) for k in range(len(_SOFT))]
         )
-        order = {n: k for k, n in enumerate(soft_names)}
-        self.soft_sd = np.array([self.soft_sd[order[names[k]]] for k in self.soft_index])
+        self.soft_sd = np.array([errors.tolerance[names[k]] for k in self.soft_index])
         self.hard_index = np.flatnonzero(~self.soft)
         used = [j for j in range(model.joint_count) if j + 1 not in model.unsensed_joints]
         self.rows = model.components
@@ -141,10 +138,10 @@ class Layout:
         self.width = int(ends[-1])
         self._fixed = np.repeat([g.fixed for g in self.groups], wide)
         # Rates of every effect column's variance with the components (width - hard, K).
-        moved = [
-            [g.scale * (g.component == k) for k in range(len(self.components))] for g in self.groups
-        ]
-        rates = np.array(moved, dtype=np.float64).reshape(len(wide), len(self.components))
+        rates = np.zeros((len(wide), len(self.components)))
+        for row, g in zip(rates, self.groups, strict=True):
+            if g.component is not None:
+                row[g.component] = g.scale
         self.variance_rates = np.repeat(rates, wide, axis=0)
 
     def _joint_errors(self, used: list[int]) -> None:
@@ -197,9 +194,8 @@ class Layout:
             self.play_component = self._component(
                 Component(name="joint_play", start=ANEW**2, floor=ANEW**2)
             )
-        soft = [self.model.parameters[k] for k in self.soft_index]
-        for source in _SOFT:
-            listed = tuple(p.name for p in soft if _source(p) == source)
+        for k, source in enumerate(_SOFT):
+            listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
             if listed and source == OFFSETS:
                 # Nothing is left of the poses to tell whether these are off by more than stated.
                 self.groups.append(

@@ -129,9 +129,7 @@ def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
         for first in range(0, max(len(rows), 1), BLOCK_ROWS):
             block = rows[first : first + BLOCK_ROWS]
             stacked = block if left is None else np.concatenate((left, block))
-            factors = lapack.dgeqrf(stacked)[0][: stacked.shape[1]]
-            row, column = np.ogrid[: factors.shape[0], : factors.shape[1]]
-            left = np.where(row <= column, factors, 0.0)
+            left = np.triu(lapack.dgeqrf(stacked)[0][: stacked.shape[1]])
     if left is None:
         raise ValueError("least squares need at least one block")
     whole = np.zeros((left.shape[1], left.shape[1]))

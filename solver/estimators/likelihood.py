@@ -71,7 +71,7 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
         M = part.M.reshape(m * r, width)
         X = M @ fit.H_inverse
         P = np.eye(r) - X.reshape(m, r, width) @ np.swapaxes(part.M, -1, -2)
-        left = (part.w + part.M @ fit.coefficients)[..., None]
+        left = (part.w + part.times(fit.coefficients))[..., None]
         Q, component = design.noise_factors(part)
         of = _indicator(component, K)
         Qt = np.swapaxes(Q, -1, -2)

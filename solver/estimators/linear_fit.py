@@ -18,7 +18,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.estimators.effects import Design, Equations, System, Whitened
 from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 
-SMALL = 128
+SMALL = 64
 """Rows of a matrix that is not worth cutting in halves."""
 
 TOLD = 1e-3
@@ -35,26 +35,6 @@ class Score:
 
     gradient: FloatArray
     information: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pull:
-    """How far a toleranced entry or an effect was found from its mean.
-
-    Attributes
-    ----------
-    name, source
-        What it is, and the source of error it belongs to.
-    value
-        In units of its prior standard deviation.
-    z
-        In units of the standard deviation that this `value` has when the model is right: standard normal.
-    """
-
-    name: str
-    source: str
-    value: float
-    z: float
 
 
 class LinearFit:
@@ -95,12 +75,12 @@ class LinearFit:
             logdet -= float(np.log(np.diagonal(part.L_inverse, axis1=-2, axis2=-1)).sum())
             if keep:
                 self._kept.append(part)
-        self.gram = np.zeros((design.width, design.width)) if gram is None else gram
-        prior = np.repeat((0.0, 1.0), (hard, design.width - hard))
-        self.half, determinant = _inverse_root(self.gram, prior)
+        self.H = np.zeros((design.width, design.width)) if gram is None else gram
+        np.fill_diagonal(self.H, np.diagonal(self.H) + self._prior())
+        self.half, determinant = _inverse_root(self.H)
         self.coefficients = -(self.half @ (self.half.T @ right))
         # One refinement: the squares of M cost half the digits, its product with them does not.
-        left = right + self.gram @ self.coefficients + prior * self.coefficients
+        left = right + self.H @ self.coefficients
         self.coefficients -= self.half @ (self.half.T @ left)
         self.right = right
         # No number stays none, where `max` would make it the best of all fits.
@@ -115,6 +95,11 @@ class LinearFit:
     def H_inverse(self) -> FloatArray:
         """Inverse of H (width, width)."""
         return np.asarray(self.half @ self.half.T)
+
+    def _prior(self) -> FloatArray:
+        """What H has on its diagonal (width,) besides the columns' squares: effects are drawn with unit variance."""
+        hard = self.design.hard
+        return np.repeat((0.0, 1.0), (hard, self.design.width - hard))
 
     def _whiten(self, poses: slice) -> Whitened:
         part = self.design.whiten(self.system.part(poses), self.v, poses)
@@ -176,7 +161,8 @@ class LinearFit:
     def repeatability(self) -> FloatArray:
         """Covariance (P, P) by noise alone: what the same poses taken again would give."""
         gain = self.H_inverse[: self.design.hard + len(self.design.soft_index)]
-        return self._of_parameters(gain @ self.gram @ gain.T)
+        gram = self.H - np.diag(self._prior())
+        return self._of_parameters(gain @ gram @ gain.T)
 
     def _of_parameters(self, whole: FloatArray) -> FloatArray:
         index, size = self._parameter_columns()
@@ -221,7 +207,7 @@ class LinearFit:
         total = (self.H_inverse[index, index] * size**2)[...]
         for part in self.parts():
             Q, moved_by = design.noise_factors(part)
-            brought = ((np.swapaxes(Q, -1, -2) @ (part.M @ gain.T)) ** 2).sum(0)
+            brought = ((np.swapaxes(Q, -1, -2) @ part.times(gain.T)) ** 2).sum(0)
             for component in dict.fromkeys(moved_by.tolist()):
                 name = design.components[component].name
                 name = {"rvdt": "rvdt_noise"}.get(name.split("_")[0], name.rsplit("_", 1)[0]) + (
@@ -249,6 +235,20 @@ class LinearFit:
             gradient=Gw + GM @ self.coefficients, information=GG - GM @ self.H_inverse @ GM.T
         )
 
+    def moved_by(self, G: FloatArray) -> FloatArray:
+        """Rates (P, k) of the parameters with further columns G (m, r, k) of the reduced equations.
+
+        ``-H^-1 M'G``: by how much they would change if as much of G were taken into account.
+        """
+        MG = np.zeros((self.design.width, G.shape[-1]))
+        for part in self.parts():
+            white = (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
+            MG += part.M.reshape(-1, self.design.width).T @ white
+        index, size = self._parameter_columns()
+        out = np.empty((len(index), G.shape[-1]))
+        out[self._places()] = -(self.H_inverse[index] @ MG) * size[:, None]
+        return out
+
     def held_out_chi2(self, poses: IntArray) -> tuple[float, int]:
         """Misfit of `poses` (k,) to the prediction by all others, chi2 with so many degrees of freedom.
 
@@ -274,9 +274,9 @@ class LinearFit:
         """The same of every single pose against all others: chi2 and degrees of freedom, (m,) each."""
         chi2, dof = [], []
         for part in self.parts():
-            P = np.eye(part.w.shape[1]) - (part.M @ self.H_inverse) @ np.swapaxes(part.M, -1, -2)
+            P = np.eye(part.w.shape[1]) - part.times(self.H_inverse) @ np.swapaxes(part.M, -1, -2)
             values, vectors = np.linalg.eigh(0.5 * (P + np.swapaxes(P, -1, -2)))
-            left = (part.w + part.M @ self.coefficients)[..., None]
+            left = (part.w + part.times(self.coefficients))[..., None]
             along = (np.swapaxes(vectors, -1, -2) @ left)[..., 0]
             good = values > 1e-9
             chi2.append((along**2 / np.where(good, values, np.inf)).sum(-1))
@@ -292,9 +292,9 @@ class LinearFit:
         index, size = self._parameter_columns()
         steps = []
         for part in self.parts():
-            gain = part.M @ self.H_inverse
+            gain = part.times(self.H_inverse)
             P = np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
-            left = (part.w + part.M @ self.coefficients)[..., None]
+            left = (part.w + part.times(self.coefficients))[..., None]
             pull = np.linalg.pinv(P, rcond=1e-9, hermitian=True) @ left
             steps.append((np.swapaxes(gain[..., index], -1, -2) @ pull)[..., 0] * size)
         out = np.empty((len(self.design.q), len(index)))
@@ -310,18 +310,15 @@ class LinearFit:
             w.append(part.w[here - part.poses.start].reshape(-1))
         return np.concatenate(M), np.concatenate(w)
 
-    def pulls(self) -> tuple[Pull, ...]:
-        """Every toleranced entry and every effect."""
-        design, found = self.design, []
-        for g, where in zip(design.groups, design.slices, strict=True):
-            left = np.diagonal(self.H_inverse)[where]
-            value = self.coefficients[where]
-            z = value / np.sqrt(np.maximum(1.0 - left, 1e-12))
-            found += [
-                Pull(name=name, source=g.source, value=float(b), z=float(t))
-                for name, b, t in zip(g.names, value, z, strict=True)
-            ]
-        return tuple(found)
+    @property
+    def pulls(self) -> FloatArray:
+        """How far each effect was found from its mean (width - hard,): standard normal when the model is right.
+
+        None of an effect of which the poses say nothing.
+        """
+        left = np.diagonal(self.H_inverse)[self.design.hard :]
+        z = self.unit_b / np.sqrt(np.maximum(1.0 - left, 1e-12))
+        return np.where(left < 1.0 - 1e-6, z, 0.0)
 
 
 def _square_in(V: FloatArray, w: FloatArray) -> float | None:
@@ -335,26 +332,20 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
     return float(z @ z)
 
 
-def _inverse_root(gram: FloatArray, prior: FloatArray) -> tuple[FloatArray, float]:
-    """Root K of the inverse of ``H = gram + diag(prior)``, ``H^-1 = K K'``, and the logarithm of H's determinant.
+def _inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
+    """Root K of the inverse of H, ``H^-1 = K K'``, and the logarithm of H's determinant.
 
-    Step by step in place: these matrices are the largest there are, and memory for them costs as much as they do.
+    Cholesky's factor is as good whatever the units of the columns; eigenvectors are not.
     """
-    H = gram.copy()
-    np.fill_diagonal(H, np.diagonal(gram) + prior)
-    unit = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-    H *= unit[:, None]
-    H *= unit
     root = _triangular_root(H)
-    if root is None:
-        # A direction that nothing sees: it gets a variance that says so.
-        values, vectors = np.linalg.eigh(H)
-        values = np.maximum(values, 1e-14 * values[-1])
-        root, logdet = vectors / np.sqrt(values), float(np.log(values).sum())
-    else:
-        logdet = -2.0 * float(np.log(np.diagonal(root)).sum())
-    root *= unit[:, None]
-    return root, logdet - 2.0 * float(np.log(unit).sum())
+    if root is not None:
+        return root, -2.0 * float(np.log(np.diagonal(root)).sum())
+    # A direction that nothing sees: it gets a variance that says so.
+    unit = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+    values, vectors = np.linalg.eigh(H * np.outer(unit, unit))
+    values = np.maximum(values, 1e-14 * values[-1])
+    logdet = float(np.log(values).sum() - 2.0 * np.log(unit).sum())
+    return unit[:, None] * vectors / np.sqrt(values), logdet
 
 
 def _triangular_root(H: FloatArray) -> FloatArray | None:

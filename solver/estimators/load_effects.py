@@ -155,14 +155,17 @@ def load_basis(
             torque[here[cut]] = one.torques(cut)
     expected, sag, left = _sags(torque, sag_columns)
     side = np.concatenate([_side(torque[cut]) for cut in _cuts(m)])
-    # Of all these the largest, and nothing of it is asked for any more.
+    # Of all these the largest: of many poses what is asked of it again is made again.
+    again = torque if m <= CHUNK else None
     del torque
     moved = np.zeros((m, k, give_columns * len(parts)))
     missed = np.zeros((m, k))
     for number, (here, one) in enumerate(placements):
         if max(give) > 0.0:
             ours = slice(number * give_columns, (number + 1) * give_columns)
-            moved[here, :, ours], missed[here] = one.gives(give, give_columns)
+            moved[here, :, ours], missed[here] = one.gives(
+                give, give_columns, None if again is None else again[here]
+            )
     return LoadBasis(
         sag_expected=expected,
         sag=sag,
@@ -254,8 +257,11 @@ class _Part:
         shapes = (stated[..., None], _by_moment(rates[0], masses), np.stack(tilts, axis=-1))
         return np.concatenate(shapes, axis=-1)
 
-    def wrenches(self, poses: IntArray | slice) -> FloatArray:
-        """Fixture's wrench W (m, k, 4 n, sets) for a unit of each uncertain moment, by driven set."""
+    def wrenches(self, poses: IntArray | slice, torque: FloatArray | None = None) -> FloatArray:
+        """Fixture's wrench W (m, k, 4 n, sets) for a unit of each uncertain moment, by driven set.
+
+        `torque` are the `torques` of these poses if they are known.
+        """
         model = self.model
         error = model.loop(self.x, self.q[poses], self.u[poses])
         lost = [j - 1 for j in model.unsensed_joints]
@@ -263,7 +269,10 @@ class _Part:
         J = error.jac_q.copy()
         J[..., lost] = error.jac_u[..., own:]
         E = left_null_space(error.jac_u[..., :own])
-        moments = _by_moment(torque_rates(self.arm(poses), self.masses.down), self.masses)
+        if torque is None:
+            moments = _by_moment(torque_rates(self.arm(poses), self.masses.down), self.masses)
+        else:
+            moments = torque[..., 1 : 1 + 4 * len(self.masses.mass_kg)]
         every = np.arange(model.joint_count)
         free = np.array(
             [np.delete(every, driven) for driven in driven_sets(len(every), J.shape[-2] - own)]
@@ -272,45 +281,54 @@ class _Part:
         held = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
         return np.moveaxis(held, 1, -1)
 
-    def gives(self, give: tuple[float, float], columns: int) -> tuple[FloatArray, FloatArray]:
-        """Displacement (m, k, c) in units of the stated give, and the variance left out (m, k)."""
+    def gives(
+        self, give: tuple[float, float], columns: int, torque: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Displacement (m, k, c) in units of the stated give, and the variance left out (m, k).
+
+        `torque` is that of all poses, if these are few.
+        """
         m, k = len(self.q), self.model.components
         centres = farthest(self.q, CENTRES)
-        # The wrenches of all poses at once if they are few, else of some at a time.
-        whole = self.wrenches(slice(None)) if m <= CHUNK else None
-        W = self.wrenches(centres) if whole is None else whole[centres]
+        # All poses at once if they are few, the centres among them; else these first, then some at a time.
+        few = torque is not None
+        first, among = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
+        W = self.wrenches(first, torque)
         if not W.any():
             # Exact masses: whatever bends the fixture, it is not what this knows of.
             return np.zeros((m, k, columns)), np.zeros((m, k))
         # Every set of driven joints pulls as hard as another, by moments and by forces.
         unit = np.ones((k, W.shape[-1]))
         for rows in blocks(k):
-            size = np.sqrt((W[:, rows] ** 2).sum((1, 2)).mean(0))
+            size = np.sqrt((W[among, rows] ** 2).sum((1, 2)).mean(0))
             unit[rows] = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
         unit /= np.sqrt(W.shape[-1])
         s = compliance_sizes(give, rotations=k - 3)
         size = np.array([give[0]] * (k - 3) + [give[1]] * 3)
         scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
-        there = self._pulled(centres, W * unit[:, None] * s[:, None, None])
-        kernel = covariance(there, there, s)
-        values, vectors = np.linalg.eigh(kernel)
+        sized = unit[:, None] * s[:, None, None]
+        held = self._pulled(first, W * sized)
+        there = held.at_poses(among)
+        across = covariance(held, there, s)
+        values, vectors = np.linalg.eigh(
+            across.reshape(len(first), k, -1)[among].reshape(-1, across.shape[-1])
+        )
         good = values > SMALLEST * values[-1]
         # Of these the largest, whose eigenvectors come last.
         kept = min(columns, int(good.sum()))
         root = vectors[:, : -kept - 1 : -1] / np.sqrt(values[: -kept - 1 : -1])
         found = np.zeros((m, k, columns))
         missed = np.zeros((m, k))
-        for first in range(0, m, CHUNK):
-            here = np.arange(first, min(first + CHUNK, m))
-            W = self.wrenches(here) if whole is None else whole
-            held = self._pulled(here, W * unit[:, None] * s[:, None, None])
-            moved = (covariance(held, there, s) @ root).reshape(len(here), k, kept)
-            found[here, :, :kept] = moved * scale[:, None]
+        for cut in _cuts(m):
+            if not few:
+                held = self._pulled(cut, self.wrenches(cut) * sized)
+                across = covariance(held, there, s)
+            found[cut, :, :kept] = (across @ root).reshape(-1, k, kept) * scale[:, None]
             total = variance(held, s) * scale**2
-            missed[here] = np.maximum(total - (found[here] ** 2).sum(-1), 0.0)
+            missed[cut] = np.maximum(total - (found[cut] ** 2).sum(-1), 0.0)
         return found, missed
 
-    def _pulled(self, poses: IntArray, W: FloatArray) -> Pulled:
+    def _pulled(self, poses: IntArray | slice, W: FloatArray) -> Pulled:
         """Wrenches (m, k, 4 n, sets) on table and hand, and how each half stands."""
         axes = self.model.fixture_axes(self.x, self.q[poses], self.u[poses])
         share = np.array([1.0, HAND]) / np.hypot(1.0, HAND)

@@ -17,6 +17,7 @@ from solver.closing import close_loops
 from solver.errors import PosesDoNotFitError
 from solver.estimators.effects import Design
 from solver.estimators.error_model import ErrorModel
+from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
@@ -89,14 +90,17 @@ class Near:
         Components by name.
     corrections, unsensed
         Joint corrections (m, n) and unsensed angles (m, U) of the loops to be fitted, rad.
+    layout
+        That of the other fit, its poses in the order in which these are fitted.
     """
 
     variances: Mapping[str, float]
     corrections: FloatArray
     unsensed: FloatArray
+    layout: Layout | None = None
 
     def at_poses(self, poses: IntArray) -> Near:
-        """Return the same of a selection of poses."""
+        """Return the same of a selection of poses, which has a layout of its own."""
         return Near(
             variances=self.variances,
             corrections=self.corrections[poses],
@@ -128,6 +132,7 @@ def fit_mixed(
     near
         Where to start, if anything is known of it.
     """
+    like = None if near is None else near.layout
     if estimate and len(q) > 2 * FOR_VARIANCES:
         # Evenly over the poses, which are in canonical order: the same whatever order they came in.
         some = np.linspace(0, len(q) - 1, FOR_VARIANCES).astype(np.int64)
@@ -141,10 +146,11 @@ def fit_mixed(
         x0 = rough.x
         errors = replace(errors, signed=rough.fit.design.errors.signed)
         whole = _iterate(
-            Design(model, q, errors, group=group), x0, rough.fit.v, progress, near, rough.found
-        )
+            Design(model, q, errors, group=group, like=like), x0, rough.fit.v, progress, near,
+            rough.found,
+        )  # fmt: skip
         return replace(whole, iterations=rough.iterations + whole.iterations)
-    design = Design(model, q, errors, group=group)
+    design = Design(model, q, errors, group=group, like=like)
     return _iterate(design, x0, None if estimate else design.stated_variances(), progress, near)
 
 
@@ -247,7 +253,7 @@ def _advance(design: Design, at: Linearisation, fit: LinearFit) -> tuple[State, 
     du = np.zeros_like(old.u)
     for part in fit.parts():
         here, system = part.poses, at.part(part.poses)
-        left = (part.w + part.M @ fit.coefficients)[..., None]
+        left = (part.w + part.times(fit.coefficients))[..., None]
         multipliers = np.swapaxes(part.L_inverse, -1, -2) @ left
         e[here] -= part.S * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
         give[here] -= part.F * (system.E @ multipliers)[..., 0]

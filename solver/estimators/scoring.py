@@ -81,8 +81,10 @@ def step(fit: LinearFit, found: Derivatives) -> Step:
     leap = np.array([c.leap for c in fit.design.components])
     low = np.where(leap > 0.0, floor, np.maximum(floor, v / FASTEST))
     high = np.minimum(wall, np.maximum(FASTEST * v, leap))
-    size = np.sqrt(np.maximum(np.diagonal(found.information), 1e-300))
-    score, moving = found.score / size, (v > floor) | (found.score > 0.0)
+    known = np.diagonal(found.information)
+    told = known > 0.0  # what tells nothing, or less by rounding, stays where it is
+    size = np.sqrt(np.where(told, known, 1.0))
+    score, moving = found.score / size, told & ((v > floor) | (found.score > 0.0))
     moving &= (v < wall) | (score < 0.0)
 
     def bounded(metric: FloatArray) -> FloatArray:

@@ -194,7 +194,7 @@ def settle(
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]
-    near = None if near is None else near.at_poses(order)
+    near = None if near is None else replace(near.at_poses(order), layout=near.layout)
     dof = require_enough_poses(model, len(q), known=len(errors.tolerance))
     nominal = nominal_vector(model.parameters)
     if x0 is None:
@@ -226,7 +226,7 @@ def _first(
 def _pose_chi2(fit: LinearFit) -> FloatArray:
     """What is left of each pose (m,) with all effects taken out."""
     return np.concatenate(
-        [((part.w + part.M @ fit.coefficients) ** 2).sum(-1) for part in fit.parts()]
+        [((part.w + part.times(fit.coefficients)) ** 2).sum(-1) for part in fit.parts()]
     )
 
 

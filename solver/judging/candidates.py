@@ -23,6 +23,9 @@ from solver.judging.steps import Suspect
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
 """Natural size of what nobody stated a size of."""
 
+SCALE = 1e-2
+"""Natural size of what a scale is off by."""
+
 MOST_COLUMNS = 600
 """A candidate that may differ in every pose is asked of so many columns' worth of poses, spread evenly."""
 
@@ -47,8 +50,11 @@ class Cause(Enum):
     ODD_POSES = "odd poses"
     FROZEN = "frozen"
     READING = "reading"
+    SCATTER = "scatter of all readings"
+    DRIFT = "drift"
     CURVE = "curve"
     TURN_ERROR = "once-per-turn error"
+    SCALE = "scale of an encoder"
     SAG = "sag"
     LENGTH = "length"
     TWIST = "twist"
@@ -228,6 +234,9 @@ class Scene:
         `curved` are joints (1-based) whose curve a test has found larger than stated.
         """
         yield from self._readings()
+        yield self._scatter()
+        yield from self._drifts()
+        yield from self.scales()
         yield from self._frozen()
         yield from self._smooth(curved)
         yield from self._entries()
@@ -247,6 +256,47 @@ class Scene:
                 natural=np.full(len(some), ANGLE_RAD),
                 least=2.0 * float(np.sqrt(np.mean(stated[:, j - 1]))),
             )
+
+    def _scatter(self) -> Candidate:
+        """Every reading of every joint wrong in its own way and by one size: an arm that was not still."""
+        sensed = np.array(self.sensed) - 1
+        some = self._some(len(sensed))
+        m, r, _ = self.system.B.shape
+        each = np.zeros((m, r, len(some), len(sensed)))
+        each[some, :, np.arange(len(some)), :] = self.system.B[some][:, :, sensed]
+        columns = each.reshape(m, r, -1)
+        stated = self.design.joint_variance(self.design.stated_variances())[:, sensed]
+        return Candidate(
+            cause=Cause.SCATTER,
+            subject="all joints",
+            columns=columns,
+            natural=np.full(columns.shape[-1], ANGLE_RAD),
+            most=15.0,
+            least=2.0 * float(np.sqrt(np.mean(stated))),
+        )
+
+    def _drifts(self) -> Iterator[Candidate]:
+        """Every joint's reading off by a ramp, from half of it below at the first pose to half above."""
+        ramp = np.linspace(-0.5, 0.5, len(self.readings))
+        for j in self.sensed:
+            yield Candidate(
+                cause=Cause.DRIFT,
+                subject=str(j),
+                columns=self.joint(j) * ramp[:, None, None],
+                natural=np.array([ANGLE_RAD]),
+            )
+
+    def scales(self) -> Iterator[Candidate]:
+        """Every encoder's counts per turn wrong: nothing states how well these are known."""
+        for j in self.sensed:
+            if isinstance(self.arm.joints[j - 1].sensor, Encoder):
+                turn = self.readings[:, j - 1]
+                yield Candidate(
+                    cause=Cause.SCALE,
+                    subject=str(j),
+                    columns=self.joint(j) * (turn - turn.mean())[:, None, None],
+                    natural=np.array([SCALE]),
+                )
 
     def _frozen(self) -> Iterator[Candidate]:
         """Runs of poses in which one joint reads the same while others move."""

@@ -24,8 +24,15 @@ out near 1e-12 and the weakest parameter of a usable pose set above 1e-4."""
 CLOSED = 1e-9
 """Closure (rad, m) at which a loop is judged: what is left of a zero is far below the tolerance still."""
 
+PLAIN = 100.0
+"""Scaled condition number at the readings (the paper's, acceptable below this) with which nothing is blind:
+noise does not make up a hundredth of a direction that no pose sees."""
+
 IMMOBILE_RAD = np.deg2rad(1.0)
 """A joint whose readings span less than this over the whole pose set does not move."""
+
+NOT_AT_ALL_DEG = 0.05
+"""Less than this is noise and what gives way, and no motion to be told."""
 
 
 TREND_POINTS = 10
@@ -92,7 +99,8 @@ def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
     fewest = -(-P // max(r, 1))
     if m < fewest or not r:
         return ()
-    counts = np.unique(np.geomspace(fewest, m, TREND_POINTS).round().astype(int))
+    ratios = (m / fewest) ** np.linspace(0.0, 1.0, TREND_POINTS)
+    counts = np.unique((fewest * ratios).round().astype(int))
     # Of normal equations: they square the condition, which is as good as infinite long before that matters.
     parts = [rows.reshape(-1, P) for rows in np.split(J, counts)[:-1]]
     N = np.cumsum([rows.T @ rows for rows in parts], axis=0)
@@ -117,6 +125,12 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
     C = ClosureProblem.of(model, q)(x).T
     s = np.linalg.svd(C / column_scale(C), compute_uv=False)
     return float(s[0] / s[-1]) if s[-1] > RANK_TOLERANCE * s[0] else float("inf")
+
+
+def plainly_seen(model: ClosureModel, x: FloatArray, q: FloatArray) -> bool:
+    """Whether the readings `q` (m, n) as they are show that nothing is blind, with no loop closed."""
+    condition = condition_at_readings(model, x, q)
+    return condition is not None and condition < PLAIN and not _still(np.ptp(q, axis=0))
 
 
 def _at_closed(
@@ -216,7 +230,7 @@ def _immobile_offsets(
         UnidentifiableDirection(
             parameters=(f"theta_off_{joint}",),
             weights=(1.0,),
-            reason=f"joint {joint} does not move",
+            reason=_standing_words((joint,), spans_rad),
             immobile_joints=(joint,),
         )
         for joint in _still(spans_rad)
@@ -232,10 +246,8 @@ def _direction(
     parameters = tuple(names[k] for k in order)
     immobile = tuple(j for j in _still(spans_rad) if f"theta_off_{j}" in parameters)
     reason = ""
-    if immobile:
-        which = " and ".join(str(j) for j in immobile)
-        verb = "do not move" if len(immobile) > 1 else "does not move"
-        reason = f"joint{'s' if len(immobile) > 1 else ''} {which} {verb}"
+    if immobile and spans_rad is not None:
+        reason = _standing_words(immobile, spans_rad)
         # The joint that does not move is what the operator can act on: it comes first.
         lead = [f"theta_off_{j}" for j in immobile]
         order.sort(key=lambda k: names[k] not in lead)
@@ -246,3 +258,13 @@ def _direction(
         reason=reason,
         immobile_joints=immobile,
     )
+
+
+def _standing_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
+    """Say that joints stand, or by how little they move."""
+    several = len(joints) > 1
+    which = f"joint{'s' * several} {' and '.join(map(str, joints))}"
+    most = float(np.rad2deg(max(spans_rad[j - 1] for j in joints)))
+    if most < NOT_AT_ALL_DEG:
+        return f"{which} {'do' if several else 'does'} not move"
+    return f"{which} move{'s' * (not several)} by no more than {most:.2g} deg"

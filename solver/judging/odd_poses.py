@@ -88,6 +88,11 @@ def pose_columns(left: LeftOver, poses: tuple[int, ...]) -> FloatArray:
     return out
 
 
+def left_out(left: LeftOver) -> tuple[FloatArray, FloatArray]:
+    """Misfit of every pose to the prediction by all others, and its degrees of freedom, (m,) each."""
+    return _misfits(left, np.ones(len(left.U), dtype=np.bool_))
+
+
 def _misfits(left: LeftOver, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each."""
     r = left.U.shape[1]

@@ -26,7 +26,8 @@ class AdjustedPoses:
     Attributes
     ----------
     error, system
-        The loops of all poses there, and their reduced linear system.
+        The loops of all poses and their reduced linear system, at the last step's start: it was so small
+        that they hold at its end.
     corrections
         Joint corrections (m, n), rad: adjusted minus measured.
     unsensed
@@ -64,8 +65,6 @@ def adjust_poses(
     for _ in range(MAX_ITERATIONS):
         error = model.loop(x, q + e, u)
         system = linearise(error, e, variance, give)
-        if bool(np.all(left < STEP_TOLERANCE)):
-            break
         multipliers = np.linalg.solve(system.V, system.w[..., None])
         e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
         slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers)[..., 0]
@@ -81,6 +80,8 @@ def adjust_poses(
         # A pose far from closing comes nearer by steps no joint would take back.
         shrink = np.minimum(1.0, 0.5 / np.maximum(moved, 1e-300))[:, None]
         e, u = e + shrink * (e_new - e), u + shrink * du
+        if bool(np.all(left < STEP_TOLERANCE)):
+            break
     return AdjustedPoses(
         error=error, system=system, corrections=e, unsensed=u, converged=left < STEP_TOLERANCE
     )

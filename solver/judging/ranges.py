@@ -33,6 +33,10 @@ PINNED_POSES = 3
 """So many poses within the noise of one end of full scale are no coincidence."""
 
 
+LEAST_MOTION_RAD = np.deg2rad(5.0)
+"""A joint whose readings would span less than this as radians stands still in either unit."""
+
+
 class Fault(Enum):
     """What is wrong with one joint's readings."""
 
@@ -114,10 +118,32 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
     yield Mistake(
         code="RADIANS",
         text="taken as radians the readings make sense",
-        remedy="a poses file has degrees (multiply its angles by 57.29578)",
+        remedy="a poses file has degrees (multiply its angles by 57.29578; sarcal import --rad does it)",
         q_rad=np.rad2deg(q),
     )
     n = q.shape[1]
+    some = _like_radians(arm, q)
+    for columns in dict.fromkeys((tuple(some), *((j,) for j in some))):
+        if 0 < len(columns) < n:
+            of = f"joint{'s' if len(columns) > 1 else ''} {', '.join(str(j + 1) for j in columns)}"
+            turned = q.copy()
+            turned[:, columns] = np.rad2deg(q[:, columns])
+            yield Mistake(
+                code="_".join(("RADIANS", *(str(j + 1) for j in columns))),
+                text=f"with the readings of {of} taken as radians they make sense",
+                remedy=f"a poses file has degrees (multiply the angles of {of} by 57.29578)",
+                q_rad=turned,
+            )
+    middle = np.array([joint.middle_rad for joint in arm.joints])
+    wrapped = q - 2.0 * np.pi * np.round((q - middle) / (2.0 * np.pi))
+    if far := [j + 1 for j in np.flatnonzero((np.abs(wrapped - q) > np.pi).any(axis=0))]:
+        of = f"joint{'s' if len(far) > 1 else ''} {', '.join(map(str, far))}"
+        yield Mistake(
+            code="_".join(("WHOLE_TURNS", *map(str, far))),
+            text=f"without whole turns in the readings of {of} they make sense",
+            remedy=f"add or take off 360 deg where a reading of {of} is outside its range",
+            q_rad=wrapped,
+        )
     for j in range(n):
         # Counted the other way round zero, or round the middle of its range.
         for centre in {0.0, 2.0 * arm.joints[j].middle_rad}:
@@ -138,6 +164,15 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
             remedy=f"exchange their columns, or the nodes of joints {i + 1} and {j + 1}",
             q_rad=q[:, order],
         )
+
+
+def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
+    """Joints (0-based) whose readings span next to nothing and lie in their range as radians do."""
+    as_degrees = np.rad2deg(q)
+    inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
+    small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
+    moved = np.ptp(as_degrees, axis=0) > LEAST_MOTION_RAD
+    return [int(j) for j in np.flatnonzero(inside & small & moved)]
 
 
 def makes_sense(arm: ArmModel, q: FloatArray) -> bool:

@@ -115,7 +115,8 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
     press_of: dict[int, FloatArray] = {}
     # Degrees are nested: each adds one direction to those of the last.
     most = min(MAX_DEGREE, m // POINTS_PER_TERM - 1)
-    Q = np.linalg.qr(_basis(abscissa, low, high, most))[0]
+    nested = _basis(abscissa, low, high, most)
+    Q = np.linalg.qr(nested)[0]
     residuals = values[:, None] - np.cumsum(Q * (Q.T @ values), axis=1)
     leverages = np.cumsum(Q**2, axis=1)
     for degree in range(1, most + 1):
@@ -126,7 +127,7 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
         error = float(np.std(gain) * np.sqrt(m))
         if degree <= least_degree or float(gain.sum()) > error:
             best = degree
-    smoother = np.asarray(np.linalg.pinv(_basis(abscissa, low, high, best)), dtype=np.float64)
+    smoother = np.asarray(np.linalg.pinv(nested[:, : best + 1]), dtype=np.float64)
     dof = m - best - 1
     chance = 1.0
     if best > 1:

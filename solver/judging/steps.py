@@ -126,12 +126,11 @@ def _largest(
     m, r, K = left.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]
     white = left.whiten(np.concatenate([s.columns for s in suspects], axis=-1))
-    G = white.reshape(m, r, S, d).transpose(0, 2, 1, 3)
-    Gt = np.swapaxes(G, -1, -2)
+    across = np.swapaxes(white, -1, -2)
+    Gt = across.reshape(m, S, d, r)
     s = _from_here_on((Gt @ left.white[:, None, :, None])[..., 0])
-    own = _from_here_on(Gt @ G)
-    inside = _from_here_on(np.swapaxes(left.U, -1, -2) @ white)
-    inside = inside.reshape(m, K, S, d).transpose(0, 2, 3, 1)
+    own = _from_here_on(Gt @ np.swapaxes(Gt, -1, -2))
+    inside = _from_here_on(across @ left.U).reshape(m, S, d, K)
     C = own - inside @ np.swapaxes(inside, -1, -2)
     # Scaled, so that metres and radians are seen alike.
     size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1).max(axis=0))

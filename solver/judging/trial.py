@@ -40,8 +40,14 @@ that are wrong by a few tolerances spoil a calibration before any test is sure o
 MOST_CAUSES = 4
 """Causes taken in one after the other; a set with more is no calibration."""
 
+ENTRIES = ("lengths", "twists")
+"""Sources that are entries of the maker's table."""
+
 FOLDS, FAR_SHARE = 5, 0.2
 """Parts that are predicted by the rest, and the share of a block far from it."""
+
+SEEN = 1e-6
+"""Share of a column's square that has to be left for it to be tested."""
 
 GROSS = 30.0
 """chi2/dof that the best explanation leaves beyond which no second one is asked for."""
@@ -64,6 +70,9 @@ PRIORS = {
     Cause.GIVES: 0.01,
     Cause.TURN_ERROR: 0.005,
     Cause.SAG: 0.003,
+    Cause.SCATTER: 0.005,
+    Cause.DRIFT: 0.001,
+    Cause.SCALE: 0.003,
     Cause.LENGTH_CHANGED: 2e-5,
 }
 """How often each happens, before anything is looked at; what is named here shares it among its subjects."""
@@ -159,6 +168,7 @@ def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
     tests += more
     tests += [*pull_tests(stated), *variance_tests(stated)]
     tests.append(prediction_test(stated))
+    tests += scale_tests(scene, left)
     fires = any(test.fires for test in tests)
     doubtful = not fires and any(test.fires for test in pull_tests(stated, DOUBT))
     return Trial(
@@ -195,13 +205,10 @@ def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM) -> list[Test
     """Test the largest pull of a toleranced entry, and their sum of squares."""
     from scipy.special import chdtri, ndtri
 
-    design = stated.design
-    z = np.array([p.z for p in stated.pulls() if p.source in ("lengths", "twists")])
+    # The first of all effects are these.
+    z = stated.pulls[: sum(g.width for g in stated.design.groups if g.source in ENTRIES)]
     if not len(z):
         return []
-    seen = np.diagonal(stated.H_inverse)[design.hard : design.hard + len(z)]
-    # An entry of which the poses say nothing has no pull.
-    z = np.where(seen < 1.0 - 1e-6, z, 0.0)
     return [
         Test(
             code="PULL",
@@ -216,6 +223,22 @@ def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM) -> list[Test
             false_alarm=false_alarm,
         ),
     ]
+
+
+def scale_tests(scene: Scene, left: LeftOver) -> list[Test]:
+    """Test the scale of every encoder: the loops see a hundredth of it, and no other test asks."""
+    from scipy.special import ndtri
+
+    z = []
+    for candidate in scene.scales():
+        s, C = left.score(candidate.columns)
+        # What the parameters take up but for a rounding error is not seen at all.
+        whole = float((left.whiten(candidate.columns) ** 2).sum())
+        z.append(abs(float(s[0])) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * whole else 0.0)
+    if not z:
+        return []
+    threshold = float(-ndtri(0.5 * FALSE_ALARM / len(z)))
+    return [Test(code="SCALE", statistic=float(max(z)), threshold=threshold)]
 
 
 def prediction_test(stated: LinearFit) -> Test:
@@ -374,8 +397,8 @@ def left_over_of(fit: LinearFit, order: IntArray) -> LeftOver:
     for part in fit.parts():
         here = there[part.poses]
         whitener[here] = part.L_inverse
-        U[here] = part.M @ half
-        white[here] = part.w + part.M @ fit.coefficients
+        U[here] = part.times(half)
+        white[here] = part.w + part.times(fit.coefficients)
     return LeftOver(
         whitener=whitener,
         U=U,

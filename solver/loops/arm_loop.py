@@ -52,10 +52,11 @@ class ArmLoop(ClosureModel):
     _moved: Entries = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        links = range(self.FIRST_LINK, self.FIRST_LINK + self.table.links)
-        if any(e.row not in links for e in self.entries):
+        kinds = [int(e.kind) for e in self.entries]
+        rows = [e.row - self.FIRST_LINK for e in self.entries]
+        if not set(rows) <= set(range(self.table.links)):
             raise ValueError("a free entry names a link the table does not have")
-        if len(set(self.entries)) != len(self.entries):
+        if len(set(zip(kinds, rows, strict=True))) != len(self.entries):
             raise ValueError("a free entry is listed twice")
         if any(not 1 <= j <= self.joint_count for j in self.unsensed_joints):
             raise ValueError("an unsensed joint is none of the arm's")
@@ -64,8 +65,6 @@ class ArmLoop(ClosureModel):
         if not set(self.own) <= set(self.OWN) or len(set(self.own)) != len(self.own):
             raise ValueError(f"this endpoint has the unknowns {self.OWN}, each once")
         stacked = self.table.stacked()
-        kinds = [int(e.kind) for e in self.entries]
-        rows = [e.row - self.FIRST_LINK for e in self.entries]
         object.__setattr__(self, "_stacked", stacked)
         object.__setattr__(self, "_indices", (kinds, rows))
         angles = [DhKind.THETA_OFF] * self.table.links
@@ -159,7 +158,8 @@ class ArmLoop(ClosureModel):
 
     def freed(self, entries: Sequence[DhEntry]) -> Self:
         """Return the same loop with these entries of the arm's table unknown as well."""
-        new = tuple(e for e in entries if e not in self.entries)
+        known = set(self.entries)
+        new = tuple(e for e in entries if e not in known)
         return replace(self, entries=self.entries + new)
 
     def with_table(self, table: DhTable) -> Self:

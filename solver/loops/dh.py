@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from solver.arrays import ComplexArray, FloatArray
-from solver.chain.kinematics import DhTable, Entries, poses_first, screws
+from solver.chain.kinematics import NO_ENTRIES, DhTable, poses_first, screws
 from solver.chain.parameters import DhKind
 from solver.chain.rotations import (
     rotation_about_z,
@@ -84,7 +84,7 @@ class DhLoop(ArmLoop):
         at_zero = self.frames(x, q, np.zeros((*q.shape[:-1], 1)))
         (R11, R21, R31), _, (R13, R23, R33) = at_zero.axes_of[-1]
         px, py, pz = at_zero.origin_of[-1]
-        moved = screws(at_zero, self._unknown if rates else Entries.of((), ()))
+        moved = screws(at_zero, self._unknown if rates else NO_ENTRIES)
         # Across the hinge axis vectors are complex numbers, and a turn about it is a factor.
         x_end = R11 + 1j * R21
         size = np.abs(x_end)

@@ -161,6 +161,20 @@ class MeasuredClosure(ArmLoop):
         rotation = None if self.endpoint_rotation is None else self.endpoint_rotation[poses]
         return replace(self, endpoint_m=self.endpoint_m[poses], endpoint_rotation=rotation)
 
+    def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Origins of frames 0..n and the target (n + 2, 3), for joint angles `q` (n,)."""
+        frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
+        target = frames.p_end[0] + frames.R_end[0] @ self.own_values(x)[0, 6:9]
+        return np.concatenate((frames.origins_m[0], target[None, :])), np.zeros(3)
+
+    def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Where the instrument saw the target, of a model bound to one pose; None else."""
+        if self.endpoint_m is None or len(self.endpoint_m) != 1:
+            return None
+        own = self.own_values(x)[0]
+        R_base = rotation_matrix(own[3:6]) @ self.base_rotation
+        return (self.endpoint_m[0] - own[:3]) @ R_base, np.zeros(3)
+
     def _own_columns(self, own: FloatArray, R_hand: FloatArray, swung: FloatArray) -> FloatArray:
         """Rates (..., m, 6, 12) of the target's turn and place for base_x .. tip_rz.
 

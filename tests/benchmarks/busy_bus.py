@@ -71,13 +71,7 @@ def main() -> int:
         + ", ".join(f"p{p} {np.percentile(gaps_ms, p):.1f}" for p in (50, 99, 99.9))
         + f", largest {gaps_ms.max():.1f} ms; {int((gaps_ms > LIMIT_MS).sum())} over {LIMIT_MS:g} ms"
     )
-    begun_s = np.array(came.rhythm.at_s[:-1])
-    away_ms = 1e3 * np.array(
-        [
-            came.pauses.within_s(begin, begin + 1e-3 * gap)
-            for begin, gap in zip(begun_s, gaps_ms, strict=True)
-        ]
-    )
+    away_ms = 1e3 * np.array(came.away_s())
     own_ms = gaps_ms - away_ms
     print(
         f"the machine itself  stood still for {1e3 * came.pauses.longest_s():.1f} ms at most, "

@@ -38,6 +38,7 @@ F8 = b"\x1b[19~"
 JOINTS = 7
 KEYS = 20 if QUICK else 100
 STOPS = 5 if QUICK else 100
+PRESSES = 5
 LOAD_PER_S = 500
 """Frames a second of other traffic while the bus is loaded."""
 
@@ -219,10 +220,23 @@ def stops(
         if before:
             app.write(b"\x1b")
             threading.Event().wait(0.3)
-        mark = app.mark()
-        app.write(b"R")
-        app.seen("STOP reset", mark)
+        reset(app)
+        # What was written may be the message of the time before, moved up by a row: the work goes on then.
+        threading.Event().wait(0.5)
     show(f"STOP, {what}", times)
+
+
+def reset(app: PtyProgram) -> None:
+    """Reset STOP; as a person does, again where the key fell into a dialog or work that was ending."""
+    mark = app.mark()
+    for _ in range(PRESSES):
+        app.write(b"R")
+        try:
+            app.seen("STOP reset", mark, patience_s=3.0)
+        except TimeoutError:
+            continue
+        return
+    app.seen("STOP reset", mark, patience_s=3.0)
 
 
 def show(what: str, times: list[float]) -> None:

@@ -13,6 +13,11 @@ from sarcal import arm_contract
 from sarcal.arm_contract import *  # noqa: F403 - the tests
 from sarcal.arm_contract import Bench
 
+from hardware.bench.check import Bench as Tried
+from hardware.bench.check import check
+from hardware.bench.finding import Stage
+from hardware.canopen_arm import CanopenArm
+from operator_app.config.description import describe
 from oracles.toy_arm import package, toy
 
 ARMS = ("virtual", "moving_line_arm", "line_arm")
@@ -30,6 +35,28 @@ def bench(
             if request.param != "virtual":
                 patch.setenv("CAN_CHANNEL", arm.channel)
             yield from arm_contract.bench.__wrapped__(tmp_path_factory)
+
+
+def test_arm_check_tries_it_as_well(bench: Bench) -> None:
+    """All but what moves it: in a fixture one joint is not turned alone."""
+    bench.arm.close()
+    made = Tried(
+        arm=bench.arm,
+        description=describe(bench.procedure.arm),
+        ask=lambda _: True,
+        step_rad=arm_contract.STEP_RAD,
+        speed_rad_per_s=bench.speed_rad_per_s,
+        bounds=arm_contract.BOUNDS,
+    )
+    found = list(check(made, last=Stage.HOLD))
+    failed = {f.name: f.text for f in found if f.passed is False}
+    if isinstance(bench.arm, CanopenArm):
+        # The embedded arm waits 10 s for its operator: no bench should.
+        assert set(failed) == {"guard"}
+        assert {f.stage for f in found} == {Stage.LOOK}
+    else:
+        assert failed == {}
+        assert {f.stage for f in found} == {Stage.LOOK, Stage.HOLD}
 
 
 @pytest.mark.campaign

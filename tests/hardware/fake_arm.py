@@ -90,6 +90,7 @@ class FakeArmBus(can.BusABC):
         self.twice: set[int] = set()
         self.dead: set[int] = set()
         self.operational = False
+        self.says_it_follows = True
         self.token = 0
         self.other_operator = False
         self.other_master: tuple[tuple[int, bytes], ...] = ()
@@ -183,7 +184,9 @@ class FakeArmBus(can.BusABC):
                 if joint in self.silent or joint in self.dead:
                     continue
                 counts = drive.counts + drive.noise(self.syncs)
-                frame = struct.pack("<Hih", drive.status | 0x0200, counts, drive.torque)
+                leads = self.says_it_follows and (drive.status, drive.mode) == (0x27, 8)
+                bits = 0x1200 if leads else 0x0200
+                frame = struct.pack("<Hih", drive.status | bits, counts, drive.torque)
                 for _ in range(2 if joint in self.twice else 1):
                     self._queue.append((0x180 + joint, frame))
         elif 0x201 <= identifier <= 0x200 + JOINTS:
@@ -279,6 +282,7 @@ class FakeArmBus(can.BusABC):
             (0x1800, 2): b"\x01",
             (0x6064, 0): struct.pack("<l", self.drives[node].counts),
             (0x603F, 0): b"\x11\x86",
+            (0x6041, 0): struct.pack("<H", self.drives[node].status | 0x0200),
             (0x6061, 0): struct.pack("<b", self.drives[node].mode),
             (0x6076, 0): struct.pack("<L", 50_000),
             (0x607C, 0): struct.pack("<l", -11 * node if self.document else 0),

@@ -9,13 +9,13 @@ from typing import Any
 from hardware.arm import JointMode
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
-from hardware.connection import BusOpeners
 from hardware.description import (
     ArmDescription,
     EncoderDescription,
     JointDescription,
     RvdtDescription,
 )
+from hardware.on_bus import BusOpeners
 from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
+import signal
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -12,7 +14,9 @@ import can
 import pytest
 
 from hardware.arm import DriveState
-from hardware.bench_check import Finding, Stage, check
+from hardware.bench.check import LEFT_OUT, check
+from hardware.bench.check import Bench as Tried
+from hardware.bench.finding import BENCH, Finding, Stage
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
 from hardware.description import (
@@ -35,7 +39,7 @@ _channels = itertools.count()
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.05)
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.15)
     monkeypatch.setattr("hardware.probing.ANSWERS_S", 0.3)
 
 
@@ -102,10 +106,24 @@ def bench() -> Iterator[Bench]:
 
 
 def tried(arm: CanopenArm, who: Bystander, last: Stage = Stage.SILENCE) -> list[Finding]:
+    bench = Tried(
+        arm=arm,
+        description=arm.on_bus.description,
+        ask=who,
+        step_rad=STEP,
+        speed_rad_per_s=SPEED,
+        interrupt=lambda: os.kill(os.getpid(), signal.SIGINT),
+        bounds=replace(BENCH, samples=10),
+    )
     try:
-        return list(check(arm, who, last=last, step_rad=STEP, speed_rad_per_s=SPEED))
+        return list(check(bench, last=last))
     finally:
         arm.close()
+
+
+def others_than(joint: int) -> list[str]:
+    """Questions to turn another one."""
+    return [f"Joint {j} will turn" for j in range(1, 8) if j != joint]
 
 
 def failed(findings: list[Finding]) -> list[tuple[str, int | None]]:
@@ -113,18 +131,31 @@ def failed(findings: list[Finding]) -> list[tuple[str, int | None]]:
 
 
 def test_a_sound_arm_passes_every_stage_and_is_asked_before_each_motion(bench: Bench) -> None:
-    who = Bystander()
+    tried_joints, others = (
+        [1, 6],
+        [2, 3, 4, 5, 7],
+    )  # an encoder, an RVDT; nobody wants the others moved
+    who = Bystander(*(f"Joint {j} will" for j in others))
+    home = bench.plant.angles_rad[0]
     findings = tried(bench.arm(), who)
     assert failed(findings) == []
     assert [f.stage for f in findings] == sorted((f.stage for f in findings), key=list(Stage).index)
     assert {f.stage for f in findings} == set(Stage)
-    turned = [f for f in findings if f.name == "moves"]
-    assert [f.joint for f in turned] == list(range(1, 8))
-    # The way in which there is more room, by the encoders of joints 1 to 5 to the count.
-    assert {f.text for f in turned[:5]} == {"told to turn by -1.000 deg, it reads -1.000 deg"}
+    for name in ("alone", "halts", "Ctrl-C", "STOP on the way", "frees", "free stays free"):
+        assert [f.joint for f in findings if f.name == name] == tried_joints, name
+    assert [f.joint for f in findings if f.name == "agreed"] == others * 2
+    assert [f.name for f in findings if f.passed is None and f.name != "agreed"] == list(LEFT_OUT)
+    # The way in which there is more room, by the encoder to the count; and home again.
+    there, _ = [f.text for f in findings if f.name == "moves" and f.joint == 1]
+    assert there == "told to turn by -1.000 deg, it reads -1.000 deg"
+    assert bench.plant.angles_rad[0] == pytest.approx(home, abs=1e-3)
     assert len([q for q in who.asked if "will turn by" in q]) == 7
     assert len([q for q in who.asked if "will be let free" in q]) == 7
     assert "fall silent for 3.0 s" in who.asked[-1]
+    (alone,) = [f for f in findings if f.name == "stops alone"]
+    assert alone.text == (
+        "no drive was enabled any more; they say: operator's heartbeat lost (8130h)"
+    )
 
 
 def test_looking_asks_nothing_and_enables_nothing(bench: Bench) -> None:
@@ -144,7 +175,7 @@ def test_nothing_is_enabled_without_a_yes(bench: Bench) -> None:
 
 def test_a_joint_that_nobody_wants_turned_stays(bench: Bench) -> None:
     before = bench.plant.angles_rad[2]
-    findings = tried(bench.arm(), Bystander("Joint 3 will"), Stage.MOVE)
+    findings = tried(bench.arm(), Bystander(*others_than(5)), Stage.MOVE)
     assert [f.text for f in findings if f.joint == 3 and f.stage is Stage.MOVE] == [
         "not tried: nobody agreed to it"
     ]
@@ -152,14 +183,14 @@ def test_a_joint_that_nobody_wants_turned_stays(bench: Bench) -> None:
 
 
 def test_a_joint_that_turns_the_wrong_way_ends_the_check(bench: Bench) -> None:
-    findings = tried(bench.arm(), Bystander("Did joint 2"))
+    findings = tried(bench.arm(), Bystander("Did joint 2", *others_than(2)))
     assert failed(findings) == [("direction", 2)]
     assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD, Stage.MOVE}
 
 
 def test_a_joint_that_does_not_turn_is_named(bench: Bench) -> None:
     bench.plant.stuck.add(4)
-    findings = tried(bench.arm(), Bystander(), Stage.MOVE)
+    findings = tried(bench.arm(), Bystander(*others_than(4)), Stage.MOVE)
     told = failed(findings)
     assert told[0] in (("moves", 4), ("no error", None)), "it is told, or its drive trips"
 
@@ -201,3 +232,50 @@ def test_after_the_check_the_arm_is_held_and_free_to_take(bench: Bench) -> None:
     assert snapshot.token == 0
     assert {joint.drive for joint in snapshot.joints} == {DriveState.SWITCH_ON_DISABLED}
     again.close()
+
+
+class Deaf(CanopenArm):
+    """An arm whose STOP does not arrive."""
+
+    def stop(self) -> None:
+        """Hear nothing."""
+
+
+def test_where_stop_does_not_stop_nothing_is_tried_any_more(bench: Bench) -> None:
+    arm = bench.arm()
+    arm.__class__ = Deaf
+    who = Bystander()
+    findings = tried(arm, who)
+    assert failed(findings) == [("STOP", None)]
+    assert findings[-1].text == "a drive is still enabled 0.5 s after STOP"
+    assert not [q for q in who.asked if "will turn by" in q]
+
+
+def test_a_second_program_that_is_let_in_is_told(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere = ExitStack()
+    with elsewhere:
+        other = Bench(elsewhere).arm()
+        monkeypatch.setattr(CanopenArm, "another", lambda _: other)
+        findings = tried(bench.arm(), Bystander(), Stage.LOOK)
+    assert failed(findings) == [("one operator", None)]
+
+
+def test_a_target_that_is_not_refused_ends_the_check_and_the_move(bench: Bench) -> None:
+    """The arm's own limits are wider than those of the arm file."""
+    arm = bench.arm()
+    narrow = tuple(replace(j, upper_rad=0.5) for j in arm.on_bus.description.joints)
+    before = bench.plant.angles_rad[0]
+    made = Tried(
+        arm=arm,
+        description=replace(arm.on_bus.description, joints=narrow),
+        ask=Bystander(),
+        step_rad=STEP,
+        speed_rad_per_s=SPEED,
+    )
+    found = list(check(made, last=Stage.MOVE))
+    arm.close()
+    assert failed(found) == [("range", 1)]
+    assert found[-1].text == "a target of +30.648 deg was not refused"
+    assert bench.plant.angles_rad[0] == pytest.approx(before, abs=STEP)

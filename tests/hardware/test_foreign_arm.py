@@ -83,10 +83,11 @@ def connected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
     return arm
 
 
-def drafted(settings: BusSettings) -> BusProfile:
+def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
     """By probe, through the file it writes."""
     found = probe(settings, sarcos(), listen_s=0.5)
-    text = format_profile(draft(found.nodes, name="acme"), comment="drafted")
+    made = draft(found.nodes, name="acme", configure=configure)
+    text = format_profile(made, comment="drafted")
     return parse_profile(text, "acme.yaml", joints=JOINTS)
 
 
@@ -189,6 +190,45 @@ def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(
     assert none.value.reasons == (
         "node 3: no TPDO carries 6041h as it is needed (TPDO4 is of transmission type 255, not 1 (on every SYNC))",
         "node 4: no RPDO carries 6040h as it is needed",
+    )
+
+
+def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
+    settings: BusSettings, foreign: ForeignArm
+) -> None:
+    for node in foreign.nodes:
+        node.set_data(0x1803, 2, b"\xff")
+        node.set_data(0x1402, 1, (0x80000402).to_bytes(4, "little"))
+    with pytest.raises(NoDraft, match="no TPDO carries 6041h"):
+        drafted(settings)
+    profile = drafted(settings, configure=True)
+    assert not any(node.written for node in foreign.nodes), "a probe writes nothing"
+    second = profile.joints[1]
+    # Objects as wide as these drives have them; what does not fit into 8 bytes goes into the next.
+    assert [(p.number, p.cob_id, p.entries) for p in (*second.commands, *second.answers)] == [
+        (2, 0x202, ((0x6040, 0, 16), (0x607A, 0, 32), (0x6060, 0, 16))),
+        (3, 0x182, ((0x6041, 0, 16), (0x6064, 0, 32))),
+        (4, 0x282, ((0x6077, 0, 32),)),
+    ]
+    arm = connected(settings, profile)
+    try:
+        arm.take_control()
+        assert arm.move({2: 0.5}, speed_rad_per_s=0.9).reached
+        assert arm.capture(5).mean_rad[1] == pytest.approx(0.5, abs=1 / PER_RAD)
+    finally:
+        arm.close()
+
+
+def test_drives_without_room_for_what_is_needed_are_named(
+    settings: BusSettings, foreign: ForeignArm
+) -> None:
+    del foreign.nodes[1].object_dictionary[0x1803]
+    del foreign.nodes[2].object_dictionary[0x6077]
+    with pytest.raises(NoDraft) as none:
+        drafted(settings, configure=True)
+    assert none.value.reasons == (
+        "node 2: 2 TPDOs are needed, and it has 1",
+        "node 3: 6077h cannot be read",
     )
 
 

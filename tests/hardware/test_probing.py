@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
+import can
 import pytest
 
 from hardware.buses import BusSettings
@@ -81,7 +82,10 @@ def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> N
 def test_where_an_operator_is_at_work_nobody_is_asked(bus: FakeArmBus) -> None:
     bus.other_operator = True
     found = look(bus)
-    assert "an operator (node 127) is at work" in found.busy
+    assert (
+        "somebody else is at work on this bus: the heartbeat of an operator, node 127 (77Fh)"
+        in (found.busy)
+    )
     assert found.nodes == ()
     assert 127 in found.heard
     assert bus.sent == []
@@ -92,6 +96,60 @@ def test_where_somebody_sends_sync_nobody_is_asked(bus: FakeArmBus) -> None:
     found = look(bus)
     assert "SYNC" in found.busy
     assert bus.sent == []
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data", "words"),
+    [
+        (0x000, "0100", "NMT, start to all nodes (000h)"),
+        (0x000, "8203", "NMT, reset communication to node 3 (000h)"),
+        (0x000, "", "an NMT command (000h)"),
+        (0x603, "4064600000000000", "a read of 6064h of node 3 (603h)"),
+        (0x62A, "2b4060000f000000", "a write to 6040h of node 42 (62Ah)"),
+        (0x603, "a006100000000000", "a read of 1006h of node 3 (603h)"),
+        (0x603, "c206100000000000", "a write to 1006h of node 3 (603h)"),
+        (0x603, "6000000000000000", "an SDO transfer with node 3 (603h)"),
+        (0x205, "0f000000000008", "a command to joint 5 (205h)"),
+        (0x30C, "00", "a command to node 12, RPDO2 (30Ch)"),
+    ],
+)
+def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(
+    bus: FakeArmBus, identifier: int, data: str, words: str
+) -> None:
+    for _ in range(2):
+        bus.say(identifier, bytes.fromhex(data))
+    found = look(bus)
+    assert found.busy == f"somebody else is at work on this bus: {words}, 2 times"
+    assert bus.sent == []
+
+
+@pytest.mark.parametrize("identifier", [0x081, 0x100, 0x185, 0x283, 0x586, 0x703, 0x7E4])
+def test_what_nodes_say_by_themselves_makes_no_bus_busy(bus: FakeArmBus, identifier: int) -> None:
+    bus.say(identifier, bytes(8))
+    found = look(bus)
+    assert (found.busy, found.meanwhile) == ("", "")
+    assert found.nodes
+
+
+def test_who_comes_while_the_nodes_are_asked_is_named(bus: FakeArmBus) -> None:
+    send = bus.send
+
+    def and_another(message: can.Message, timeout: float | None = None) -> None:
+        send(message, timeout)
+        if message.arbitration_id == 0x601:
+            bus.say(0x608, bytes.fromhex("4064600000000000"))
+
+    bus.send = and_another  # type: ignore[method-assign]
+    found = look(bus)
+    assert len(found.nodes) == 8
+    assert "came to work on this bus meanwhile: a read of 6064h of node 8 (608h)" in found.meanwhile
+
+
+def test_many_kinds_of_frames_are_told_in_a_sentence(bus: FakeArmBus) -> None:
+    for node in range(1, 10):
+        bus.say(0x600 + node, bytes.fromhex("4064600000000000"))
+    found = look(bus)
+    assert found.busy.endswith("of node 6 (606h); and 3 more")
 
 
 def test_an_empty_bus_is_empty(bus: FakeArmBus) -> None:

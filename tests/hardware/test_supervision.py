@@ -89,3 +89,17 @@ def test_a_joint_may_be_a_third_of_its_drives_window_away_and_a_degree_where_the
     scales = [JointScale(counts_per_rad=sense * 400_000 / (2 * math.pi)) for sense in (1, -1, 1)]
     windows = following_windows_counts(Windows(3000, 0, 0xFFFFFFFF), sarcos(3), scales)
     assert windows == pytest.approx([1000.0, 400_000 / 360, 400_000 / 360])
+
+
+@pytest.mark.parametrize("told", [400_000, 0x7FFFFFFF, 0xFFFFFFFE])
+def test_a_drive_that_takes_hundreds_of_degrees_does_not_switch_the_watch_off(told: int) -> None:
+    scale = JointScale(counts_per_rad=400_000 / (2 * math.pi))
+    assert following_windows_counts(Windows(told), sarcos(1), [scale]) == pytest.approx(
+        [400_000 / 360]
+    )
+
+
+@pytest.mark.parametrize("told", [1, 29])
+def test_no_window_is_as_small_as_noise(told: int) -> None:
+    scale = JointScale(counts_per_rad=400_000 / (2 * math.pi))
+    assert following_windows_counts(Windows(told), sarcos(1), [scale]) == (10.0,)

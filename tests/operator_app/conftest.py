@@ -33,7 +33,7 @@ MakeSession = Callable[..., Session]
 
 @pytest.fixture
 def make_session(tmp_path: Path) -> MakeSession:
-    """Build a session on a fake arm: new in `tmp_path`, or resumed with ``resume=True``."""
+    """Build a session on a fake arm: new in `tmp_path`, or resumed with ``resume=True``, on the same `arm` as well."""
 
     def make(
         procedure: Procedure,
@@ -41,10 +41,11 @@ def make_session(tmp_path: Path) -> MakeSession:
         *,
         resume: bool = False,
         serial: str = SERIAL,
+        arm: PlantArm | None = None,
     ) -> Session:
-        arm = PlantArm(procedure, scenario_name, serial)
+        there = arm or PlantArm(procedure, scenario_name, serial)
         folder = tmp_path / "session"
-        return opened(folder, arm, procedure, resumed=resume, clock=Ticking())
+        return opened(folder, there, procedure, resumed=resume, clock=Ticking())
 
     return make
 

@@ -114,6 +114,16 @@ def lives_on(
     return in_the_loop(controller, live)
 
 
+def heed_stop(controller: VirtualController) -> None:
+    """Let the stop that was sent reach the drives: the words may be there before its frames are read."""
+    until_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until_s:
+        states = in_the_loop(controller, lambda: {state for state, _ in drives_of(controller)})
+        if DriveState.OPERATION_ENABLED not in states:
+            return
+        threading.Event().wait(0.01)
+
+
 def come_to_hold(controller: VirtualController) -> tuple[JointMode | None, ...]:
     """What the drives do once the operator is gone, at the latest when its heartbeat is missed."""
     until_s = time.monotonic() + 3 * PATIENCE_S
@@ -183,6 +193,8 @@ def session_with(
         except EXPECTED as found:
             said, error = str(found), type(found).__name__
             reaction_s = time.process_time() - begun_s[0] if begun_s else 0.0
+            if session.identity is not None and arm.snapshot().stopped:
+                heed_stop(controller)
             then, moved_deg = lives_on(controller)
         finally:
             controller.unhang()

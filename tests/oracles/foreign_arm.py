@@ -8,12 +8,13 @@ from CiA 301 and CiA 402; PDOs are packed and unpacked, and SDO is served, by th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import can
 import canopen
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
+from canopen.sdo import SdoAbortedError
 
 U8, U16, U32 = datatypes.UNSIGNED8, datatypes.UNSIGNED16, datatypes.UNSIGNED32
 I16, I32, TEXT = datatypes.INTEGER16, datatypes.INTEGER32, datatypes.VISIBLE_STRING
@@ -65,7 +66,8 @@ def dictionary(node: int, serial: int) -> canopen.ObjectDictionary:
     }
     for index, (cob_id, transmission, mapped) in PDOS.items():
         records[index] = [(U8, 2), (U32, cob_id + node), (U8, transmission)]
-        records[index + 0x200] = [(U8, len(mapped)), *((U32, entry) for entry in mapped)]
+        spare = [0] * (8 - len(mapped))
+        records[index + 0x200] = [(U8, len(mapped)), *((U32, m) for m in (*mapped, *spare))]
     for index, values in records.items():
         record = ODRecord(f"record {index:04X}", index)
         for sub, (kind, value) in enumerate(values):
@@ -103,6 +105,61 @@ class Axis:
         return LADDER[at + 1] if to > at else LADDER[to]
 
 
+NOT_VALID = 1 << 31
+READ_ONLY, CANNOT_BE_MAPPED, TOO_LONG, NOT_NOW = 0x06010002, 0x06040041, 0x06040042, 0x08000022
+
+
+class Drive(canopen.LocalNode):
+    """Whose PDOs can be set up by SDO as CiA 301 has it, and are what they were after a reset.
+
+    `fixed` are records that cannot be written.
+    """
+
+    def __init__(self, node: int, serial: int) -> None:
+        super().__init__(node, dictionary(node, serial))
+        self.fixed: set[int] = set()
+        self.written: list[tuple[int, int, int]] = []
+        self._before: dict[tuple[int, int], bytes] = {}
+
+    def set_data(
+        self, index: int, subindex: int, data: bytes, check_writable: bool = False
+    ) -> None:
+        if check_writable and index & 0xF000 == 0x1000:
+            self._allow(index, subindex, int.from_bytes(data, "little"))
+            self._before.setdefault((index, subindex), self.get_data(index, subindex))
+            self.written.append((index, subindex, int.from_bytes(data, "little")))
+        super().set_data(index, subindex, data, check_writable)
+
+    def forget(self) -> None:
+        """Have again what it had when it was switched on."""
+        for (index, subindex), data in self._before.items():
+            super().set_data(index, subindex, data)
+        self._before.clear()
+
+    def held(self, index: int, subindex: int) -> int:
+        return int.from_bytes(self.get_data(index, subindex), "little")
+
+    def _allow(self, index: int, subindex: int, value: int) -> None:
+        if index in self.fixed:
+            raise SdoAbortedError(READ_ONLY)
+        if self.nmt.state not in ("PRE-OPERATIONAL", "INITIALISING"):
+            raise SdoAbortedError(NOT_NOW)
+        if index & 0xFE00 in (0x1400, 0x1800) and subindex == 1:
+            held = self.held(index, 1)
+            moved = (held ^ value) & ~NOT_VALID
+            if not held & NOT_VALID and not value & NOT_VALID and moved:
+                raise SdoAbortedError(NOT_NOW)
+        if index & 0xFE00 in (0x1600, 0x1A00):
+            if not self.held(index - 0x200, 1) & NOT_VALID:
+                raise SdoAbortedError(NOT_NOW)
+            if subindex and self.held(index, 0):
+                raise SdoAbortedError(NOT_NOW)
+            if subindex and value >> 16 not in self.object_dictionary:
+                raise SdoAbortedError(CANNOT_BE_MAPPED)
+            if not subindex and sum(self.held(index, k + 1) & 0xFF for k in range(value)) > 64:
+                raise SdoAbortedError(TOO_LONG)
+
+
 Physics = Callable[[list[Axis]], None]
 """One control period: moves the axes' counts."""
 
@@ -122,20 +179,12 @@ class ForeignArm:
     ) -> None:
         self.axes, self._physics = axes, physics
         self.network = canopen.Network(bus)
+        self.network.NOTIFIER_CYCLE = 0.05  # to close sooner
         self.network.connect()
-        self.nodes = [
-            self.network.create_node(
-                canopen.LocalNode(node, dictionary(node, serial=50_000 + node))
-            )
-            for node in nodes
-        ]
+        self.nodes = [self.network.create_node(Drive(node, serial=50_000 + node)) for node in nodes]
         for node, axis in zip(self.nodes, axes, strict=True):
             # `LocalNode` takes a reset for a state to be in: boot in its stead.
             self.network.unsubscribe(0, node.nmt.on_command)
-            node.rpdo.read()
-            node.tpdo.read()
-            node.rpdo[2].add_callback(self._told(axis))
-            node.rpdo[3].add_callback(self._mode(axis))
             node.add_read_callback(self._reader(axis))
         self.network.subscribe(0x000, self._nmt)
         self.network.subscribe(0x080, self._sync)
@@ -150,6 +199,7 @@ class ForeignArm:
         for node in self.nodes:
             if number in (0, node.id):
                 node.nmt.stop_heartbeat()
+                node.forget()
                 node.nmt.send_command(129)
                 node.nmt.send_command(128)
 
@@ -157,17 +207,31 @@ class ForeignArm:
         if data[0] in (129, 130):
             self._boot(data[1])
             return
-        for node in self.nodes:
+        for node, axis in zip(self.nodes, self.axes, strict=True):
             if data[1] in (0, node.id):
+                if data[0] == 1:
+                    self._take_up(node, axis)
                 node.nmt.send_command(data[0])
 
-    def _told(self, axis: Axis) -> Callable[[canopen.pdo.PdoMap], None]:
-        return lambda pdo: axis.obey(pdo[0x6040].raw, pdo[0x607A].raw)
+    def _take_up(self, node: Drive, axis: Axis) -> None:
+        """Begin to listen and speak as its PDO records are now."""
+        for pdo in node.rpdo.values():
+            if pdo.cob_id is not None:
+                with suppress(KeyError, ValueError):
+                    self.network.unsubscribe(pdo.cob_id, pdo.on_message)
+            pdo.callbacks.clear()
+        node.rpdo.read()
+        node.tpdo.read()
+        for pdo in node.rpdo.values():
+            pdo.add_callback(self._told(axis))
 
-    def _mode(self, axis: Axis) -> Callable[[canopen.pdo.PdoMap], None]:
+    def _told(self, axis: Axis) -> Callable[[canopen.pdo.PdoMap], None]:
         def take(pdo: canopen.pdo.PdoMap) -> None:
-            assert pdo[0x6071].raw == 0
-            axis.mode = pdo[0x6060].raw
+            told = {variable.index: variable.raw for variable in pdo}
+            assert told.get(0x6071, 0) == 0
+            axis.mode = told.get(0x6060, axis.mode)
+            if 0x6040 in told:
+                axis.obey(told[0x6040], told.get(0x607A, axis.target))
 
         return take
 
@@ -188,11 +252,12 @@ class ForeignArm:
         for node, axis in zip(self.nodes, self.axes, strict=True):
             if node.nmt.state != "OPERATIONAL":
                 continue
-            first, second = node.tpdo[3], node.tpdo[4]
-            first[0x6077].raw, first[0x6064].raw = 0, axis.counts
-            second[0x6061].raw, second[0x6041].raw = axis.mode, axis.status | 0x1200
-            first.transmit()
-            second.transmit()
+            said = {0x6077: 0, 0x6064: axis.counts, 0x6061: axis.mode, 0x6041: axis.status | 0x1200}
+            for pdo in node.tpdo.values():
+                if pdo.enabled and pdo.trans_type == 1:
+                    for variable in pdo:
+                        variable.raw = said.get(variable.index, 0)
+                    pdo.transmit()
 
 
 @contextmanager

@@ -97,6 +97,6 @@ def _by_run(session: Session) -> None:
 def _by_app(session: Session) -> None:
     operations = Operations(session, Quiet(session))
     operations.connect()
-    operations.calibrate("implicit", ())
-    operations.write()
+    operations.results.calibrate("implicit", ())
+    operations.results.write()
     session.close("done")

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from hardware.arm import (
+    ON_TIME,
     ArmIdentity,
     ArmSnapshot,
     DriveState,
@@ -22,7 +23,7 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.errors import BusError, HardwareError, Stopped
+from hardware.errors import BusError, DriveAstray, HardwareError, Stopped
 from operator_app.config.procedure import Procedure
 from oracles.plant_arm import PERIOD_S, SERIAL, PlantArm
 
@@ -30,7 +31,7 @@ TOKEN = 127
 
 
 class LiveArm(PlantArm):
-    """See the module. `connect_error` is raised by the next `connect`."""
+    """See the module. `connect_error` is raised by the next `connect`; `lateness` is the computer's."""
 
     def __init__(
         self,
@@ -43,10 +44,12 @@ class LiveArm(PlantArm):
         self.lock = threading.RLock()
         self.pace_s = pace_s
         self.connect_error: HardwareError | None = None
+        self.lateness = ON_TIME
         self.stop_error: HardwareError | None = None
         self.stops: list[float] = []
         self.other_operator = False
         self._stop_latch = threading.Event()
+        self._astray: DriveAstray | None = None
         self._end = threading.Event()
         self._silent_since: float | None = None
         self._stamp = time.monotonic()
@@ -67,6 +70,8 @@ class LiveArm(PlantArm):
 
     def _work_step(self) -> None:
         """Take one step of a task; STOP ends the task."""
+        if self._astray is not None:
+            raise self._astray
         if self._stop_latch.is_set():
             raise Stopped("STOP is latched")
         if self._silent_since is not None:
@@ -106,6 +111,12 @@ class LiveArm(PlantArm):
             ),
         )
         self._drives = DriveState.FAULT
+
+    def go_astray(self, joint: int, counts: int = 1300) -> None:
+        """One joint is not where it was told to be: the arm stops by itself."""
+        self._astray = DriveAstray(joint, counts, self._syncs)
+        self._stop_latch.set()
+        self._drives = DriveState.QUICK_STOP_ACTIVE
 
     # -- the protocol ------------------------------------------------------------------------------
 
@@ -153,7 +164,9 @@ class LiveArm(PlantArm):
             token=TOKEN,
             faults=self._faults,
             stopped=self._stop_latch.is_set(),
+            stopped_for="" if self._astray is None else str(self._astray),
             moving=self._moving,
+            lateness=self.lateness,
         )
 
     def take_control(self) -> None:
@@ -206,6 +219,7 @@ class LiveArm(PlantArm):
 
     def reset_stop(self) -> None:
         self._stop_latch.clear()
+        self._astray = None
         self._faults = ()
         self._drives, self._modes = DriveState.SWITCH_ON_DISABLED, [None] * self.model.joint_count
 

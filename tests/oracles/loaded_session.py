@@ -47,6 +47,11 @@ class Came:
     pauses: Pauses
     events: tuple[tuple[str, float], ...]
 
+    def away_s(self) -> list[float]:
+        """Of each gap between two SYNCs the seconds in which the machine itself stood still."""
+        gaps = zip(self.rhythm.at_s, self.rhythm.gaps_s(), strict=False)
+        return [self.pauses.within_s(begin, begin + gap) for begin, gap in gaps]
+
 
 def session_under_load(
     folder: Path,

@@ -44,6 +44,9 @@ class StillRunner:
         said = Message(number=number, time="12:00:00", level=level, text=text)
         self.publish(lambda s: replace(s, messages=(*s.messages, said)))
 
+    def acknowledge(self) -> None:
+        self.publish(lambda s: replace(s, alarms=()))
+
     def stop(self) -> None:
         self.stops += 1
 

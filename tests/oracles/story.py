@@ -15,16 +15,20 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from hardware.arm import ArmSnapshot, DriveState
+from hardware.errors import DriveAstray
 from operator_app.config.procedure_file import load_procedure
+from operator_app.session.messages import ARM_AGAIN, told
 from operator_app.session.motion import Motion
 from operator_app.session.runner import Runner
 from operator_app.session.snapshot import (
     DataState,
+    Level,
     SessionSnapshot,
     StopReport,
     Task,
     TaskKind,
 )
+from operator_app.session.wording import stopped_words
 from oracles.live_arm import LiveArm
 from oracles.opened import opened
 from oracles.ticking import Ticking
@@ -58,7 +62,7 @@ class StillArm(LiveArm):
 @cache
 def story() -> Mapping[str, SessionSnapshot]:
     """Snapshots by the name of what was done last."""
-    told: dict[str, SessionSnapshot] = {}
+    pictures: dict[str, SessionSnapshot] = {}
     procedure = load_procedure("hinge")
     procedure = replace(procedure, capture=replace(procedure.capture, poses=POSES))
     clock = Ticking()
@@ -74,7 +78,7 @@ def story() -> Mapping[str, SessionSnapshot]:
         )
 
         def tell(name: str) -> None:
-            told[name] = _still(runner.snapshot())
+            pictures[name] = _still(runner.snapshot())
 
         try:
             tell("start")
@@ -94,17 +98,17 @@ def story() -> Mapping[str, SessionSnapshot]:
             runner.operations.exclude(3)
             runner.operations.automatic()
             tell("captured")
-            runner.operations.calibrate("implicit", ())
+            runner.operations.results.calibrate("implicit", ())
             tell("solved")
-            runner.operations.write()
+            runner.operations.results.write()
             tell("written")
-            runner.operations.verify(3)
+            runner.operations.results.verify(3)
             tell("verified")
-            runner.operations.upload()
+            runner.operations.results.upload()
             tell("uploaded")
         finally:
             runner.close("told")
-    return told
+    return pictures
 
 
 def _still(s: SessionSnapshot) -> SessionSnapshot:
@@ -180,6 +184,15 @@ def stopped(s: SessionSnapshot) -> SessionSnapshot:
         asked_s=NOW_S, sent_after_s=0.001, acknowledged_after_s=0.012, drives_stopped=len(joints)
     )
     return replace(s, arm=replace(s.arm, joints=joints, stopped=True), stop=report, task=None)
+
+
+def astray(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
+    """The arm was stopped by itself, and nothing else was done since."""
+    found = stopped(s)
+    assert found.arm is not None
+    why = str(DriveAstray(joint, 1294, 700))
+    s = replace(found, stop=None, arm=replace(found.arm, stopped_for=why))
+    return told(s, Level.ALARM, stopped_words(why), time="12:07:41", until=ARM_AGAIN)
 
 
 def tripped(s: SessionSnapshot, joint: int = 4) -> SessionSnapshot:

@@ -117,6 +117,13 @@ class Rig:
             raise TimeoutError("the control loop does not answer")
         return result[0]
 
+    def passes(self, seconds: float) -> None:
+        """Let time pass while the controller's loop listens: in steps too short to be its own lateness."""
+        began_s, steps = self.clock.time_s, math.ceil(seconds / 0.09)
+        for k in range(1, steps + 1):
+            self.clock.time_s = began_s + seconds * k / steps
+            self.settled(lambda: None)
+
     def operational(self, modes: Sequence[int] = (8,) * 7) -> list[tuple[int, int, int]]:
         self.peer.start()
         self.peer.take_control()

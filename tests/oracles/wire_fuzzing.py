@@ -23,8 +23,8 @@ import numpy as np
 from hardware.arm import JointMode
 from hardware.buses import BusSettings, open_bus
 from hardware.canopen_arm import CanopenArm
-from hardware.connection import BusOpeners
 from hardware.errors import HardwareError
+from hardware.on_bus import BusOpeners
 from hardware.timing import Pace, Timing
 from hardware.virtual.scenarios import scenario
 from operator_app.config.description import describe
@@ -197,7 +197,7 @@ class Target:
         self.arm = None
         self._stack.close()
 
-    def _open(self) -> CanopenArm:
+    def _open(self, meddles: Callable[[Meddler], None] = lambda _: None) -> CanopenArm:
         self.connections += 1
         arm_file = scenario("exact").arm(load_procedure("hinge").arm)
         settings = BusSettings(channel=f"wire-{os.getpid()}-{next(_channels)}")
@@ -207,8 +207,10 @@ class Target:
         handles: list[Meddler] = []
 
         def main(wanted: BusSettings) -> Any:
-            handles.append(Meddler(open_bus(wanted)))
-            return handles[-1]
+            handle = Meddler(open_bus(wanted))
+            meddles(handle)
+            handles.append(handle)
+            return handle
 
         arm = CanopenArm(
             describe(arm_file),
@@ -244,19 +246,15 @@ class Target:
         connecting = rng.random() < 0.02
         if connecting:
             self.close()
-        arm = self._open() if connecting else self.ready()
-        if connecting:
             # The mischief is there from the first frame on: the handle is made by `connect`.
             planned = self._plan(rng)
-            opened = arm._openers.main
 
-            def main(wanted: BusSettings) -> Any:
-                handle: Any = opened(wanted)
+            def from_first(handle: Meddler) -> None:
                 handle.todo, handle.rng = planned(handle), rng
-                return handle
 
-            arm._openers = BusOpeners(main=main)
+            arm = self._open(from_first)
         else:
+            arm = self.ready()
             meddler = self.meddler[-1]
             meddler.rng, meddler.todo = rng, self._plan(rng)(meddler)
         try:

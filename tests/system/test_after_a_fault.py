@@ -20,6 +20,8 @@ from operator_app.cli import main
 from operator_app.session.journal import read_journal
 from oracles.own_process import start, wait_for_poses
 
+pytestmark = pytest.mark.real_time
+
 PATIENCE_S = 240
 Start = Callable[..., subprocess.Popen[str]]
 
@@ -27,6 +29,10 @@ Start = Callable[..., subprocess.Popen[str]]
 @pytest.fixture
 def channel(request: pytest.FixtureRequest) -> str:
     return f"fault-{os.getpid()}-{request.node.name[:24]}"
+
+
+PATIENT = ("--heartbeat-timeout", "5")
+"""Where nobody's death is the subject: a busy machine's lateness then trips no drive."""
 
 
 @contextmanager
@@ -113,7 +119,7 @@ def test_a_freeze_of_0_3_s_costs_nothing(tmp_path: Path, channel: str) -> None:
         listener.shutdown()
         code, out, said = finish(run)
     assert code in (0, 4), said
-    assert "8130h" not in said
+    assert "heartbeat lost" not in said
     assert json.loads(out)["poses"] == 5
     assert poses_of(folder) == [1, 2, 3, 4, 5]
 
@@ -121,7 +127,7 @@ def test_a_freeze_of_0_3_s_costs_nothing(tmp_path: Path, channel: str) -> None:
 def test_after_a_trip_what_is_advised_works(tmp_path: Path, channel: str) -> None:
     bus = ("-i", "loopback", "-c", channel)
     fault = ("--fault", "collision", "--fault-joint", "4", "--fault-sync", "1500")
-    with controller_on(tmp_path, channel, *fault):
+    with controller_on(tmp_path, channel, *PATIENT, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
         (folder,) = (tmp_path / "sessions").iterdir()
         taken = len(poses_of(folder))
@@ -149,12 +155,16 @@ def test_after_a_trip_what_is_advised_works(tmp_path: Path, channel: str) -> Non
 
 def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path: Path, channel: str) -> None:
     bus = ("-i", "loopback", "-c", channel)
-    with controller_on(tmp_path, channel, "--fault", "external-stop", "--fault-sync", "300"):
+    fault = ("--fault", "external-stop", "--fault-sync", "300")
+    with controller_on(tmp_path, channel, *PATIENT, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
         assert code == 3, said
+        assert "Release the external stop when it is safe" in said
+        assert "Find out what joint" not in said
         code, _, said = finish(start(tmp_path, "reset", *bus))
         assert code == 3
-        assert "stays tripped: external stop" in said
+        assert said.count("stays tripped") == 1
+        assert "the arm stays tripped: external stop" in said
         assert "release the external stop" in said
 
 
@@ -178,13 +188,67 @@ def test_a_controller_that_died_holds_no_arm(tmp_path: Path, channel: str) -> No
 def test_a_failed_connection_leaves_no_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], channel: str
 ) -> None:
-    sessions = tmp_path / "s"
-    arguments = ["-i", "loopback", "-c", channel, "--sessions", str(sessions)]
-    assert main(["run", "hinge", *arguments]) == 3
+    arguments = ["-i", "loopback", "-c", channel]
+    assert main(["run", "hinge", *arguments, "--sessions", str(tmp_path / "new" / "s")]) == 3
     said = capsys.readouterr().err
     assert "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in said
     assert "held" not in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failed_connection_leaves_a_folder_that_was_there(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    channel: str,
+) -> None:
+    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.2)
+    sessions = tmp_path / "s"
+    sessions.mkdir()
+    bus = ["-i", "loopback", "-c", channel]
+    assert main(["run", "hinge", *bus, "--sessions", str(sessions)]) == 3
+    assert "no answer from nodes" in capsys.readouterr().err
+    assert sessions.is_dir()
     assert not list(sessions.iterdir())
+
+
+def test_arm_check_says_nothing_is_held_where_nothing_was_connected(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, channel: str
+) -> None:
+    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.2)
+    assert main(["arm-check", "-i", "loopback", "-c", channel]) == 3
+    told = capsys.readouterr().out
+    assert "no answer from nodes" in told
+    assert "held" not in told
+    assert "Nothing was enabled: there is no connection to the arm." in told
+
+
+@pytest.mark.campaign
+def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(
+    tmp_path: Path, channel: str
+) -> None:
+    bus = ("-i", "loopback", "-c", channel)
+    with controller_on(
+        tmp_path, channel, "--fault", "stray", "--fault-joint", "5", "--fault-sync", "500"
+    ):
+        code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "9"))
+    assert code == 3
+    why = "oint 5 is +"
+    early = said.splitlines().index(
+        "Joints 1 and 5 in position mode, the others free; read back from the drives."
+    )
+    assert said.splitlines()[early + 1].startswith(f"J{why}")
+    assert "the arm has been stopped, and that drive switched off" in said
+    assert "Keep clear until you know why" in said
+    assert "STOP is latched" not in said
+    (folder,) = (tmp_path / "sessions").iterdir()
+    assert (
+        f"Only when you know why joint 5 went astray: go on with: sarcal run --resume {Path('sessions') / folder.name}"
+        in said
+    )
+    (told,) = [e.data for e in read_journal(folder).events if e.name == "sensor_fault"]
+    assert told["joint"] == 5
+    assert f"j{why}" in told["text"]
 
 
 def test_nothing_to_reset_on_the_arm_inside_this_program(
@@ -213,7 +277,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
     code, _, said = finish(start(tmp_path, "probe", *bus))
     assert code == 3
     assert "no node answers" in said
-    with controller_on(tmp_path, channel):
+    with controller_on(tmp_path, channel, *PATIENT):
         code, out, said = finish(start(tmp_path, "probe", *bus, "--json"))
         found = json.loads(out)
         assert code == 0, (out, said)
@@ -233,7 +297,9 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
         beating.stop()
         own.shutdown()
         assert code == 3
-        assert "an operator (node 127) is at work on this bus: nobody was asked" in said
+        assert "somebody else is at work on this bus: " in said
+        assert "the heartbeat of an operator, node 127 (77Fh)" in said
+        assert "Nobody was asked anything" in said
         watcher.send_signal(signal.SIGINT)
         code, out, _ = finish(watcher)
     assert code == 0
@@ -248,6 +314,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
         assert words in out, words
 
 
+@pytest.mark.timeout(400)
 def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
     tmp_path: Path, channel: str
 ) -> None:
@@ -259,7 +326,9 @@ def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
         found = json.loads(out)
         assert found["held"]
         assert {f["stage"] for f in found["findings"]} == {"look"}
-        assert not [f for f in found["findings"] if f["passed"] is not True]
+        # That a busy computer is late is nothing that the arm does.
+        lacking = [f for f in found["findings"] if f["passed"] is not True]
+        assert not [f for f in lacking if (f["name"], f["passed"]) != ("period", None)]
         with can.LogReader(tmp_path / "look.log") as recorded:
             assert {0x080, 0x187, 0x601} <= {frame.arbitration_id for frame in recorded}
         # Nobody answers: nothing is enabled.

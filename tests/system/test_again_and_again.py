@@ -15,9 +15,12 @@ from operator_app.headless.runner import run
 from operator_app.session.going_home import AT_THE_EDGE_RAD, go_home
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
+from operator_app.session.waypoints import drive_box, waypoints_of
 from operator_app.session.workflow import take_poses
 from oracles.bench import Bench
 from oracles.bench import bench as running
+
+pytestmark = pytest.mark.real_time
 
 
 @pytest.fixture
@@ -95,17 +98,17 @@ def test_home_is_home_and_recorded(bench: Bench) -> None:
 def test_boxes_count_from_home_wherever_the_arm_stands(bench: Bench) -> None:
     with bench.session() as session:
         taken_to(session, 1, 20.0)
-        from_afar = session.plan()
-        box = session.box()
+        from_afar = waypoints_of(session)
+        box = drive_box(session)
     with bench.session() as session:
         session.connect()
         session.set_modes((1, 5))
-        assert session.plan() == from_afar
+        assert waypoints_of(session) == from_afar
         assert session.state.start_rad is not None
         home = session.model.home_rad
         assert np.allclose(box.centre_rad, home[[0, 4]])
         for target in from_afar:
             for joint, low, high in ((1, -30.0, 48.0), (5, -70.0, 0.0)):
                 assert np.deg2rad(low) <= target[joint] - home[joint - 1] <= np.deg2rad(high)
-        beyond = session.box().beyond_rad(home + np.deg2rad(50.0))
+        beyond = drive_box(session).beyond_rad(home + np.deg2rad(50.0))
         assert beyond.min() > AT_THE_EDGE_RAD or beyond[0] == pytest.approx(np.deg2rad(2.0))

@@ -13,7 +13,9 @@ import pytest
 from oracles.bench import bench
 
 
-@pytest.mark.parametrize("scenario", ["exact", "datasheet"])
+@pytest.mark.parametrize(
+    "scenario", [pytest.param("exact", marks=pytest.mark.campaign), "datasheet"]
+)
 @pytest.mark.parametrize(("procedure", "poses"), [("rigid", 24), ("ball", 24), ("open_loop", 12)])
 def test_it_is_accepted_and_finds_what_was_planted(
     tmp_path: Path, procedure: str, poses: int, scenario: str

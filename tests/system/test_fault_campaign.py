@@ -45,8 +45,10 @@ JOINT = {"stray": 5, "sagging-drive": 5}
 AT_CONNECT = {kind for kind, words in FAULTS.items() if words.at_connect}
 """What is read as the arm is connected, and has to be told then."""
 
-STANDS_DEG, STRAYS_DEG = 0.05, 5.5
-"""How far a joint may go once its fault has been told: what servo and fixture give, and a drive gone astray."""
+STANDS_DEG = 0.05
+"""How far a joint may go once its fault has been told: what servo and fixture give."""
+
+HOLDS = DriveState.QUICK_STOP_ACTIVE, JointMode.POSITION
 
 SLIP_M = 1e-3
 
@@ -66,6 +68,7 @@ QUICK = [
     ("other-map", BEFORE),
     ("other-heartbeat", BEFORE),
     ("stray", IN_CAPTURE[0]),
+    ("sagging-drive", FIRST_SYNCS),
     ("emcy-storm", IN_CAPTURE[1]),
     ("blocked-joint", IN_CAPTURE[1]),
     ("wrong-node", IN_CAPTURE[1]),
@@ -105,7 +108,7 @@ def judge_arm(found: Outcome, arm: Arm, *, connected: bool) -> None:
     assert JointMode.FREE not in found.ended, found.ended
     if not found.said:
         return
-    assert found.moved_deg < (STRAYS_DEG if arm is Arm.STRAYS else STANDS_DEG), found.moved_deg
+    assert found.moved_deg < STANDS_DEG, found.moved_deg
     states = [state for state, _ in found.then]
     if not connected and DriveState.OPERATION_ENABLED not in states and len({*states}) == 1:
         return  # nothing was enabled yet
@@ -117,8 +120,25 @@ def judge_arm(found: Outcome, arm: Arm, *, connected: bool) -> None:
             assert DriveState.OPERATION_ENABLED not in states
             assert {*states} & {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE}
             assert JointMode.FREE not in {mode for _, mode in found.then}
+        case Arm.STOPPED if "the arm has been stopped" in found.said:
+            # Its own power is gone, at once and for good; to be stopped it would only have held its error.
+            off = DriveState.SWITCH_ON_DISABLED, None
+            assert sorted(map(str, found.then)) == sorted(map(str, [HOLDS] * 6 + [off]))
+            assert sorted(map(str, found.ended)) == sorted(map(str, [HOLDS[1]] * 6 + [None]))
         case Arm.BLOCKS if "heartbeat" not in found.said:
             assert {mode for _, mode in found.then} == {None}
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("joint", [1, 5])
+def test_a_sensor_that_stands_still_in_a_joint_that_is_led_leaves_no_wrong_pose(
+    tmp_path: Path, joint: int
+) -> None:
+    """Within a degree of its target nobody misses it there; on the next way it does not follow."""
+    found = session_with("frozen-sensor", tmp_path / "s", joint=joint, at_sync=IN_CAPTURE[0])
+    assert any(part in found.said for part in FAULTS["frozen-sensor"].says), found.said
+    assert found.wrong == ()
+    assert len(found.poses) == 2
 
 
 def test_every_fault_has_its_row() -> None:

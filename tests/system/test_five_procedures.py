@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.mark.campaign
 def test_each_is_accepted_twice_in_a_row_and_verified() -> None:

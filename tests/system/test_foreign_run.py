@@ -27,6 +27,8 @@ from operator_app.session.session import Session
 from oracles.foreign_arm import Axis, Physics, foreign_arm
 from oracles.parameter_documents import VALUES
 
+pytestmark = pytest.mark.real_time
+
 NODES = (21, 22, 24, 25, 26, 28, 29)
 BACKWARDS = 5
 MODES = {8: JointMode.POSITION, 10: JointMode.FREE}

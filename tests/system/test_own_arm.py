@@ -40,15 +40,6 @@ def sarcal(capsys: pytest.CaptureFixture[str], typed: str) -> Said:
     return Said(code, *capsys.readouterr())
 
 
-def with_numbers(file: str, **numbers: object) -> None:
-    """Change numbers of a file, and nothing else."""
-    text = Path(file).read_text()
-    for key, value in numbers.items():
-        (line,) = (line for line in text.splitlines() if line.startswith(f"{key}: "))
-        text = text.replace(line, f"{key}: {json.dumps(value)}")
-    Path(file).write_text(text)
-
-
 def made(capsys: pytest.CaptureFixture[str], arm: str) -> None:
     """The arm's file as `arm.yaml`."""
     if arm == "panda":
@@ -56,7 +47,6 @@ def made(capsys: pytest.CaptureFixture[str], arm: str) -> None:
         return
     Path("iiwa.urdf").write_text(lbr_iiwa.urdf())
     assert sarcal(capsys, "new arm --urdf iiwa.urdf --name iiwa14 -o arm.yaml").code == 0
-    with_numbers("arm.yaml", home_deg=list(lbr_iiwa.HOME_DEG))
 
 
 POINT = "--hand-point 60,-30,80"

@@ -97,10 +97,11 @@ def test_two_placements_are_one_calibration_though_killed_in_either(
     rows = list(csv.reader((folder / "poses.csv").read_text().splitlines()))
     few = tmp_path / "few.csv"
     for placement, code in (("1", 0), ("2", 4), ("3", 2)):
-        # Poses of the first placement, said to be of each.
+        # Poses of the first placement, as if taken again (0.002 deg), said to be of each.
         few.write_text(
             "\n".join(
-                ",".join(r if k == 0 else [placement, *r[1:]]) for k, r in enumerate(rows[:5])
+                ",".join(r if k == 0 else [placement, r[1], repr(float(r[2]) + 0.002), *r[3:]])
+                for k, r in enumerate(rows[:5])
             )
         )
         assert main(["verify", "latest", str(few), *sessions]) == code

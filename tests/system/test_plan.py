@@ -97,6 +97,7 @@ def test_a_planned_session_is_verified_with_the_drives_it_chose(
     assert json.loads(out)["poses"] == 3
 
 
+@pytest.mark.campaign
 def test_interrupted_in_the_middle_of_a_plan_it_goes_on(tmp_path: Path) -> None:
     process = start(
         tmp_path, "run", "hinge", "--plan", "planned", "--scenario", "exact", "--poses", "3"
@@ -259,10 +260,10 @@ def test_the_drives_of_a_foreign_arm_are_ranked_and_not_those_of_another(
     [
         (["hing"], "did you mean hinge"),
         (["hinge", "--poses", "0"], "at least 1"),
-        (["hinge", "--poses", "50000"], "ask for fewer poses"),
+        (["hinge", "--poses", "50000"], "Ask for fewer poses"),
         (["hinge", "--arm", "nowhere.yaml"], "nowhere.yaml"),
         (["hinge", "--fixture", "hing"], "did you mean hinge"),
-        (["hinge", "--fixture", "rigid"], "put exactly 1 in position mode"),
+        (["hinge", "--fixture", "rigid"], "Put exactly 1 in position mode"),
         (["hinge", "--fixture", "ball"], "beyond its range"),
         (["hinge", "--unsensed", "9"], "no joint 9"),
         (["hinge", "--advise", "--tries", "0"], "at least at 1"),

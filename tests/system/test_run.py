@@ -165,9 +165,11 @@ def test_interrupted_it_holds_the_arm_and_resumes(tmp_path: Path, number: signal
     assert numbers == list(range(1, 31))
 
 
+@pytest.mark.real_time
 def test_a_controller_in_its_own_process(tmp_path: Path) -> None:
     channel = f"test-{os.getpid()}"
-    controller = start(tmp_path, "controller", "-i", "loopback", "-c", channel)
+    bus = ("-i", "loopback", "-c", channel)
+    controller = start(tmp_path, "controller", *bus, "--heartbeat-timeout", "5")
     try:
         assert controller.stderr is not None
         assert channel in controller.stderr.readline()

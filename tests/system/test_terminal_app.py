@@ -19,7 +19,7 @@ from operator_app.session.journal import JOURNAL_NAME, read_journal
 from oracles.pty_program import PtyProgram
 from oracles.terminal import PATIENCE_S, POLL_S, Terminal, select
 
-pytestmark = pytest.mark.needs("tmux")
+pytestmark = [pytest.mark.needs("tmux"), pytest.mark.real_time]
 
 SARCAL = (str(Path(sys.executable).with_name("sarcal")), "--seed", "1", "--speed", "8")
 POSES = 10
@@ -235,6 +235,7 @@ def wait_for_end(pid: int) -> None:
     raise AssertionError("the program goes on without a terminal")
 
 
+@pytest.mark.campaign
 def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path):
     bus = ("-i", "loopback", "-c", f"app-{os.getpid()}")
     with controller(*bus) as node:

@@ -29,12 +29,14 @@ from operator_app.own_names import require_own_names
 require_own_names()
 
 from fixtures.errors import FixtureError  # noqa: E402
+from operator_app.calibration.compare import IncomparableError  # noqa: E402
 from operator_app.config.errors import ConfigError, WriteError  # noqa: E402
 from operator_app.errors import SessionError  # noqa: E402
 from solver.errors import SolverError, UnidentifiableError  # noqa: E402
 
 from .calibrating import calibrate  # noqa: E402
 from .judging import Comparison, Verification, compare, verify  # noqa: E402
+from .loading import load_result  # noqa: E402
 from .machines import Arm, Fixture, load_arm, load_fixture  # noqa: E402
 from .planning import Plan, Simulation, plan, simulate  # noqa: E402
 from .poses import Poses, load_poses, poses_of  # noqa: E402
@@ -47,6 +49,7 @@ __all__ = [
     "ConfigError",
     "Fixture",
     "FixtureError",
+    "IncomparableError",
     "Plan",
     "Poses",
     "Result",
@@ -62,6 +65,7 @@ __all__ = [
     "load_arm",
     "load_fixture",
     "load_poses",
+    "load_result",
     "plan",
     "poses_of",
     "simulate",

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from operator_app.calibration.checks import check
 from operator_app.calibration.judgement import Notice
 from operator_app.calibration.solve import calibrate as solve
 from operator_app.session.importing import How
 
+from .given import joints, one_of, tolerance_m
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .poses import Poses, load_poses
 from .result import Result
+
+Estimator = Literal["implicit", "paper"]
 
 
 def calibrate(
@@ -21,7 +24,7 @@ def calibrate(
     arm: str | PathLike[str] | Arm,
     fixture: str | PathLike[str] | Fixture,
     poses: str | PathLike[str] | Poses | Any,
-    estimator: Literal["implicit", "paper"] = "implicit",
+    estimator: Estimator = "implicit",
     unsensed_joints: Sequence[int] = (),
     global_start: bool = False,
     drop_unidentifiable: bool = False,
@@ -35,7 +38,7 @@ def calibrate(
     arm, fixture
         What `load_arm` and `load_fixture` take: a path, a packaged name, or an object of theirs.
     poses
-        What `load_poses` takes: a path, a data frame, or `Poses`.
+        What `load_poses` takes: a path, a data frame, `Poses`, or a `Simulation`.
     estimator
         ``implicit`` weights every joint by its sensor and takes in whatever the files state as not
         exactly known; ``paper`` is the published unweighted least squares.
@@ -57,6 +60,8 @@ def calibrate(
 
     Raises
     ------
+    TypeError, ValueError
+        An argument is none, or makes no sense; names it.
     ConfigError
         A file is wrong; says all that is.
     UnidentifiableError, SolverError, FixtureError
@@ -72,12 +77,13 @@ def calibrate(
     >>> len(result.values)
     14
     """
+    one_of("estimator", estimator, get_args(Estimator))
     its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
     its_poses = load_poses(poses, joint_count=its_arm.joint_count)
     how = How(
         estimator=estimator,
-        unsensed_joints=tuple(sorted(set(unsensed_joints))),
-        length_tolerance_m=None if length_tolerance_mm is None else length_tolerance_mm / 1e3,
+        unsensed_joints=joints("unsensed_joints", unsensed_joints, its_arm.joint_count),
+        length_tolerance_m=tolerance_m("length_tolerance_mm", length_tolerance_mm),
         drop_unidentifiable=drop_unidentifiable,
     )
     model, metal = its_arm._model, its_fixture._spec.fixture
@@ -98,5 +104,5 @@ def calibrate(
         poses=its_poses,
         solution=solution,
         checks=check(solution, model, metal, its_poses._set) if checks else None,
-        how=how,
+        origin=how,
     )

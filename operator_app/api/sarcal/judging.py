@@ -10,12 +10,14 @@ from typing import Any
 from operator_app.calibration.compare import DEFAULT_LEVEL
 from operator_app.calibration.compare import Comparison as Found
 from operator_app.calibration.compare import compare as compared
-from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
+from operator_app.calibration.new_poses import judge_new
+from operator_app.calibration.verify import Prediction
 from operator_app.config.parameters import ParametersDocument
 from operator_app.documents import parameters_at
 from operator_app.report.comparison_result import comparison_json, comparison_text
 from operator_app.report.verification import verification_json, verification_text
 
+from .given import number, shown
 from .poses import Poses, load_poses
 from .result import Result
 
@@ -68,7 +70,8 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
     Raises
     ------
     ValueError
-        They are the same poses, or of another number of placements.
+        Some of them are poses that the calibration was made from, or they are of other placements, or have
+        measured endpoints that its fixture knows nothing of.
 
     Examples
     --------
@@ -81,13 +84,17 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
     >>> sarcal.verify(result, sarcal.poses_of(q_rad=q_rad[30:]))
     <sarcal.Verification holds: 10 new poses>
     """
+    if not isinstance(result, Result):
+        raise TypeError(
+            f"result={shown(result)}: give what sarcal.calibrate or sarcal.load_result returned"
+        )
     new = load_poses(poses, joint_count=result.arm.joint_count)
-    if new._set.sha256() == result.poses._set.sha256():
-        raise ValueError("these are the poses the calibration is made from: they verify nothing")
-    if new._set.placements != result.poses._set.placements:
-        raise ValueError("new poses must be of the placements that were calibrated")
-    found = judge_poses(
-        result.arm._model, result.fixture._spec.fixture, new._set, fixed_by(result._solution)
+    found = judge_new(
+        result.arm._model,
+        result.fixture._spec.fixture,
+        result._solution,
+        made_from=result.poses._set,
+        new=new._set,
     )
     return Verification(found, new, repr(result))
 
@@ -134,8 +141,12 @@ def compare(
 
     Raises
     ------
-    operator_app.calibration.compare.IncomparableError
+    IncomparableError
         They are not of the same arm, or have no parameter in common.
+    ConfigError, SessionError
+        There is no such file or session, or no calibration in it.
+    TypeError, ValueError
+        An argument is none, or makes no sense; names it.
 
     Examples
     --------
@@ -148,12 +159,24 @@ def compare(
     >>> sarcal.compare(a, b).drifted
     ()
     """
+    if not 0.0 < number("level", level) < 1.0:
+        raise ValueError(f"level={level}: give a chance between 0 and 1, such as 0.01")
     return Comparison(
-        compared(_document(before), _document(after), level=level, remounted=remounted)
+        compared(
+            _document("before", before),
+            _document("after", after),
+            level=float(level),
+            remounted=remounted,
+        )
     )
 
 
-def _document(calibration: Result | str | PathLike[str]) -> ParametersDocument:
+def _document(name: str, calibration: Result | str | PathLike[str]) -> ParametersDocument:
     if isinstance(calibration, Result):
         return calibration._document()
+    if not isinstance(calibration, str | PathLike):
+        raise TypeError(
+            f"{name}={shown(calibration)}: give a Result, or the path of a parameters file or a "
+            "session folder"
+        )
     return parameters_at(fspath(calibration), Path("sessions"))

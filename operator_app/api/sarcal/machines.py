@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from os import PathLike, fspath
+from typing import Any, Literal
 
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.fixture_file import FixtureSpec, parse_fixture
 from operator_app.config.resources import Resource, resolve
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
+
+from .given import shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +98,14 @@ def load_arm(arm: str | PathLike[str] | Arm) -> Arm:
 
     Raises
     ------
+    TypeError
+        It is none of these.
     ConfigError
         With all that is wrong with the file, each with line, key and remedy.
     """
     if isinstance(arm, Arm):
         return arm
-    found = resolve("arm", fspath(arm))
+    found = resolve("arm", _reference("arm", arm))
     model = parse_arm(found.data, found.file)
     return Arm(model.name, found.file, model, found)
 
@@ -109,6 +114,17 @@ def load_fixture(fixture: str | PathLike[str] | Fixture) -> Fixture:
     """Read a fixture by the path of its file or the name of a packaged one; raises as `load_arm`."""
     if isinstance(fixture, Fixture):
         return fixture
-    found = resolve("fixture", fspath(fixture))
+    found = resolve("fixture", _reference("fixture", fixture))
     spec = parse_fixture(found.data, found.file)
     return Fixture(spec.name, spec.kind, found.file, spec, found)
+
+
+def _reference(kind: Literal["arm", "fixture"], given: Any) -> str:
+    """Return a path or a name as text; TypeError where it is neither."""
+    found = fspath(given) if isinstance(given, str | PathLike) else None
+    if not isinstance(found, str):
+        raise TypeError(
+            f"{kind}={shown(given)}: give the path of its file, the name of a packaged one, or what "
+            f"sarcal.load_{kind} returned"
+        )
+    return found

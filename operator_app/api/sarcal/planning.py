@@ -14,6 +14,7 @@ from operator_app.report.plan_json import plan_json
 from operator_app.report.plan_text import plan_text
 from solver.arrays import FloatArray
 
+from .given import joints, whole
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .naming import with_units
 from .poses import Poses
@@ -87,6 +88,8 @@ def plan(
 
     Raises
     ------
+    TypeError, ValueError
+        An argument is none, or makes no sense; names it.
     SessionError
         No plan can be made; says why and what to do.
 
@@ -103,11 +106,13 @@ def plan(
     shown = preview(
         its_arm._model,
         its_fixture._spec.fixture,
-        poses=poses,
-        position_joints=None if drive_joints is None else tuple(drive_joints),
-        unsensed_joints=tuple(unsensed_joints),
-        samples=samples,
-        seed=seed,
+        poses=whole("poses", poses, least=1),
+        position_joints=None
+        if drive_joints is None
+        else joints("drive_joints", drive_joints, its_arm.joint_count),
+        unsensed_joints=joints("unsensed_joints", unsensed_joints, its_arm.joint_count),
+        samples=whole("samples", samples, least=1),
+        seed=whole("seed", seed),
     )
     return Plan(shown, f"Plan: {its_arm.name} in fixture {its_fixture.name}, from nominal geometry")
 
@@ -155,6 +160,8 @@ def simulate(
 
     Raises
     ------
+    TypeError, ValueError
+        An argument is none, or makes no sense; names it.
     SessionError
         The loop does not close near the arm's home, or leaves no room for that many poses.
 
@@ -169,7 +176,11 @@ def simulate(
     """
     its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
     made = simulated_poses(
-        its_arm._model, its_fixture._spec, poses=poses, samples=samples, seed=seed
+        its_arm._model,
+        its_fixture._spec,
+        poses=whole("poses", poses, least=1),
+        samples=whole("samples", samples, least=1),
+        seed=whole("seed", seed),
     )
     truth = with_units(made.parameters, made.x.tolist())
     return Simulation(Poses(f"simulated, seed {seed}", made.poses), truth)

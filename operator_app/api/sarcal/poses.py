@@ -22,6 +22,8 @@ from operator_app.config.poses_file import (
 from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet
 
+from .given import numbers, shape_wanted, shown, whole
+
 FRAME = "data frame"
 
 
@@ -88,9 +90,9 @@ def poses_of(
     *,
     q_rad: ArrayLike | None = None,
     q_deg: ArrayLike | None = None,
-    placement: Sequence[int] | None = None,
+    placement: int | Sequence[int] | None = None,
     names: Sequence[str] | None = None,
-    samples: Sequence[int] | None = None,
+    samples: int | Sequence[int] | None = None,
     sd_rad: ArrayLike | None = None,
     endpoint_m: ArrayLike | None = None,
 ) -> Poses:
@@ -102,17 +104,20 @@ def poses_of(
         Readings (m, n), in one of the two units: the sensors' angles as they are, continuous, without
         offsets.
     placement
-        Placement of the fixture that each pose belongs to, from 1; None: all of one.
+        Placement of the fixture that each pose belongs to, from 1 (m,), or one number for all; None: all of
+        one.
     names
         What each pose is called; None: 1 to m.
     samples, sd_rad
-        How many samples each pose is the mean of (m,), and their spread (m, n); None: one each.
+        How many samples each pose is the mean of (m,), and their spread (m, n); or a number for all, of the
+        spread also one a joint (n,); None: one each.
     endpoint_m
-        What an instrument measured, (m, 3), for a ``measured`` fixture.
+        What an instrument measured, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector,
+        rad. Any other fixture leaves it out, and the result's warnings say so.
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         These are no poses; the text says why.
 
     Examples
@@ -123,21 +128,60 @@ def poses_of(
     >>> sarcal.poses_of(q_rad=[0.1, 0.2])
     Traceback (most recent call last):
     ...
-    ValueError: q_rad must have one row a pose and one column a joint
+    ValueError: q_rad has shape (2,): it must have one row a pose and one column a joint
     """
     if (q_rad is None) == (q_deg is None):
         raise ValueError("give the readings once: q_rad=... or q_deg=...")
-    given = np.asarray(q_rad if q_deg is None else np.deg2rad(np.asarray(q_deg, float)), float)
-    m = len(given) if given.ndim else 0
+    name = "q_deg" if q_rad is None else "q_rad"
+    given = numbers("q_rad", q_rad) if q_deg is None else np.deg2rad(numbers("q_deg", q_deg))
+    if given.ndim != 2 or 0 in given.shape:
+        raise ValueError(
+            f"{name} has shape {given.shape}: it must have one row a pose and one column a joint"
+        )
+    if isinstance(names, str):
+        raise TypeError(f"names={names!r}: give one name a pose, in a list")
+    m = len(given)
     found = PoseSet(
-        placement=np.ones(m, dtype=np.int64) if placement is None else np.asarray(placement),
+        placement=_one_a_pose("placement", 1 if placement is None else placement, m),
         label=tuple(str(k) for k in range(1, m + 1)) if names is None else tuple(names),
         q_rad=given,
-        sd_rad=None if sd_rad is None else np.asarray(sd_rad, float),
-        samples=None if samples is None else np.asarray(samples),
-        endpoint=None if endpoint_m is None else np.asarray(endpoint_m, float),
+        sd_rad=None if sd_rad is None else _spread_rad(sd_rad, given.shape),
+        samples=None if samples is None else _one_a_pose("samples", samples, m),
+        endpoint=None if endpoint_m is None else _endpoint_m(endpoint_m, m),
     )
     return Poses("an array", found)
+
+
+def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
+    """Return a whole number a pose, from 1; a single one counts for all."""
+    if np.ndim(value) == 0:
+        return np.full(poses, whole(name, value, least=1), dtype=np.int64)
+    found = [whole(name, number, least=1) for number in value]
+    if len(found) != poses:
+        raise ValueError(f"{name} has {len(found)} entries for {poses} poses: give one a pose")
+    return np.array(found, dtype=np.int64)
+
+
+def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Return standard deviations of the readings; a single one, or one a joint, counts for all."""
+    found = numbers("sd_rad", value)
+    if found.shape not in (shape, shape[1:], ()):
+        raise ValueError(
+            f"sd_rad has shape {found.shape}: give {shape} as the readings, one a joint {shape[1:]}, or one "
+            "number"
+        )
+    return np.broadcast_to(found, shape)
+
+
+def _endpoint_m(value: Any, poses: int) -> FloatArray:
+    """Return points, or points and rotation vectors, one a pose."""
+    found = numbers("endpoint_m", value)
+    if found.shape not in ((poses, 3), (poses, 6)):
+        raise ValueError(
+            f"endpoint_m has shape {found.shape}: give {(poses, 3)}, x, y, z a pose, or {(poses, 6)}, with a "
+            "rotation vector"
+        )
+    return found
 
 
 def load_poses(
@@ -150,7 +194,7 @@ def load_poses(
     source
         Path of a file, or anything with ``to_csv`` (pandas, polars has ``write_csv``) that has the columns
         ``theta1_deg`` to ``thetaN_deg``, and as far as there are any ``placement``, ``pose``, ``sd1_deg``..,
-        ``samples``, ``x_m``,``y_m``,``z_m``. `Poses` are returned as they are.
+        ``samples``, ``x_m``,``y_m``,``z_m``. `Poses` are returned as they are, and so are those of a `Simulation`.
     joint_count
         Joints of the arm they belong to; None takes what there is.
 
@@ -158,15 +202,27 @@ def load_poses(
     ------
     ConfigError
         With all that is wrong, each with line, column and remedy.
+    ValueError
+        These `Poses` are of another number of joints.
     TypeError
         It is a bare array: say its unit with ``poses_of(q_rad=...)`` or ``poses_of(q_deg=...)``.
     """
+    held = getattr(source, "poses", None)
+    if isinstance(held, Poses):
+        source = held
     if isinstance(source, Poses):
+        if joint_count is not None and source._set.joint_count != joint_count:
+            shape = source.q_rad.shape
+            raise ValueError(f"the poses have shape {shape}: {shape_wanted(shape, joint_count)}")
         return source
     if isinstance(source, str | PathLike):
         read = load_poses_file(fspath(source), joint_count=joint_count)
         return Poses(fspath(source), read.poses, read.warnings)
     columns = getattr(source, "columns", None)
+    if columns is None and not isinstance(source, Sequence | np.ndarray):
+        raise TypeError(
+            f"poses={shown(source)}: give a path, a data frame, or what sarcal.poses_of returned"
+        )
     if columns is None:
         raise TypeError(
             "a bare array does not say its unit: use sarcal.poses_of(q_rad=...) or "

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, get_args
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from operator_app.calibration.calibrated_arm import CalibratedArm, calibrated_arm
+from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibrated_arm
 from operator_app.calibration.checks import Checks
 from operator_app.calibration.solution import Solution
 from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import save_poses
+from operator_app.config.procedure import Procedure
+from operator_app.errors import SessionError
 from operator_app.report.exports import FILES, Calibration, in_format
 from operator_app.report.facts import Facts, facts_of
 from operator_app.report.html import report_html
@@ -30,19 +32,34 @@ from operator_app.report.plotted import figure as draw_figure
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.report.text import facts_text
 from operator_app.session.calibrated import Calibrated
-from operator_app.session.export import PARAMETERS_NAME, POSES_NAME, document_of
-from operator_app.session.importing import UNSTATED, How, ImportedSession
+from operator_app.session.folder import PARAMETERS_NAME, POSES_NAME
+from operator_app.session.importing import How, ImportedSession
 from operator_app.session.journal import read_journal
+from operator_app.session.parameters_document import document_of, why_used
+from operator_app.session.state import SessionState
 from solver.arrays import FloatArray
 
+from .given import one_of, readings_rad
 from .machines import Arm, Fixture
 from .naming import with_units
 from .poses import Poses
 from .tables import Table
 
+YAML = ("yaml", "yml")
+"""Endings of a parameters file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Journalled:
+    """A session that a calibration was read from."""
+
+    folder: Path
+    state: SessionState
+    procedure: Procedure
+
 
 class Result:
-    """A calibration, made by `calibrate`.
+    """A calibration, made by `calibrate` or read by `load_result`.
 
     Attributes
     ----------
@@ -65,14 +82,14 @@ class Result:
 
     def __init__(
         self, *, arm: Arm, fixture: Fixture, poses: Poses, solution: Solution, checks: Checks | None,
-        how: How,
+        origin: How | Journalled,
     ) -> None:  # fmt: skip
         self.arm = arm
         self.fixture = fixture
         self.poses = poses
         self._solution = solution
         self._checks = checks
-        self._how = how
+        self._origin = origin
         self._facts: Facts = facts_of(solution, checks=checks)
         self._hand: CalibratedArm = calibrated_arm(solution, arm._model)
 
@@ -151,7 +168,7 @@ class Result:
 
     # -- where the hand is -------------------------------------------------------------------------
 
-    def fk(self, q_rad: ArrayLike, *, frame: Literal["tip", "flange"] = "tip") -> FloatArray:
+    def fk(self, q_rad: ArrayLike, *, frame: Frame = "tip") -> FloatArray:
         """Place of the hand in the arm's base frame, by the calibrated parameters.
 
         Parameters
@@ -166,8 +183,14 @@ class Result:
         Returns
         -------
         T_base_tip (4, 4) or (m, 4, 4), lengths in m.
+
+        Raises
+        ------
+        TypeError, ValueError
+            These are no readings of this arm in radians, or there is no such frame.
         """
-        return self._hand.T_base(np.asarray(q_rad, dtype=np.float64), frame)
+        one_of("frame", frame, get_args(Frame))
+        return self._hand.T_base(self._readings(q_rad), frame)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
         """Standard deviation of the tip's distance from where `fk` says it is, in m.
@@ -184,32 +207,47 @@ class Result:
         -------
         () or (m,), m.
         """
-        q = np.asarray(q_rad, dtype=np.float64)
+        q = self._readings(q_rad)
         return self._hand.tip_sigma_m(q.reshape(-1, q.shape[-1])).reshape(q.shape[:-1])
 
     # -- files -------------------------------------------------------------------------------------
 
-    def save(self, folder: str | PathLike[str]) -> Path:
+    def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> Path:
         """Write a session folder: journal, poses.csv, report.html, and parameters.yaml if there are any.
 
         ``sarcal report``, ``compare``, ``verify`` and ``export`` work on it. `parameters.yaml` is left out
         where the calibration was not accepted, or has no D-H table of the whole loop (a ball).
 
+        A cell or a script that is run again may save again: a session of the same poses, arm and fixture
+        is replaced, with what was exported into its folder. Other files there stay.
+
         Parameters
         ----------
         folder
-            A new one, or one that holds no session yet.
+            A new one, or one that holds no session, or one of the same poses, arm and fixture.
+        overwrite
+            Replace a saved or imported session of other data as well. A session of an arm, or one that
+            somebody worked on (notes, poses left out), is never replaced.
 
         Raises
         ------
         SessionError, WriteError
-            There is a session already, or it cannot be written.
+            There is a session that stays, or it cannot be written; or this was read from a session.
         """
-        where, session = Path(folder), self._session()
-        session.write(folder=where)
+        if isinstance(self._origin, Journalled):
+            raise SessionError(
+                f"this result is that of the session {self._origin.folder}",
+                "copy that folder; export writes single files",
+            )
+        where, session = Path(folder), self._session(self._origin)
+        session.write(
+            folder=where,
+            overwrite=overwrite,
+            stale=(PARAMETERS_NAME, POSES_NAME, REPORT_NAME, *FILES.values()),
+        )
         save_poses(where / POSES_NAME, session.state.pose_set())
         if self.accepted and self._has_table:
-            save_parameters(where / PARAMETERS_NAME, self._document(session))
+            save_parameters(where / PARAMETERS_NAME, self._document(session=session))
         found = Calibrated(solution=self._solution, checks=self._checks, solved_again="")
         subject = subject_of_session(
             where.resolve().name, read_journal(where).events, session.procedure, found
@@ -217,7 +255,7 @@ class Result:
         write_atomically(where / REPORT_NAME, report_html(subject))
         return where
 
-    def export(self, path: str | PathLike[str]) -> Path:
+    def export(self, path: str | PathLike[str], *, force: str = "") -> Path:
         """Write one file for another tool, as ``sarcal export --format`` does.
 
         Parameters
@@ -225,28 +263,35 @@ class Result:
         path
             Its ending says what: ``.yaml`` the parameters file, ``.json`` everything, ``.csv`` one row a
             parameter, ``.urdf`` the arm's own side, ``.mat`` MATLAB.
+        force
+            Why a calibration that is not accepted is to be used all the same: it is kept in the file. Has no
+            effect on one that is accepted.
 
         Raises
         ------
         ValueError
             It has another ending.
         SessionError
-            A parameters file of a calibration that has no D-H table of the whole loop (a ball).
+            It is not accepted, and `force` says no reason; or a parameters file of a calibration that has
+            no D-H table of the whole loop (a ball).
         """
+        if not isinstance(force, str):
+            raise TypeError(f'force={force!r}: say why, as force="why"')
         target = Path(path)
         kind = target.suffix.removeprefix(".")
-        if kind in ("yaml", "yml"):
-            save_parameters(target, self._document())
-            return target
-        if kind not in FILES:
+        if kind not in (*YAML, *FILES):
             raise ValueError(f"{target.name}: end in .yaml, .{', .'.join(FILES)}")
+        forced = why_used(self._solution, force, say_it_by='force="why"')
+        if kind in YAML:
+            save_parameters(target, self._document(forced=forced))
+            return target
         what = Calibration(
             solution=self._solution,
             checks=self._checks,
             arm=self.arm._model,
-            serial_number=UNSTATED,
+            serial_number=self._told.state.serial_number,
             poses=self.poses._set,
-            forced="" if self.accepted else "exported by a program",
+            forced=forced,
         )
         write_atomically(target, in_format(what, kind))
         return target
@@ -272,30 +317,43 @@ class Result:
 
     @cached_property
     def _subject(self) -> Subject:
-        session = self._session()
+        told = self._told
         return Subject(
-            name=session.procedure.name,
-            procedure=session.procedure,
-            state=session.state,
+            name=told.procedure.name,
+            procedure=told.procedure,
+            state=told.state,
             solution=self._solution,
             checks=self._checks,
         )
 
-    def _session(self) -> ImportedSession:
+    @cached_property
+    def _told(self) -> Journalled | ImportedSession:
+        """What the session says that it was read from, or would say that it were saved to."""
+        origin = self._origin
+        return origin if isinstance(origin, Journalled) else self._session(origin)
+
+    def _session(self, how: How) -> ImportedSession:
         made = ImportedSession(
             self.poses._set,
             arm=self.arm._resource,
             fixture=self.fixture._resource,
             file=self.poses.source,
             name=f"{self.arm.name}-{self.fixture.name}",
-            how=self._how,
+            how=how,
         )
         made.add(self._solution, self._checks)
         return made
 
-    def _document(self, session: ImportedSession | None = None) -> ParametersDocument:
-        session = self._session() if session is None else session
-        return document_of(self._solution, session.state, session.procedure, utc=datetime.now(UTC))
+    def _document(
+        self, *, session: ImportedSession | None = None, forced: str = ""
+    ) -> ParametersDocument:
+        told = self._told if session is None else session
+        return document_of(
+            self._solution, told.state, told.procedure, utc=datetime.now(UTC), forced=forced
+        )
+
+    def _readings(self, q_rad: ArrayLike) -> FloatArray:
+        return readings_rad("q_rad", q_rad, self.arm.lower_rad, self.arm.upper_rad)
 
     def _by_name(self, values: FloatArray) -> Mapping[str, float]:
         return with_units(self._solution.identified.parameters, values.tolist())

@@ -18,8 +18,8 @@ from operator_app.tui.widgets.plot import plot
 from operator_app.units.figure import COST
 
 ABOUT = {
-    "implicit": "weights every joint by its sensor's noise; the loops close exactly (default)",
-    "paper": "unweighted least squares on the closure, as published (eqs. 5 and 6)",
+    "implicit": "sensors weighted by noise; loops close exactly (default)",
+    "paper": "unweighted least squares on the closure (eqs. 5 and 6)",
 }
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from statistics import median
 
 import numpy as np
 from textual.app import ComposeResult
@@ -151,7 +153,7 @@ def _placement(s: SessionSnapshot) -> str:
 
 
 def _time_left(s: SessionSnapshot) -> str:
-    """From the times of the last captures."""
+    """From the usual time between the last captures: the operator's pauses are no part of it."""
     used, wanted = s.state.used_poses, s.wanted_poses
     if len(used) >= wanted:
         return "complete    "
@@ -159,9 +161,9 @@ def _time_left(s: SessionSnapshot) -> str:
         return " " * 12
     from datetime import datetime
 
-    last = used[-8:]
-    begin, end = (datetime.fromisoformat(p.utc) for p in (last[0], last[-1]))
-    seconds = (end - begin).total_seconds() / (len(last) - 1) * (wanted - len(used))
+    times = [datetime.fromisoformat(p.utc) for p in used[-8:]]
+    each_s = median((later - sooner).total_seconds() for sooner, later in pairwise(times))
+    seconds = each_s * (wanted - len(used))
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d} min left"
 
 
@@ -171,7 +173,8 @@ class QualityPanel(Lines):
     TITLE = "What the poses tell"
     HELP = (
         "Scaled condition number: below 100 is acceptable, the paper reached 28; lower is better. Its trend "
-        "is on a log scale: lowest bars 10, half high 100, full 1000 and more. "
+        "over all poses is on a log scale from its lowest value to 30 times it at most, the first value at "
+        "its left and the present one at its right. "
         "Weak: the parameters the poses tell least about. Coverage: which part of each joint's "
         "range the poses span. Best next: the planned pose that would tell most."
     )
@@ -181,9 +184,7 @@ class QualityPanel(Lines):
         live = s.live
         rows: list[Line] = [_condition(s, width)]
         if live is not None and live.history:
-            rows.append(
-                line((" trend  ", "dim"), sparkline([c for _, c in live.history], width - 9))
-            )
+            rows.append(_trend([c for _, c in live.history], width))
         else:
             rows.append(line((" trend  —", "dim")))
         names = 3 if width > 40 else 2
@@ -198,6 +199,15 @@ class QualityPanel(Lines):
             span = live.coverage[k] if live is not None and live.coverage else None
             rows.append(_coverage(k + 1, joint, span, width))
         return rows
+
+
+def _trend(values: Sequence[float], width: int) -> Line:
+    """The condition number from the first estimate, with its value, to the last."""
+    first, last = (CONDITION(v).shown for v in (values[0], values[-1]))
+    if len(values) == 1:
+        return line((" trend  ", "dim"), last)
+    room = width - len(" trend  " + first + last) - 3
+    return line((" trend  ", "dim"), f"{first} ", sparkline(values, room), f" {last}")
 
 
 def _condition(s: SessionSnapshot, width: int) -> Line:

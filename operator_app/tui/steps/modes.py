@@ -39,6 +39,8 @@ class PlanPanel(Lines):
                 f" in position mode{and_the_others(len(marked), len(s.modes))}",
             )
         ]
+        if marked == s.procedure.position_joints and s.ranked and marked != s.ranked[0].drives:
+            rows.append(line(("           as the procedure says; p marks the best ranked", "dim")))
         problem = modes_problem(s, marked)
         if problem:
             rows += wrapped(" ▲ " + problem[0], width, "warn", "   ")
@@ -55,15 +57,34 @@ class PlanPanel(Lines):
             rows += wrapped(f" Wiggle: {s.wiggle}", width, "text", "   ")
         if s.ranked:
             rows.append(
-                line((" Ranked    by how well each pair drives the chain from here", "dim"))
+                line(
+                    (
+                        " Ranked    by how well each pair drives the chain here, 0 to 1",
+                        "dim",
+                    )
+                )
             )
+        pairs: list[list[Line]] = []
         for k, ranked in enumerate(s.ranked, 1):
             pair = " ".join(f"J{j}" for j in ranked.drives)
             glyph = "▌" if ranked.drives == marked else " "
             why = "; ".join(ranked.reasons).replace("joint ", "J")
             text = f" {glyph}{k:>2} {pair:<6} {ranked.score:4.2f} {why}"
-            rows += wrapped(text, width, "text" if ranked.usable else "dim", " " * 17)
+            pairs.append(wrapped(text, width, "text" if ranked.usable else "dim", " " * 17))
+        return [*rows, *_whole(pairs, height - len(rows))]
+
+
+def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
+    """As many pairs as can be said to the end, and how many more there are."""
+    rows = [row for pair in pairs for row in pair]
+    if len(rows) <= room:
         return rows
+    rows, shown = [], 0
+    for pair in pairs:
+        if len(rows) + len(pair) > room - 1:
+            break
+        rows, shown = [*rows, *pair], shown + 1
+    return [*rows, line((f"    {len(pairs) - shown} more below these", "dim"))]
 
 
 class ModesView(StepView):

@@ -8,6 +8,7 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
 from operator_app.calibration.solution import Solution
+from operator_app.calibration.verdict import Verdict
 from operator_app.report.pictures import misses, rvdt_deviations
 from operator_app.report.screen import (
     facts_on,
@@ -26,6 +27,7 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
 from operator_app.tui.widgets.plot import plot
+from operator_app.units.figure import CLOSURE_LENGTH, Figure
 from operator_app.units.numbers import plural
 from solver.judging.rvdt import RvdtVerdict
 
@@ -33,12 +35,21 @@ TABLES = ("causes", "dh", "hand", "accuracy", "budget", "halving", "closure")
 """Tables that the plots' panel shows after them, those of them that there are."""
 
 
+GLYPHS = {
+    Verdict.ACCEPTED: ("✓", "bold"),
+    Verdict.WITH_WARNINGS: ("▲", "bold"),
+    Verdict.NOT_ACCEPTED: ("■", "alarm"),
+}
+
+
 class VerdictPanel(Lines):
     """Accepted or not, and why."""
 
     TITLE = "Verdict"
     HELP = (
-        "Accepted means the limits of the procedure are met. sigma_pos and sigma_ori say how well the "
+        "Accepted means the limits of the procedure are met; notes below it are what was seen and no test "
+        "objects to. hand: how far off the hand is where the arm is used, by the arm file before and by "
+        "the parameters' sigmas after. sigma_pos and sigma_ori say how well the "
         "loops close at the measured joints, before (nominal) and after; rms is the usual reading, "
         "as printed is the paper's formula to the letter."
     )
@@ -46,15 +57,18 @@ class VerdictPanel(Lines):
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Verdict, headlines, reasons, warnings."""
         facts = facts_on(s)
-        if facts is None:
+        if facts is None or s.solution is None:
             return wrapped(f" {no_facts(s)}", width, "dim", " ")
-        count = len(facts.notices)
-        tail = f": {plural(count, 'warning')}" if count and facts.accepted else ""
-        glyph, role = ("▲" if count else "✓", "bold") if facts.accepted else ("■", "alarm")
+        verdict, count = s.solution.verdict, len(facts.notices)
+        glyph, role = GLYPHS[verdict]
+        # Not "warnings": ACCEPTED, WITH WARNINGS is another verdict.
+        noted = verdict is Verdict.ACCEPTED and count
+        tail = f" · {plural(count, 'note')}" if noted else ""
         sigmas = [h for h in facts.headlines if h.name.startswith("sigma_")]
         others = [h for h in facts.headlines if not h.name.startswith(("sigma_", "rank"))]
         rows = [
             line((f" {glyph} {facts.verdict.upper()}{tail}", role)),
+            *_hand(s.solution, width),
             headline_spans(sigmas, width),
             headline_spans(others, width),
         ]
@@ -65,6 +79,21 @@ class VerdictPanel(Lines):
         if len(rows) + len(whole) > height:
             whole = [line((text, "warn")) for text in short]
         return [clip(row, width) for row in (*rows, *whole)]
+
+
+def _hand(found: Solution, width: int) -> list[Line]:
+    """What the calibration brings, where the arm is used; without its explanation where that does not fit."""
+    if found.accuracy is None:
+        return []
+    before, after = (
+        Figure(spread.rms, CLOSURE_LENGTH).with_unit
+        for spread in (found.accuracy.before, found.accuracy.after)
+    )
+    said = f"   hand off by {before} before, {after} after (1 sigma)"
+    if held := found.accuracy.holds_for:
+        said += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as held"
+    more = ", rms over the ranges of all joints"
+    return [line((said, "bold"), (more if len(said + more) <= width else "", "text"))]
 
 
 def _in_short(notice: str) -> str:

@@ -35,7 +35,7 @@ def _view() -> FloatArray:
 class ArmView(Lines):
     """The chain as it stands; scale and place change with the forecast only."""
 
-    TITLE = "Arm (dotted: next pose)"
+    TITLE = "Arm"
     HELP = (
         "The arm as the current estimate sees it, from its base (B) over joints 1 to 7 to the "
         "hinge (its axis is drawn through ⊕). Joints in position mode are marked in colour and "
@@ -57,8 +57,10 @@ class ArmView(Lines):
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Draw only when something moved by what a dot could show."""
         if s.arm is None:
+            self.retitle("Arm")
             return [(), line((" no arm connected", "dim"))]
         if s.data is DataState.LOST:
+            self.retitle("Arm")
             return [(), line((" ▲ data LOST: the arm is not drawn", "warn"))]
         q = s.arm.positions_rad
         x = s.live.x if s.live is not None and s.live.estimated else None
@@ -70,6 +72,7 @@ class ArmView(Lines):
         if news or (self._turn and np.abs(q - self._at).max() > VISIBLE_RAD):
             self._drawn = self._draw(s, q, x, width, height, anew=news)
             self._figures, self._things, self._at = figures, things, q
+        self.retitle("Arm (dotted: next pose)" if any(map(len, self._next)) else "Arm")
         return self._drawn
 
     def _draw(
@@ -87,7 +90,7 @@ class ArmView(Lines):
         drawn = model.drawn(x, q)
         if drawn is None:
             return [line((" this fixture has no drawing", "dim"))]
-        canvas = Canvas(width, height, ascii_only=self.app.look.ascii_only)  # type: ignore[attr-defined]
+        canvas = Canvas(width, height - 1, ascii_only=self.app.look.ascii_only)  # type: ignore[attr-defined]
         chain, axis = drawn
         if self._box is None or self._box_of is not s.forecast:
             self._box, self._box_of = _box(model, x, q, s), s.forecast
@@ -105,7 +108,7 @@ class ArmView(Lines):
                 role = "accent" if mode is JointMode.POSITION else "bold"
                 place.letter(chain[joint - 1], str(joint), role)
         place.letter(chain[-1], "⊕", "bold")
-        return canvas.lines()
+        return [*canvas.lines(), line((" B base, ⊕ hand, 1-7 joints", "dim"))]
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:

@@ -48,7 +48,7 @@ class JointTable(ListPanel):
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
         """Titles."""
         bar = "-range+".center(self._cells(width))
-        titles = f"  JOINT         MODE      POS[deg] V[°/s]  T[N m] {bar} STATE"
+        titles = f"  JOINT         MODE     POS[deg] V[deg/s] T[N m] {bar} STATE"
         if self.show_wanted:
             titles = f"  JOINT         SENS WANTED   ACTUAL    POS[deg] T[N m] {bar}"
         return [line((titles, "header"))]

@@ -24,6 +24,7 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Row]
     x, y = of.x, of.y
     canvas = Canvas(width - LABEL - 1, height - 3, ascii_only=ascii_only)
     left, right, top, bottom = 1.0, canvas.width - 3.0, 0.0, canvas.height - 1.0
+    labels = _ticks(y, canvas, bottom, top)
     bands = [layer for layer in of.layers if isinstance(layer, Band)]
     for level in (0.0, *(v for band in bands for v in (band.low, band.high))):
         if y.low <= level <= y.high:
@@ -46,20 +47,22 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Row]
     named = "".join(
         f", {'-- ' if band.high <= y.high else ''}{band.label}" for band in bands if band.label
     )
-    picture, labels = canvas.lines(), _ticks(y, canvas.rows)
     return [
         ((f" {y.title}{named}"[:width], "dim"),),
-        *(((f"{labels.get(k, ''):>{LABEL - 1}} │", "dim"), *row) for k, row in enumerate(picture)),
+        *(
+            ((f"{labels.get(k, ''):>{LABEL - 1}} │", "dim"), *row)
+            for k, row in enumerate(canvas.lines())
+        ),
         ((" " * LABEL + "└" + "─" * (width - LABEL - 1), "dim"),),
         ((_below(x, width), "dim"),),
     ]
 
 
-def _ticks(y: Axis, rows: int) -> dict[int, str]:
-    """Texts of the ticks by row, none directly below another."""
+def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]:
+    """Texts of the ticks by the row in which their values are drawn, none directly below another."""
     found: dict[int, str] = {}
     for value, text in zip(y.ticks, y.tick_texts, strict=True):
-        row = min(rows - 1, max(0, int(y.place(value, rows - 0.5, 0.5))))
+        row = canvas.row(y.place(value, bottom, top))
         if not {row - 1, row, row + 1} & found.keys():
             found[row] = text
     return found
@@ -81,12 +84,19 @@ def _below(x: Axis, width: int) -> str:
 
 
 SPARKS = "▁▂▃▄▅▆▇█"
+MOST = 30.0
+"""The highest bar over the lowest at most: one bad value at the beginning does not flatten the rest."""
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:
-    """A row of bars on a log scale from 10 to 1000, the newest at the right: the first do not flatten the rest."""
+    """A row of bars over all values, the newest at the right, on a log scale from the lowest to the highest."""
+    last, cells = len(values) - 1, max(1, min(width, len(values)))
+    some = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
+    finite = [v for v in some if math.isfinite(v) and v > 0.0] or [1.0]
+    low = min(finite)
+    decades = math.log10(min(max(finite) / low, MOST))
     shares = [
-        min(max(math.log10(max(v, 1.0)) - 1.0, 0.0), 2.0) / 2.0 if math.isfinite(v) else 1.0
-        for v in values[-width:]
-    ]
+        min(1.0, math.log10(max(v / low, 1.0)) / decades) if math.isfinite(v) else 1.0
+        for v in some
+    ] if decades > 0.0 else [0.0] * cells  # fmt: skip
     return ("".join(SPARKS[int(share * 7.99)] for share in shares), "dim")

@@ -57,6 +57,8 @@ def _banner(s: SessionSnapshot) -> Line:
 
 
 def _status(s: SessionSnapshot) -> Line:
+    if s.stopped_for:
+        return (("■ STOPPED BY ITSELF", "alarm"), (f" {s.stopped_for}", "alarm"))
     if s.stopped or (s.stop is not None and s.stop.problem):
         return (("■ SOFTWARE STOP", "alarm"), (" " + _stop_words(s), "alarm"))
     if s.data is DataState.LOST:

@@ -24,7 +24,7 @@ def bus() -> FakeArmBus:
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 1.0)
 
 
 @pytest.fixture

@@ -76,3 +76,15 @@ def test_holding_puts_free_joints_where_they_are(driven: CanopenArm, bus: FakeAr
     driven.hold()
     assert bus.drives[3].target == 3456
     assert {drive.mode for drive in bus.drives.values()} == {8}
+
+
+def test_a_drive_that_never_says_that_it_follows_its_target_is_not_moved_unwatched(
+    arm: CanopenArm, bus: FakeArmBus
+) -> None:
+    bus.says_it_follows = False
+    arm.take_control()
+    with pytest.raises(ModeNotReached, match=r"joint 2 .* position .* bit 12") as deaf:
+        arm.set_modes(TWO_DRIVEN)
+    assert deaf.value.joint == 2
+    arm.hold()  # holding asks for less
+    assert {drive.mode for drive in bus.drives.values()} == {8}

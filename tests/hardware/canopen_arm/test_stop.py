@@ -11,12 +11,12 @@ import pytest
 
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
-from hardware.connection import BusOpeners
 from hardware.errors import (
     BusError,
     CommandRefused,
     Stopped,
 )
+from hardware.on_bus import BusOpeners
 from hardware.tasks import Steps
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
@@ -61,7 +61,7 @@ def test_a_command_under_way_when_stop_comes_is_followed_by_quick_stop(
 ) -> None:
     """STOP strikes between the loop's look at the latch and its frame."""
     loop = driven._link.loop
-    send = loop._wire.send
+    send = loop._sender._send
     struck = []
 
     def late_send(identifier: int, data: bytes) -> None:
@@ -70,7 +70,7 @@ def test_a_command_under_way_when_stop_comes_is_followed_by_quick_stop(
             driven.stop()
         send(identifier, data)
 
-    monkeypatch.setattr(loop._wire, "send", late_send)
+    monkeypatch.setattr(loop._sender, "_send", late_send)
     with pytest.raises(Stopped):
         driven.move({2: 1.0}, speed_rad_per_s=0.5)
     assert struck
@@ -121,6 +121,7 @@ def test_stop_while_connecting_is_latched_and_sent_and_ends_it(
     assert [data[:2] for _, data in frames(bus, 0x200)] == [b"\x02\x00"] * JOINTS
     with pytest.raises(BusError, match="not connected"):
         arm.stop()
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
     arm.connect()
     assert arm.snapshot().stopped
     with pytest.raises(Stopped):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 from collections.abc import Iterator
@@ -99,6 +100,31 @@ def test_who_waits_for_the_answer_steps_the_plant(bus: can.BusABC, plant: Counti
     mine = plant.threads.count(threading.current_thread().name)
     assert len(plant.threads) == 50
     assert mine >= 45, "the arm's own thread looks now and then as well"
+
+
+def test_a_reader_that_sleeps_is_woken_by_what_another_thread_sends(
+    bus: can.BusABC, plant: CountingPlant
+) -> None:
+    """As an object is read: one thread asks, the other one waits for whatever comes."""
+    heard: queue.Queue[int] = queue.Queue()
+    ended = threading.Event()
+
+    def listen() -> None:
+        while not ended.is_set():
+            if bus.recv(0.5) is not None:
+                heard.put(1)
+
+    reader = threading.Thread(target=listen, name="reader")
+    reader.start()
+    for _ in range(50):
+        sync(bus)
+        for _ in range(ARM.joint_count):
+            heard.get(timeout=30.0)
+    ended.set()
+    reader.join()
+    assert plant.threads.count("reader") >= 25, (
+        "else the arm's own thread looks first, when its time comes"
+    )
 
 
 def test_what_others_send_is_answered_while_nobody_waits(

@@ -31,7 +31,7 @@ def result() -> sarcal.Result:
 def test_examples_in_docstrings_do_what_they_say(name: str) -> None:
     failed, tried = doctest.testmod(importlib.import_module(name), report=True)
     assert not failed
-    documented = {"sarcal", "sarcal.calibrating", "sarcal.planning", "sarcal.judging",
+    documented = {"sarcal", "sarcal.calibrating", "sarcal.planning", "sarcal.judging", "sarcal.loading",
                   "sarcal.result", "sarcal.tables", "sarcal.poses", "sarcal.machines"}  # fmt: skip
     assert tried or name not in documented
 
@@ -170,8 +170,90 @@ def test_a_saved_result_is_a_session_for_every_command(
     again = sarcal.load_poses(folder / "poses.csv")
     np.testing.assert_array_equal(again.q_rad, result.poses.q_rad)
     assert sarcal.compare(result, folder).drifted == ()
-    with pytest.raises(sarcal.SessionError, match="there is a session in"):
-        result.save(folder)
+
+
+def test_a_saved_result_comes_back_as_it_was(result: sarcal.Result, tmp_path: Path) -> None:
+    folder, q_rad = result.save(tmp_path / "mine"), result.poses.q_rad
+    again = sarcal.load_result(folder)
+    assert again.to_json() == result.to_json()
+    assert repr(again) == repr(result)
+    np.testing.assert_array_equal(again.fk(q_rad), result.fk(q_rad))
+    assert sarcal.verify(again, HINGE / "hinge_quantised.csv").holds
+    with pytest.raises(ValueError, match="these are poses that the calibration was made from"):
+        sarcal.verify(again, folder / "poses.csv")
+    assert sarcal.compare(again, folder).to_json()["verdict"].startswith("same poses")
+    with pytest.raises(sarcal.SessionError, match="Copy that folder"):
+        again.save(tmp_path / "other")
+    with pytest.raises(sarcal.SessionError, match="no session"):
+        sarcal.load_result(tmp_path / "other")
+    with pytest.raises(TypeError, match="session=3: give the folder"):
+        sarcal.load_result(3)
+
+
+def test_a_cell_that_saves_may_be_run_again(result: sarcal.Result, tmp_path: Path) -> None:
+    folder = result.save(tmp_path / "mine")
+    assert main(["export", str(folder), "--format", "urdf"]) == 0
+    (folder / "my_notes.txt").write_text("mine")
+    assert result.save(folder) == folder
+    # What was exported was of a calibration that is gone; what is no file of ours stays.
+    assert {p.name for p in folder.iterdir()} == {
+        "journal.jsonl", "parameters.yaml", "poses.csv", "report.html", "my_notes.txt",
+    }  # fmt: skip
+
+
+def test_other_data_are_replaced_where_that_is_said(
+    result: sarcal.Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = result.save(tmp_path / "mine")
+    before = (folder / "journal.jsonl").read_bytes()
+    other = sarcal.calibrate(
+        arm="sarcos_dextrous", fixture="hinge", poses=HINGE / "hinge_quantised.csv"
+    )
+    with pytest.raises(sarcal.SessionError, match=r"of other data \(\d+ poses\).*overwrite=True"):
+        other.save(folder)
+    assert (folder / "journal.jsonl").read_bytes() == before
+    other.save(folder, overwrite=True)
+    assert main(["report", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["parameters"] == other.to_json()["parameters"]
+
+
+def test_what_was_taken_once_is_not_saved_over(
+    result: sarcal.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A session of an arm, one that somebody wrote notes in, one in use, and one that cannot be read."""
+    from operator_app.session.journal import Journal
+
+    monkeypatch.chdir(tmp_path)
+    arm = Journal.create(Path("arm"))
+    arm.append("opened", {"sources": {}, "settings": {}})
+    with pytest.raises(sarcal.SessionError, match="in use"):
+        result.save("arm", overwrite=True)
+    arm.close()
+    noted = Journal.resume(result.save("noted"))
+    noted.append("pose_noted", {"number": 3, "text": "a truck went by"})
+    noted.close()
+    Path("damaged").mkdir()
+    lines = Path("noted/journal.jsonl").read_bytes().splitlines(keepends=True)
+    Path("damaged/journal.jsonl").write_bytes(b"".join([lines[0], *lines[2:]]))
+    for folder, why in (("arm", "of an arm"), ("noted", "worked on"), ("damaged", "damaged")):
+        kept = Path(folder, "journal.jsonl").read_bytes()
+        with pytest.raises(sarcal.SessionError, match=why):
+            result.save(folder, overwrite=True)
+        assert Path(folder, "journal.jsonl").read_bytes() == kept
+
+
+def test_poses_that_took_part_verify_nothing(result: sarcal.Result) -> None:
+    q_rad, new = result.poses.q_rad, sarcal.load_poses(HINGE / "hinge_quantised.csv").q_rad
+    for rows, said in (
+        (q_rad[:3], "these are poses"),
+        ([*new[:4], q_rad[9]], r"1 of the 5 poses \(5\)"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            sarcal.verify(result, sarcal.poses_of(q_rad=rows))
+    measured = sarcal.poses_of(q_rad=new[:4], endpoint_m=np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="measured endpoints, which a hinge knows nothing of"):
+        sarcal.verify(result, measured)
+    assert sarcal.verify(result, sarcal.poses_of(q_rad=new[:4])).holds
 
 
 def test_simulated_truth_is_found_within_its_sigmas() -> None:

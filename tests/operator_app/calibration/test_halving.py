@@ -47,3 +47,7 @@ def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said() -> None:
 def test_every_source_has_a_remedy_of_its_own() -> None:
     sources = (*REMEDIES, "rvdt_curve_6", "rvdt_gain_6", "rvdt_noise_7")
     assert len({remedy_of(source) for source in sources}) == len(sources)
+
+
+def test_a_joint_beyond_nine_keeps_its_number() -> None:
+    assert "joint 10 " in remedy_of("rvdt_curve_10")

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from operator_app.calibration.calibrated_arm import calibrated_arm
 from operator_app.calibration.loop import pick_placements
+from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.facts import facts_of
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 from solver.loops.point import PointClosure
 from tests.oracles.panda import FOLDER
@@ -97,3 +102,41 @@ def test_the_truth_is_as_far_from_the_calibrated_hand_as_its_sigma_says() -> Non
         error = np.linalg.norm(hand.T_base(q)[:, :3, 3] - true, axis=1)
         ratios.append(float(np.mean(error**2) / np.mean(hand.tip_sigma_m(q) ** 2)))
     assert 0.3 < np.mean(ratios) < 1.5
+
+
+def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right() -> None:
+    """How far the hand moves with it is what a second calibration says, made with it held elsewhere."""
+    fixture, packaged = load_fixture("hinge"), load_arm("sarcos_dextrous")
+    made = simulated_poses(packaged, fixture, poses=30, seed=5)
+    truth = {p.name: float(v) for p, v in zip(made.parameters, made.x, strict=True)}
+    rows, off = packaged.table.stacked().copy(), np.deg2rad(0.005)
+    free = tuple(entry for entry in packaged.free if entry.name != "theta_off_4")
+
+    def held_at(value: float, tolerance_rad: float | None = None) -> tuple[Solution, ArmModel]:
+        rows[0, 3] = value
+        table = DhTable(theta_off_rad=rows[0].copy(), s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])
+        arm = replace(packaged, table=table, free=free, offset_tolerance_rad=tolerance_rad)
+        return calibrate(arm, fixture.fixture, made.poses), arm
+
+    at = truth["theta_off_4"]
+    (right, arm), other = held_at(at), held_at(at + off)
+    assert right.accuracy is not None
+    (said,) = right.accuracy.holds_for
+    assert (said.name, said.value_rad) == ("theta_off_4", pytest.approx(at))
+    q = np.random.default_rng(0).uniform(arm.lower_rad, arm.upper_rad, size=(300, 7))
+    hands = [calibrated_arm(*found).T_base(q)[:, :3, 3] for found in ((right, arm), other)]
+    moved = float(np.sqrt(np.mean(np.square(np.linalg.norm(hands[1] - hands[0], axis=-1)))))
+    assert said.rate_m_per_rad * off == pytest.approx(moved, rel=0.15)
+
+    (notice,) = [w for w in right.warnings if w.code == "HELD"]
+    assert "theta_off_4 at " in notice.text
+    assert "holds only if the value held is right" in notice.text
+    document = facts_of(right).json
+    assert document["hand_accuracy_holds_for"] == {"theta_off_4": pytest.approx(np.rad2deg(at))}
+    # Where the file states how well it is known, that is counted in.
+    known, _ = held_at(at, np.deg2rad(2.0))
+    assert known.accuracy is not None
+    assert known.accuracy.holds_for == ()
+    assert known.accuracy.after.rms == pytest.approx(
+        float(np.hypot(right.accuracy.after.rms, said.rate_m_per_rad * np.deg2rad(2.0))), rel=0.01
+    )

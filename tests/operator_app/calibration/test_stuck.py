@@ -13,10 +13,12 @@ from fixtures.hinge import Hinge
 from operator_app.calibration.stuck import turned_unread
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
+from operator_app.session.wording import words
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
+from solver.errors import UnidentifiableError
 
 
 def set_up(kind: str) -> tuple[ArmModel, Fixture]:
@@ -111,3 +113,9 @@ def test_a_drive_between_two_explored_poses_of_a_ball_is_not_stuck() -> None:
     x = nominal_vector(model.parameters)
     found = turned_unread(model, x, before, after, [5, 7])
     assert found is None or abs(found[1]) < np.deg2rad(2.0), found
+
+
+def test_what_to_do_about_a_stuck_sensor_is_not_more_poses() -> None:
+    said = words(UnidentifiableError((), code="FROZEN_JOINT_3", note="its sensor is stuck"))
+    assert "Mend that sensor" in said.remedy
+    assert "differ" in words(UnidentifiableError(())).remedy

@@ -10,16 +10,19 @@ import numpy as np
 import pytest
 
 from fixtures.base import Tolerance
+from operator_app.calibration.foretold import FIXTURE, MadeFrom
 from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.noise import error_model, soften
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
-from operator_app.calibration.verdict import Verdict, causes_of
-from operator_app.calibration.verify import fixed_by, judge_poses
+from operator_app.calibration.verdict import NamedCause, Verdict, causes_of, each_once
+from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
-from solver.errors import UnidentifiableError
+from operator_app.report.facts import facts_of
+from operator_app.report.text import facts_text
+from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.ranges import ReadingsOutOfRangeError
 from solver.judging.trial import Test as Trying
@@ -75,6 +78,52 @@ def test_no_sigma_exceeds_what_the_fixtures_file_states_without_a_word(sound: So
     assert cause.code == "LITTLE_MOTION"
     assert "no better than was known before" in cause.text
     assert set(re.findall(r"(\w+) \(", cause.text)) == wide
+    # What may be off is said before any figure, and once.
+    head, *rest = facts_text(facts_of(found)).split("\n\n")
+    assert " ".join(head.split()).endswith(f"- {cause.text}: {cause.remedy}")
+    assert "no better than was known before" not in " ".join(" ".join(rest).split())
+
+
+def test_what_is_named_again_is_said_once_and_goes_on_refusing() -> None:
+    def named(code: str, text: str, *, refuses: bool) -> NamedCause:
+        return NamedCause(code=code, probability=0.5, text=text, remedy="look", refuses=refuses)
+
+    found = each_once(
+        [
+            named("ENCODER_1", "errs by 0.064 deg", refuses=False),
+            named("OUTLIERS", "pose 3", refuses=False),
+            named("ENCODER_1", "errs by 0.058 deg", refuses=True),
+        ]
+    )
+    assert [(c.code, c.text, c.refuses) for c in found] == [
+        ("ENCODER_1", "errs by 0.064 deg", True),
+        ("OUTLIERS", "pose 3", False),
+    ]
+
+
+def test_poses_that_can_show_nothing_blame_nothing() -> None:
+    found = session(SEED, poses=3)
+    readings = found.readings.copy()
+    readings[1, 3] += np.deg2rad(3.0)
+    causes = solved(replace(found, readings=readings)).causes
+    assert {c.code for c in causes} <= {"TOO_FEW_POSES", "LITTLE_MOTION", "NOT_CONVERGED"}
+    assert "1 degree of freedom is too few" in causes[0].text
+
+
+def test_the_scatter_of_a_mean_is_held_against_what_is_stated_of_a_mean() -> None:
+    """Joint 6 scatters ten times as much as 32 readings of 2 LSB leave in their mean."""
+    found = session(SEED, poses=40)
+    arm = load_arm("sarcos_dextrous")
+    stated = np.sqrt(arm.joints[5].sensor.variance_of_mean_rad2(32))
+    noise = 10.0 * stated * np.random.default_rng(5).standard_normal(40)
+    readings = found.readings.copy()
+    readings[:, 5] += noise
+    (said,) = [
+        c.text for c in solved(replace(found, readings=readings)).causes if "scatters by" in c.text
+    ]
+    times = re.search(r"(\d+) times its specification", said)
+    assert times is not None
+    assert 6 <= int(times[1]) <= 14
 
 
 def campaign(*values: str):
@@ -203,6 +252,67 @@ def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_f
     assert not judge_poses(arm, hinge, moved, excused).holds
 
 
+@pytest.fixture(scope="module")
+def retaken(sound: Solution) -> tuple[MadeFrom, Session]:
+    """A sound calibration with its poses, and poses of the same arm taken later."""
+    poses = parse_poses(session(SEED).csv().encode(), "old.csv").poses
+    return MadeFrom(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
+
+
+def _judged(retaken: tuple[MadeFrom, Session], readings: np.ndarray) -> Prediction:
+    made, later = retaken
+    poses = parse_poses(replace(later, readings=readings).csv().encode(), "new.csv").poses
+    arm, hinge = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    return judge_poses(arm, hinge, poses, fixed_by(made.solution), made=made)
+
+
+def test_what_a_calibration_has_seen_of_sensors_and_sag_is_no_trouble_in_later_poses(
+    retaken: tuple[MadeFrom, Session],
+) -> None:
+    found = _judged(retaken, retaken[1].readings)
+    assert found.holds
+    assert (found.shift, found.odd_poses) == (None, ())
+
+
+@pytest.mark.parametrize(("joint", "deg"), [(2, 0.2), (4, -0.1), (6, 0.5), (7, 0.5)])
+def test_a_joint_that_reads_otherwise_in_all_later_poses_is_named_with_its_size(
+    retaken: tuple[MadeFrom, Session], joint: int, deg: float
+) -> None:
+    """Though an RVDT may bend by 2.4 deg: how it bends is known from the calibration."""
+    readings = retaken[1].readings.copy()
+    readings[:, joint - 1] += np.deg2rad(deg)
+    found = _judged(retaken, readings)
+    assert not found.holds
+    shift = found.shift
+    assert shift is not None
+    assert shift.size is not None
+    assert shift.sigma is not None
+    assert shift.subject == str(joint)
+    assert abs(shift.size - np.deg2rad(deg)) < 4.0 * shift.sigma
+    assert found.odd_poses == ()
+
+
+def test_one_pose_that_is_off_makes_a_calibration_not_hold_and_is_named_alone(
+    retaken: tuple[MadeFrom, Session],
+) -> None:
+    readings = retaken[1].readings.copy()
+    readings[4, 1] += np.deg2rad(0.3)
+    found = _judged(retaken, readings)
+    assert not found.holds
+    assert (found.shift, found.odd_poses) == (None, (4,))
+
+
+def test_a_fixture_that_stands_elsewhere_is_named_as_such(sound: Solution) -> None:
+    specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
+    slip = np.array([0.0, 0.0, 0.0, 2e-3, 1e-3, 1e-3])
+    moved = taken(specimen, *closed_walk(specimen, 20, walk=1, slipped=(0, slip, np.zeros(6))))
+    poses = parse_poses(session(SEED).csv().encode(), "old.csv").poses
+    found = _judged((MadeFrom(solution=sound, poses=poses), moved), moved.readings)
+    assert not found.holds
+    assert found.shift is not None
+    assert found.shift.subject == FIXTURE
+
+
 def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_hold() -> None:
     """One reading of 13 poses off by 3 degrees: the variances grew until everything fitted."""
     found = session(SEED, poses=13)
@@ -230,3 +340,15 @@ def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_
     assert "no more than the files state" in cause.text
     assert "(STEP)" in cause.text
     assert causes_of(trial, found.estimate, ("theta_off_2",), poses.label) == ()
+
+
+def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_unseen() -> None:
+    """Readings that scatter by 2 degrees: what an estimate that ended nowhere cannot see says nothing."""
+    found = session(8001)
+    noise = np.random.default_rng(5)
+    for _ in range(2):
+        # The third draw is the one that came out as parameters that cannot be seen.
+        noise.normal(size=found.readings.shape)
+    readings = found.readings + np.deg2rad(2.0) * noise.normal(size=found.readings.shape)
+    with pytest.raises(PosesDoNotFitError, match=r"the loops stay open by 10\.53 mm and"):
+        solved(replace(found, readings=readings))

@@ -69,7 +69,7 @@ def test_sessions_are_named_by_folder_or_name(
     capsys.readouterr()
     Journal.create(tmp_path / "sessions" / "three").close()
     assert main(["compare", "one", "three", *root]) == 2
-    assert "has no parameters.yaml; write it with: sarcal export" in capsys.readouterr().err
+    assert "has no parameters.yaml. Write it with: sarcal export" in capsys.readouterr().err
 
 
 def test_what_cannot_be_compared_ends_in_2_with_words(

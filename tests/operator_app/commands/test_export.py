@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from importlib.resources import files
 from pathlib import Path
 
@@ -42,9 +43,14 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     assert state.exported["uploaded"]["slot"] == "A"
 
     # Solved otherwise for the upload: that is what the journal says was exported.
-    other = ["--upload", "--estimator", "paper", "--force", "to compare", "-o", str(copy)]
+    other = ["--upload", "--estimator", "paper", "--force", "to compare", "-o", str(copy), "--json"]
     assert main(["export", folder.name, *other, *options]) == 4
-    assert "solved again" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "solved again" in said.err
+    told = json.loads(said.out)
+    assert told["file"] == str(copy)
+    assert told["forced"] == "to compare"
+    assert told["uploaded"]["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()
     events = read_journal(folder).events
     solved, exported = [e for e in events if e.name in ("solved", "exported")][-2:]
     assert solved.data["estimator"] == "paper"

@@ -37,6 +37,37 @@ def test_nonsense_gets_no_guess_but_the_list(capsys: pytest.CaptureFixture[str])
     assert "\x1b" not in said
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["session", "show", "--json", "none_such"],
+        ["session", "--json", "show", "none_such"],
+        ["verify", "none_such", "--json", "poses.csv"],
+        ["run", "--json", "none_such"],
+        ["help", "--", "none_such"],
+    ],
+)
+def test_options_may_stand_anywhere(
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2  # by the command itself, which was given the name
+    assert "none_such" in capsys.readouterr().err
+
+
+def test_what_a_command_does_not_know_brings_its_own_usage(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["session", "list", "one", "more"])
+    said = capsys.readouterr().err
+    assert said.startswith("usage: sarcal session")
+    assert "unrecognized arguments: more" in said
+
+
 def test_every_command_that_opens_a_bus_can_record_it() -> None:
     options = {
         command: {word for action in parser_of(command)._actions for word in action.option_strings}

@@ -92,7 +92,11 @@ def test_one_log_of_several_placements_is_that_of_a_log_each(
     said = {w.code: w.text for w in load_parameters(Path(folder) / "parameters.yaml").warnings}
     assert said["PLACEMENTS"].endswith("is of placement 2, the last")
     capsys.readouterr()
-    again = sarcal.poses_of(q_rad=q_rad[placement == 2][:8], placement=[2] * 8)
+    own = sarcal.poses_of(q_rad=q_rad[placement == 2][:8], placement=[2] * 8)
+    assert main(["verify", folder, str(own.to_csv(tmp_path / "own.csv"))]) == 2
+    assert "these are poses that the calibration was made from" in capsys.readouterr().err
+    # As read a second time, a few encoder counts away.
+    again = sarcal.poses_of(q_rad=own.q_rad + 5e-5, placement=[2] * 8)
     assert main(["verify", folder, str(again.to_csv(tmp_path / "again.csv"))]) == 0
     assert "HOLDS" in capsys.readouterr().out
     # By number: sockets keep theirs.

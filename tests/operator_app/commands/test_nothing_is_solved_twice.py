@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+import sarcal
 
 from operator_app.calibration.checks import check
 from operator_app.calibration.hand_error import tip_sigma
@@ -77,6 +78,27 @@ def test_report_and_export_read(
     assert "ACCEPTED" in capsys.readouterr().out
     ends_with(code, "export", folder, "--force", "a test", "-o", tmp_path / "parameters.yaml")
     assert (tmp_path / "parameters.yaml").is_file()
+
+
+@pytest.mark.parametrize("made", MADE)
+def test_python_reads_what_the_command_exports(
+    made: str, journalled: Mapping[str, Path], nobody_solves: None, tmp_path: Path
+) -> None:
+    folder, why = journalled[made], "a test"
+    read = sarcal.load_result(folder)
+    assert read.accepted == (made != "paper")
+    options = ["--force", why, "-o", tmp_path / "theirs"]
+    for kind in ("json", "csv", "urdf"):
+        ends_with(0 if read.accepted else 4, "export", folder, "--format", kind, *options)
+        ours = read.export(tmp_path / f"ours.{kind}", force=why)
+        assert ours.read_bytes() == (tmp_path / "theirs").read_bytes()
+    ends_with(0 if read.accepted else 4, "export", folder, *options)
+    ours = read.export(tmp_path / "ours.yaml", force=why)
+    said = [
+        [line for line in file.read_text().splitlines() if not line.startswith("utc:")]
+        for file in (ours, tmp_path / "theirs")
+    ]
+    assert said[0] == said[1]
 
 
 @pytest.mark.parametrize("made", MADE)

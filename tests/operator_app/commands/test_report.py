@@ -85,7 +85,7 @@ def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder: MakeFol
         (0, [], "no pose that counts"),
         (2, [], "at least 3 poses"),
         (4, ["--unsensed", "8"], "no joint 8"),
-        (4, ["--unsensed", "6", "--estimator", "paper"], "use --estimator implicit"),
+        (4, ["--unsensed", "6", "--estimator", "paper"], "Use --estimator implicit"),
     ],
 )
 def test_nothing_is_written_when_there_is_nothing_to_say(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,13 @@ def test_exact_poses_give_table_2_to_1e_8(
     assert found["unidentifiable"] == []
     assert found["verdict"] == "accepted"
     assert found["poses"] == 60
+    assert not PROMISED - set(found)
+    page = (files("operator_app.manual") / "pages/scripting.md").read_text()
+    assert not [key for key in found if f"`{key}`" not in page]
+
+
+PROMISED = CONTRACT | {"interval_95", "causes", "tests", "budget", "assumed"}
+"""Keys of `solve --json` that programs rely on, whatever came of it."""
 
 
 def test_unsensed_wrist_on_the_rvdt_set(
@@ -74,6 +82,8 @@ def test_rigid_refuses_by_naming_joint_4(
     found = json.loads(capsys.readouterr().out)
     assert "theta_off_4" in found["unidentifiable"]
     assert "joint 4 does not move" in found["verdict_reasons"][0]
+    assert found["verdict"] == "not_accepted"
+    assert not PROMISED - set(found)
     assert main(["solve", str(still), "--fixture", "rigid"]) == 5
     said = capsys.readouterr().out
     assert "joint 4 does not move" in said
@@ -148,4 +158,13 @@ def test_the_result_is_tested_on_a_second_file(
     assert main(["solve", made, "--test", str(tmp_path / "other.csv")]) == 4
     assert "DOES NOT HOLD" in capsys.readouterr().out
     assert main(["solve", made, "--test", made]) == 2
-    assert "the poses the calibration is made from" in capsys.readouterr().err
+    assert "these are poses that the calibration was made from" in capsys.readouterr().err
+    # What took part among what did not, to the decimals that a table shows.
+    head, *own = (tmp_path / "made.csv").read_text().splitlines()
+    rounded = [",".join(f"{float(c):.3f}" if "." in c else c for c in r.split(",")) for r in own]
+    (tmp_path / "mixed.csv").write_text(session(5, walk=1, poses=12).csv())
+    others = (tmp_path / "mixed.csv").read_text().splitlines()[1:]
+    named = [f"1,{k},{row.split(',', 2)[2]}" for k, row in enumerate(others + rounded[:3], 101)]
+    (tmp_path / "mixed.csv").write_text("\n".join([head, *named]) + "\n")
+    assert main(["solve", made, "--test", str(tmp_path / "mixed.csv")]) == 2
+    assert "3 of the 15 poses (113, 114, 115) are of those" in capsys.readouterr().err

@@ -21,6 +21,7 @@ schema: sarcal/profile/1
 name: acme
 supervisor: none
 serial_number: ACME-7
+pdo_maps: configured
 commands:
   - {pdo: 2, cob_id: 300h + node, map: [607Ah(32), 6040h(16)]}
   - {pdo: 3, cob_id: 400h + node, map: [6060h(8), 6071h(16), 0005h(8)]}
@@ -74,6 +75,9 @@ def test_everything_is_read() -> None:
     assert (found.slowest_heartbeat_ms, found.heartbeat_timeout_s) == (2000, 4.0)
     assert found.sdo_timeout_s == 2.5
     assert found.compared == {0x60C2}
+    assert found.configures_pdos
+    for line in ("", "pdo_maps: compared\n"):
+        assert not parse(GOOD.replace("pdo_maps: configured\n", line)).configures_pdos
 
 
 def test_the_packaged_profile_is_that_of_an_arm_of_any_number_of_joints() -> None:
@@ -106,6 +110,7 @@ MISTAKES = [
     ("direction: -1", "direction: 2", "direction: 2 is not known here"),
     ("compared: [60C2h]", "compared: [6041h]", "compared[1]: 6041h cannot be compared"),
     ("free: 4", "free: 8", "modes.free: is the code of position mode as well"),
+    ("pdo_maps: configured", "pdo_maps: stored", "'stored' is not known here; one of: compared"),
     ("value: 00040192h", "value: 0x40192", "'0x40192' is no hexadecimal number"),
     ("slowest_ms", "slowest_s", "heartbeat.slowest_s: unknown key; did you mean slowest_ms?"),
     ("answers:\n  - {pdo: 3, cob_id: 380h + node, map: [6077h(16), 6064h(32), 6041h(16)]}\n", "",
@@ -167,6 +172,7 @@ def test_what_is_written_reads_back_the_same(nodes: list[int], first: int, *, ap
         joints=tuple(joint(k, node) for k, node in enumerate(nodes)),
         supervisor=None,
         serial_number="0-1: 2",
+        configures_pdos=apart,
         compared=frozenset({0x607D, 0x60C2}),
     )
     assert parse_profile(format_profile(made, comment="x\ny"), "x", joints=len(nodes)) == made

@@ -54,6 +54,19 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     head = "socket," + ",".join(f"q{j}" for j in range(1, 8))
     (folder / "my_long_log.csv").write_text("\n".join([head, *long[:60]]) + "\n")
+    for k in (1, 2):
+        there = [q for placement, q in zip(sockets, q_rad, strict=True) if placement == k]
+        np.savetxt(folder / f"socket_{k}.csv", there, delimiter=",")
+    names = ["placement", "pose", *(f"theta{j}_deg" for j in range(1, 8))]
+    numbered = np.column_stack((sockets, np.arange(1, len(sockets) + 1), np.rad2deg(q_rad)))
+    np.savetxt(
+        folder / "my_sockets.csv",
+        numbered[sockets <= 4],
+        "%.12g",
+        ",",
+        header=",".join(names),
+        comments="",
+    )
     measured_csv(folder / "open_arm.csv")
     with contextlib.chdir(folder):
         assert quietly(SHORT) == 0
@@ -77,6 +90,7 @@ def desk(prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
             if block.file:
                 (tmp_path / block.file).write_text(block.text)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     return tmp_path
 
 
@@ -237,23 +251,3 @@ def test_commands_within_the_text_have_parsers_that_take_them() -> None:
             known = {o for a in parser_of(name)._actions for o in a.option_strings}
             unknown = {w for w in words if w.startswith("-")} - known
             assert not unknown, f"{topic}: {quoted}"
-
-
-@pytest.mark.campaign
-def test_two_logs_of_a_ball_become_a_urdf(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reference_data: Path
-) -> None:
-    """The page's last two lines on own logs, with the recording of a real arm."""
-    rows = (reference_data / "panda_ball" / "panda_1.csv").read_text().splitlines()[1:]
-    monkeypatch.chdir(tmp_path)
-    for placement in ("1", "2"):
-        angles = [r.split(",")[2:9] for r in rows if r.split(",")[0] == placement]
-        log = np.deg2rad(np.array(angles, dtype=float))
-        np.savetxt(f"socket_{placement}.csv", log, delimiter=",")
-    (block,) = (b for b in blocks("own-poses") if "socket_1.csv" in b.text)
-    lines = [line for line in block.commands if line.strip()]
-    assert len(lines) == 2
-    for line in lines:
-        assert quietly(shlex.split(line)[1:]) == 0
-    (written,) = Path("sessions").glob("*/arm.urdf")
-    assert written.read_text().count('type="revolute"') == 7

@@ -1,12 +1,27 @@
-"""A page taken apart: what tests of reports look at. Knows html.parser, and nothing of sarcal's markup."""
+"""What tests of reports look at: a session, what is reported of it, and its page taken apart.
+
+Taking apart knows html.parser, and nothing of sarcal's markup.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from operator_app.headless.runner import run
+from operator_app.report.html import report_html
+from operator_app.report.subject import Subject
+from operator_app.session.journal import JOURNAL_NAME, read_journal
+from operator_app.session.listener import Listener
+from operator_app.session.session import Session
+from oracles.reported_session import HOSTILE, procedure, subject_of
+
+MakeSession = Callable[..., Session]
 VOID = {"meta", "br", "col", "link", "hr", "img", "input"}
 
 
@@ -112,3 +127,41 @@ def take_apart() -> type[Page]:
 def find_missing_units() -> object:
     """Find columns without a unit."""
     return units_missing
+
+
+@pytest.fixture(scope="session")
+def recorded() -> dict[str, Any]:
+    """What tests of reports share: the journal is captured once and solved once."""
+    return {}
+
+
+@pytest.fixture
+def folder(make_session: MakeSession, recorded: dict[str, Any], tmp_path: Path) -> Path:
+    """A session of 16 poses on the virtual plant; one is excluded, one has a hostile note."""
+    where = tmp_path / "session"
+    if "hinge" in recorded:
+        where.mkdir()
+        (where / JOURNAL_NAME).write_bytes(recorded["hinge"])
+        return where
+    session = make_session(procedure(16), "datasheet")
+    run(session, Listener())
+    session.exclude(4, "bumped the table <b>")
+    session.note(7, HOSTILE.replace("\ud800", ""))
+    session.check(session.calibrate())
+    session.close("done")
+    recorded["hinge"] = (where / JOURNAL_NAME).read_bytes()
+    return where
+
+
+@pytest.fixture
+def subject(folder: Path, recorded: dict[str, Any]) -> Subject:
+    if "subject" not in recorded:
+        recorded["subject"] = subject_of(read_journal(folder).events)
+    found = recorded["subject"]
+    assert isinstance(found, Subject)
+    return found
+
+
+@pytest.fixture
+def page(subject: Subject, take_apart: type) -> object:
+    return take_apart(report_html(subject).decode())

@@ -242,6 +242,32 @@ def test_what_was_not_accepted_says_so_in_the_file(tmp_path: Path) -> None:
     assert "Used: a test" in (folder / "arm.urdf").read_text()
 
 
+def test_a_program_too_has_to_say_why_it_uses_what_was_not_accepted(tmp_path: Path) -> None:
+    poses = sarcal.load_poses(HINGE).q_rad[:4]
+    result = sarcal.calibrate(
+        arm="sarcos_dextrous", fixture="hinge", poses=sarcal.poses_of(q_rad=poses)
+    )
+    assert not result.accepted
+    files = {kind: tmp_path / f"b.{kind}" for kind in ("yaml", "json", "csv", "urdf", "mat")}
+    for file in files.values():
+        with pytest.raises(sarcal.SessionError, match=r"not accepted: .*force=\"why\""):
+            result.export(file)
+        with pytest.raises(sarcal.SessionError, match="not accepted"):
+            result.export(file, force=" ")
+    assert not list(tmp_path.iterdir())
+    why = "to try the gripper"
+    for file in files.values():
+        result.export(file, force=why)
+    document = load_parameters(files["yaml"])
+    assert document.forced == why
+    assert document.warnings[0].code == "FORCED"
+    assert json.loads(files["json"].read_text())["forced"] == why
+    with files["csv"].open(newline="") as rows:
+        assert {row["forced"] for row in csv.DictReader(rows)} == {why}
+    assert loadmat(files["mat"], simplify_cells=True)["forced"] == why
+    assert why in files["urdf"].read_text()
+
+
 def test_a_makers_urdf_becomes_a_file_with_the_makers_figures(tmp_path: Path) -> None:
     """A URDF has radians and steps between frames; the arm's data sheet has 120 deg and 420 mm."""
     (tmp_path / "iiwa.urdf").write_text(lbr_iiwa.urdf())

@@ -9,7 +9,7 @@ import pytest
 from fixtures.base import SetupCheck, Severity
 from hardware.arm import JointMode
 from operator_app.session import guards
-from operator_app.session.snapshot import TaskKind
+from operator_app.session.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
 from oracles.story import busy, lost, real, stale, stopped, story, tripped
 
@@ -27,6 +27,13 @@ FIRST_CLOSED = {
     "written": None,
     "uploaded": Step.CAPTURE,  # all joints are held
 }
+
+
+def ours(s: SessionSnapshot) -> SessionSnapshot:
+    """Data that are old as nobody here looked."""
+    found = stale(s)
+    assert found.arm is not None
+    return replace(found, arm=replace(found.arm, late_s=0.2))
 
 
 @pytest.mark.parametrize("name", TOLD)
@@ -75,7 +82,8 @@ def not_accepted(s):
         (guards.may_connect, "connected", None, "connected already"),
         (guards.may_use_data, "start", None, "no arm is connected"),
         (guards.may_use_data, "modes", stopped, "STOP is latched"),
-        (guards.may_use_data, "modes", stale, "the data of J5 are 240 ms old"),
+        (guards.may_use_data, "modes", stale, "the data of J5 are 240 ms old: wait"),
+        (guards.may_use_data, "modes", ours, "240 ms old as this computer is late: wait"),
         (guards.may_use_data, "modes", lost, "no data for 1.5 s"),
         (guards.may_capture, "modes", stale, "240 ms old"),
         (guards.may_capture, "ticked", None, "modes are not set"),

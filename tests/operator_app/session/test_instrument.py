@@ -243,7 +243,7 @@ def test_standard_input_gives_lines_until_it_ends() -> None:
 
 @pytest.mark.parametrize("source", ["", "tcp:lab", "tcp:lab:0", "tcp:lab:99999", "file:", "usb:1"])
 def test_what_names_no_port_is_refused_with_those_there_are(source: str) -> None:
-    with pytest.raises(SessionError, match="write tcp:HOST:PORT"):
+    with pytest.raises(SessionError, match="Write tcp:HOST:PORT"):
         port_of(source)
 
 

@@ -380,7 +380,7 @@ def test_what_is_gone_is_noticed_before_the_arm_moves(tmp_path: Path) -> None:
     journal.append("opened", {})
     journal.require_there()
     shutil.rmtree(tmp_path / "session")
-    with pytest.raises(JournalLostError, match="everything is in"):
+    with pytest.raises(JournalLostError, match="Everything is in"):
         journal.require_there()
     journal.close()
     assert [e.name for e in read_journal(journal.kept_in).events] == ["opened"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hardware.arm import ArmSnapshot, MoveResult, Reading, Watch
-from hardware.errors import SensorFault
+from hardware.errors import DriveAstray, SensorFault
 from hardware.virtual.scenarios import scenario
 from operator_app.cli import main
 from operator_app.config.procedure import Procedure
@@ -209,3 +209,38 @@ capture:
 def test_poses_beyond_all_reason_are_refused(tmp_path: Path, poses: int) -> None:
     with pytest.raises(SessionError, match="at most 100000"):
         begin("hinge", Choices(poses=poses), root=tmp_path)
+
+
+class Stray(PlantArm):
+    """The plant, stopped by itself while nobody asked anything of it."""
+
+    why: SensorFault | None = None
+
+    def snapshot(self) -> ArmSnapshot:
+        return replace(super().snapshot(), stopped_for="" if self.why is None else str(self.why))
+
+    def capture(self, samples: int) -> Reading:
+        if self.why is not None:
+            raise self.why
+        return super().capture(samples)
+
+
+def test_why_an_arm_was_stopped_by_itself_is_kept_once_and_the_pose_read_then_does_not_count(
+    tmp_path: Path,
+) -> None:
+    procedure = procedure_of("datasheet", 8)
+    arm = Stray(procedure, "datasheet")
+    session = opened(tmp_path / "s", arm, procedure)
+    session.connect()
+    session.set_modes((1, 5))
+    session.heed()
+    session.capture()
+    arm.why = DriveAstray(5, 1300, since_sync=arm.snapshot().sync_count - 3)
+    for ask in (session.heed, session.heed, session.read):
+        with pytest.raises(DriveAstray):
+            ask()
+    events = read_journal(tmp_path / "s").events
+    (kept,) = [e.data for e in events if e.name == "sensor_fault"]
+    assert kept == {"joint": 5, "text": str(arm.why)}
+    assert "joint 5 read wrong by then" in session.state.poses[0].excluded
+    assert session.state.slipped

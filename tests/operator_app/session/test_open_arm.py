@@ -16,6 +16,7 @@ from hardware.line_port import CalledLines
 from hardware.virtual.truth import OpenTruth, paper_loop
 from operator_app.composition import carried_procedure
 from operator_app.errors import GuardError, SessionError
+from operator_app.session.exploring import visit
 from operator_app.session.instrument import Instrument
 from operator_app.session.listener import Listener
 from operator_app.session.opening import Choices, Rig, begin, open_session, resume
@@ -92,7 +93,7 @@ def test_the_app_s_steps_end_accepted_with_what_was_planted(tracked: Tracked) ->
     # Of the last pose, by the poses before it.
     assert 0.0 < live.predicted_m[8] < 0.02
     assert live.scaled_condition_number < 100.0
-    operations.calibrate("implicit", ())
+    operations.results.calibrate("implicit", ())
     found = quiet.shown.solution
     assert found is not None
     assert found.accepted, found.reasons
@@ -101,8 +102,8 @@ def test_the_app_s_steps_end_accepted_with_what_was_planted(tracked: Tracked) ->
         if p.name.startswith("theta_off"):
             planted = paper_loop().table.theta_off_rad[int(p.name[-1])]
             assert abs(found.estimate.x[k] - planted) < 4.0 * sigma[k], p.name
-    operations.write()
-    operations.verify(2)
+    operations.results.write()
+    operations.results.verify(2)
     assert quiet.shown.verification is not None
 
 
@@ -111,7 +112,7 @@ def with_one_pose(tracked: Tracked) -> Session:
     session = tracked.session
     session.connect()
     session.set_modes(DRIVES)
-    session.visit(0)
+    visit(session, 0)
     session.capture(0)
     return tracked.again()
 

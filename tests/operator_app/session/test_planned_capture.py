@@ -236,10 +236,8 @@ def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(
     session.arm.interrupt_at_sync = None
     session.close("interrupted")
     assert any(p.planned for p in session.state.poses)
-    arm = session.arm
 
-    again = make_session(wanted, resume=True)
-    again.arm = arm
+    again = make_session(wanted, resume=True, arm=session.arm)
     told = Told(again)
     assert told.run().complete
     assert not any("anew" in text or "going back" in text for text in told.said)
@@ -297,6 +295,7 @@ def test_a_withdrawn_pose_no_longer_counts_in_the_plan(
     assert sum(p.planned for p in session.state.used_poses) == 2
 
 
+@pytest.mark.campaign
 def test_more_poses_wanted_on_resuming_are_planned_beside_those_taken(
     make_session: MakeSession,
 ) -> None:

@@ -11,7 +11,7 @@ SNIPPET = """
 from dataclasses import replace
 
 from operator_app.session.runner import Runner
-from operator_app.session.operations import Publisher
+from operator_app.session.publisher import Publisher
 
 
 def publish(runner: Runner, publisher: Publisher) -> None:

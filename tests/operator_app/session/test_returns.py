@@ -15,13 +15,14 @@ from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.repeats import Repeat, compare_readings
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verdict import Verdict
-from operator_app.calibration.weighing import not_yet_named
+from operator_app.calibration.weighing import not_yet_named, proven_by_return
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled
 from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
+from operator_app.session.unreturned import unreturned_notices
 from operator_app.session.workflow import take_poses
 from solver.judging import trial
 
@@ -147,6 +148,28 @@ def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
     assert session.state.returns == ()
     assert said[-1].startswith("Pose 1 could not be read once more: joint 7")
     assert read_journal(session.journal.path.parent).events[-1].name == "return_missed"
+    (notice,) = unreturned_notices(session.state)
+    assert notice.code == "NO_RETURN"
+    assert notice.text.startswith("pose 1 was not read once more after pose 4 (joint 7")
+
+
+def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(
+    make_session: MakeSession,
+) -> None:
+    class Pressing(Listener):
+        def pose_captured(self, state: object, wanted: int) -> None:
+            if len(session.state.poses) == 6:
+                raise Cancelled
+
+    session = begun(make_session(exact_procedure(7)))
+    with pytest.raises(Cancelled):
+        take_poses(session, Pressing(), (1, 5))
+    (notice,) = (w for w in session.calibrate().warnings if w.code == "NO_RETURN")
+    assert "pose 1 was not read once more after pose 6 (the capture ended" in notice.text
+    assert "--resume" in notice.text
+    take_poses(session, Listener(), (1, 5))
+    assert unreturned_notices(session.state) == ()
+    assert "NO_RETURN" not in {w.code for w in session.calibrate().warnings}
 
 
 def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Solution:
@@ -246,3 +269,42 @@ def test_only_the_same_slip_makes_a_return_say_nothing_new(
         return NamedCause(code=code, probability=1.0, text="it slipped", remedy="", refuses=True)
 
     assert not_yet_named((cause(since),), (cause(named),)) == (cause(since),) * kept
+
+
+def test_a_slip_that_a_return_proves_refuses_whatever_the_poses_said_of_it() -> None:
+    def cause(code: str, *, refuses: bool) -> NamedCause:
+        return NamedCause(code=code, probability=1.0, text="", remedy="", refuses=refuses)
+
+    step, length = cause("STEP_JOINT_1", refuses=False), cause("LENGTH_s_3", refuses=False)
+    proven, rest = proven_by_return((cause("RETURN_JOINT_1", refuses=True),), (length, step))
+    assert [(c.code, c.refuses) for c in proven] == [("STEP_JOINT_1", True)]
+    assert rest == (length,)
+    other = cause("RETURN_JOINT_2", refuses=True)
+    assert proven_by_return((other,), (length, step)) == ((other,), (length, step))
+    assert proven_by_return((replace(other, refuses=False),), (step,)) == ((), (step,))
+
+
+def test_few_poses_with_a_slip_in_mid_session_that_the_return_proves_are_refused(
+    make_session: MakeSession,
+) -> None:
+    """Seven poses: the slip makes sigmas so wide that no parameter is off by two of them."""
+    session = begun(make_session(of_scenario("datasheet", 7), "datasheet"))
+    whole = session.arm.capture
+
+    def slipped(samples: int) -> Reading:
+        found = whole(samples)
+        mean = found.mean_rad.copy()
+        mean[0] -= np.deg2rad(0.45)
+        return replace(found, mean_rad=mean)
+
+    class Slipping(Listener):
+        def pose_captured(self, state: object, _: int) -> None:
+            if len(session.state.poses) == 4:
+                session.arm.capture = slipped
+
+    take_poses(session, Slipping(), (1, 5))
+    solution = session.calibrate()
+    assert return_test(solution).fires
+    assert solution.verdict is Verdict.NOT_ACCEPTED
+    assert solution.causes[0].code in {"STEP_JOINT_1", "RETURN_JOINT_1"}
+    assert solution.causes[0].refuses

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from hardware.arm import Lateness
 from operator_app.errors import SessionError
-from operator_app.session.runner import UNSEEN_S, Runner
-from operator_app.session.snapshot import TaskKind
+from operator_app.session.runner import WATCH_PERIOD_S, Runner
+from operator_app.session.snapshot import Level, TaskKind
+from operator_app.session.watchman import UNSEEN_S, Watchman
+from operator_app.session.waypoints import waypoints_of
 from oracles.live_source import FakeSource
 
 PATIENCE_S = 30.0
@@ -111,6 +115,54 @@ def test_what_waits_behind_cancelled_work_never_begins(runner: Runner) -> None:
     assert any("the second: ended by the operator" in m.text for m in runner.snapshot().messages)
 
 
+def test_that_this_computer_was_late_is_said_once(tmp_path: Path) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
+    finish(runner)
+    assert source.arm is not None
+    source.arm.lateness = Lateness(times=1, last_s=0.4, longest_s=0.4)
+    said: list[tuple[Level, str]] = []
+    end = time.monotonic() + PATIENCE_S
+    while not said and time.monotonic() < end:
+        threading.Event().wait(WATCH_PERIOD_S)
+        said = [(m.level, m.text) for m in runner.snapshot().messages if "late" in m.text]
+    threading.Event().wait(3 * WATCH_PERIOD_S)
+    assert len([m for m in runner.snapshot().messages if "late" in m.text]) == 1
+    assert said[0][0] is Level.WARNING
+    assert said[0][1].startswith("this computer was late by 0.4 s")
+    source.close("end of the test")
+
+
+def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(tmp_path: Path) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
+    finish(runner)
+    arm = source.arm
+    assert arm is not None
+    reset = arm.reset_stop
+
+    def reset_and_pressed_again() -> None:
+        reset()
+        arm.stop()
+
+    arm.reset_stop = reset_and_pressed_again
+    runner.stop()
+    runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
+    finish(runner)
+    s = runner.snapshot()
+    assert s.stopped
+    assert s.stop is not None
+    assert not any("STOP reset" in m.text for m in s.messages)
+    arm.reset_stop = reset
+    runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
+    finish(runner)
+    assert runner.snapshot().stop is None
+    assert any("STOP reset" in m.text for m in runner.snapshot().messages)
+    source.close("end of the test")
+
+
 def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
     """A screen on a terminal that is not read any more takes no key that stops."""
     ended = threading.Event()
@@ -133,7 +185,7 @@ def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path, monkeypatc
     def broken(*_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(Runner, "_look_at_motion", broken)
+    monkeypatch.setattr(Watchman, "_look_at_motion", broken)
     source = FakeSource(tmp_path / "sessions")
     runner = source.new()
     for _ in range(1000):
@@ -153,7 +205,7 @@ def test_a_plan_once_begun_is_the_plan_that_is_shown(runner: Runner) -> None:
     before = runner.snapshot().plan
     work.go(3)
     work.check_fixture()
-    assert runner.snapshot().plan == before == runner.session.plan()
+    assert runner.snapshot().plan == before == waypoints_of(runner.session)
     assert runner.snapshot().at_waypoint == 3
 
 
@@ -162,10 +214,10 @@ def test_a_new_calibration_was_not_verified(runner: Runner) -> None:
     work.connect()
     work.set_modes((1, 5))
     work.automatic()
-    work.calibrate("implicit", ())
-    work.verify(2)
+    work.results.calibrate("implicit", ())
+    work.results.verify(2)
     assert runner.snapshot().verification is not None
-    work.calibrate("implicit", ())
+    work.results.calibrate("implicit", ())
     shown = runner.snapshot()
     assert shown.verification is None
     assert shown.written is None

@@ -18,10 +18,12 @@ from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
 from operator_app.headless.runner import run
+from operator_app.session.export import export
 from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
+from operator_app.session.waypoints import waypoints_of
 from operator_app.session.workflow import connect, verify
 from oracles.journalled_sessions import Quiet
 from solver.errors import TooFewPosesError
@@ -111,7 +113,7 @@ def test_rigid_names_the_elbow_before_anything_moves(make_session: MakeSession) 
 def test_capture_before_modes_is_refused(make_session: MakeSession) -> None:
     session = make_session(hinge(3))
     with pytest.raises(GuardError, match="modes are not set"):
-        session.plan()
+        waypoints_of(session)
 
 
 def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session: MakeSession) -> None:
@@ -293,8 +295,11 @@ def test_what_is_not_accepted_is_exported_for_a_reason_only_and_the_reason_is_ke
     result = run(session, Listener())
     assert not result.solution.accepted
     assert result.exported is None
+    # Whoever is not content with the result wants the poses.
+    kept = load_poses(session.journal.path.parent / "poses.csv", joint_count=7).poses
+    assert kept.sha256() == session.state.pose_set().sha256()
     with pytest.raises(GuardError, match=r"was not accepted: .*sigma_pos") as refused:
-        session.export(result.solution, upload_too=True)
+        export(session, result.solution, upload_too=True)
     assert "--force" in refused.value.remedy
     assert session.arm.active_parameters() == b""
     assert not session.state.exported
@@ -319,6 +324,26 @@ def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session: MakeSessi
     codes = [w.code for w in load_parameters(result.exported.parameters).warnings]
     assert "FORCED" not in codes
     session.close("done")
+
+
+def test_what_was_written_into_drives_is_said_and_journalled(make_session: MakeSession) -> None:
+    session = make_session(hinge(poses=12))
+    connect_arm = session.arm.connect
+    changed = ("joint 1 (node 1): RPDO2 is this", "joint 2 (node 2): RPDO2 is that")
+    session.arm.connect = lambda: replace(connect_arm(), configured=changed)
+    told: list[str] = []
+    listener, publisher = Listener(), Quiet(session)
+    listener.told = told.append
+    publisher.say = lambda level, text: told.append(f"{level.value}: {text}")
+    connect(session, listener)
+    assert told[0].startswith(
+        "2 PDOs of the drives set up as the bus profile asks, until the drives are"
+    )
+    assert "joint 1 (node 1): RPDO2 is this; and so on" in told[0]
+    Operations(session, publisher).connect()
+    assert any(text.startswith("info: 2 PDOs of the drives set up") for text in told)
+    lines = [e for e in read_journal(session.journal.path.parent).events if e.name == "connected"]
+    assert [list(changed)] * 2 == [line.data["configured"] for line in lines]
 
 
 def test_a_drive_that_does_not_say_that_it_misses_its_operator_is_named(

@@ -9,7 +9,7 @@ import pytest
 
 from hardware.errors import BusError, ControlDenied, NodeMissing, WrongArm
 from operator_app.session.journal import read_journal
-from operator_app.session.snapshot import DataState, TaskKind
+from operator_app.session.snapshot import DataState, Level, TaskKind
 from operator_app.session.steps import Step
 
 
@@ -31,9 +31,11 @@ async def test_a_refused_connection_says_what_to_do_and_can_be_tried_again(
         await d.idle()
         assert not d.s.connected
         assert words.lower() in d.s.messages[-1].text.lower()
+        assert d.s.alarms == d.s.messages[-1:]
         await d.press("enter")
         await d.idle()
         assert d.s.connected
+        assert d.s.alarms == ()
 
 
 async def test_a_silent_bus_stops_the_arm_and_the_work_and_says_so(drive, source):
@@ -121,6 +123,45 @@ async def test_stop_reaches_the_arm_at_once_while_the_worker_is_busy(drive, sour
         assert abs(d.s.arm.positions_rad - before).max() < 0.02
 
 
+async def test_an_arm_that_stops_by_itself_while_nobody_asks_anything_says_why_and_keeps_it(
+    drive, source
+):
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        await d.press("c")
+        await d.idle()
+        source.arm.go_astray(5)
+        await d.until(lambda: "STOPPED BY ITSELF joint 5 is +1300" in d.words("#banner"), "banner")
+        await d.until(lambda: "Joint 5 is +1300 counts from where it" in d.words("#log"), "log")
+        await d.idle()
+        # STOP pressed on top of it does not take the cause out of sight, nor does anything tried then.
+        assert "the arm was stopped by itself" in d.hint
+        await d.press("f8", "c")
+        await d.idle()
+        assert [m.text[:12] for m in d.s.alarms] == ["Joint 5 is +"]
+        assert "Keep clear until you know why" in d.words("#log")
+        events = read_journal(d.s.folder).events
+        (told,) = [e.data for e in events if e.name == "sensor_fault"]
+        assert told["joint"] == 5
+        await d.press("R")
+        await d.idle()
+        assert d.s.alarms == ()
+        assert "STOPPED" not in d.text("#banner")
+
+
+async def test_an_alarm_stays_in_sight_until_it_is_acknowledged(drive, source):
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        d.runner.say(Level.ALARM, "the cable is hot")
+        for k in range(12):
+            d.runner.say(Level.INFO, f"pose {k}")
+        await d.until(lambda: "pose 11" in d.words("#log"), "shown")
+        assert "■ the cable is hot (A acknowledges)" in d.words("#log")
+        await d.press("A")
+        await d.until(lambda: "cable" not in d.words("#log"), "gone")
+        assert d.s.alarms == ()
+
+
 async def test_a_stop_that_cannot_be_sent_is_an_alarm_with_the_hardware_stop_in_it(drive, source):
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
@@ -144,10 +185,10 @@ async def test_any_key_ends_a_motion_of_the_live_arm(drive, source):
 
 
 async def test_a_calibration_can_be_cancelled(drive, source, monkeypatch):
-    from operator_app.session import operations
+    from operator_app.session.session import Session
 
     reached, go_on = threading.Event(), threading.Event()
-    real = operations.Session.calibrate
+    real = Session.calibrate
 
     def slow(self, progress=None, **options):
         def watched(number: int, cost: float) -> None:
@@ -157,7 +198,7 @@ async def test_a_calibration_can_be_cancelled(drive, source, monkeypatch):
 
         return real(self, watched, **options)
 
-    monkeypatch.setattr(operations.Session, "calibrate", slow)
+    monkeypatch.setattr(Session, "calibrate", slow)
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
         await d.press("a")

@@ -125,6 +125,26 @@ async def test_verifying_moves_only_after_a_question(still):
         assert [k for k, _ in d.runner.asked] == [TaskKind.VERIFY]
 
 
+async def test_a_real_arm_moves_automatically_only_after_a_question(still):
+    metal = real(story()["capturing"])
+    metal = replace(metal, ticked=story()["capturing"].ticked, stop_tested=True)
+    by_hand = replace(metal, identity=replace(metal.identity, by_hand=True))
+    async with still(metal, step=Step.CAPTURE) as d:
+        for key in ("enter", "a"):
+            await d.see(metal, Step.CAPTURE)
+            await d.until(lambda: "(it asks first)" in d.hint, "that it asks is said")
+            await d.press(key, "enter")
+            assert d.runner.asked == []
+            await d.press(key, "y")
+            assert [k for k, _ in d.runner.asked] == [TaskKind.AUTOMATIC]
+        await d.see(by_hand, Step.CAPTURE)
+        await d.until(
+            lambda: "(it asks first)" not in d.hint, "no question of who moves it by hand"
+        )
+        await d.press("a")
+        assert [k for k, _ in d.runner.asked] == [TaskKind.AUTOMATIC]
+
+
 async def test_a_key_that_means_nothing_here_says_so(still):
     async with still(story()["connected"], step=Step.FIXTURE) as d:
         await d.press("g")

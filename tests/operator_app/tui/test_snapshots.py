@@ -9,7 +9,7 @@ from operator_app.session.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.look import DARK, LIGHT, NO_COLOUR
 from oracles.still_runner import StillSource
-from oracles.story import busy, lost, stale, stopped, story
+from oracles.story import astray, busy, lost, stale, stopped, story
 
 SIZES = [(120, 36), (80, 24)]
 SCREENS = {
@@ -63,11 +63,12 @@ def test_ascii(compare):
 
 
 @pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
-@pytest.mark.parametrize("what", ["stopped", "stale", "lost", "moving"])
+@pytest.mark.parametrize("what", ["stopped", "astray", "stale", "lost", "moving"])
 def test_what_can_happen(compare, what, size):
     told = story()["capturing"]
     picture = {
         "stopped": stopped(told),
+        "astray": astray(told),
         "stale": stale(told),
         "lost": lost(told),
         "moving": busy(told, TaskKind.AUTOMATIC, moves=True),

@@ -2,18 +2,51 @@
 
 from __future__ import annotations
 
-import pytest
+import re
 
 from operator_app.config.parameters_file import load_parameters
+from operator_app.manual.pages import Manual
+from operator_app.manual.reference import reference
+from operator_app.session.next_thing import next_thing
 from operator_app.session.steps import Step
 from operator_app.tui.dialogs import Ask, Confirm
 
 MOST_KEYS = 25
 
 
-@pytest.mark.parametrize("size", [(120, 36), (80, 24)])
-async def test_following_the_footer_alone_ends_with_uploaded_parameters(drive, source, size):
-    async with drive(size) as d:
+def asked_for(d):
+    """Step and what comes next there."""
+    return d.app.step, next_thing(d.app.step, d.s).action
+
+
+async def test_the_keys_of_the_tutorial_end_with_uploaded_parameters_and_the_app_closed(
+    drive, source
+):
+    page = Manual(reference()).page("tutorial").markdown
+    sections = re.findall(r"^### (\d)[^\n]*\n\nKeys: ([^\n]+)$", page, flags=re.MULTILINE)
+    assert [int(number) for number, _ in sections] == [1, 2, 3, 4, 5, 7]
+    async with drive() as d:
+        for number, keys in sections:
+            assert d.app.step == int(number)
+            for bold, typed in re.findall(r"\*\*(Enter)\*\*|`([^`]+)`", keys):
+                if d.app.screen is d.app.main:
+                    before = asked_for(d)
+                if typed == "q":
+                    assert source.arm.active_parameters() == d.s.written.parameters.read_bytes()
+                await d.press(*(["enter"] if bold else typed))
+                await d.until(
+                    lambda was=before: (
+                        d.app._exit or d.app.screen is not d.app.main or asked_for(d) != was
+                    ),
+                    f"step {number}: {keys}",
+                )
+                if not d.app._exit and d.app.screen is d.app.main:
+                    await d.idle()
+        assert d.app._exit
+
+
+async def test_following_the_footer_alone_ends_with_uploaded_parameters(drive, source):
+    async with drive((80, 24)) as d:
         for _ in range(MOST_KEYS):
             if d.s.receipt is not None:
                 break

@@ -16,7 +16,7 @@ from operator_app.units.figure import DATA_AGE, POSITION, READING_SD, SIGMA_ORI,
 ROOMS = ("calibration", "tui", "headless", "commands", "report", "session")
 ROOT = Path(operator_app.__file__).parent
 KEYED = {
-    ROOT / "session" / "export.py",
+    ROOT / "session" / "parameters_document.py",
     ROOT / "report" / "calibration_data.py",
     ROOT / "report" / "plan_json.py",
     ROOT / "report" / "exports.py",

@@ -14,6 +14,7 @@ from solver.judging.identifiability import (
     condition_at_readings,
     identifiability,
     judge_jacobian,
+    plainly_seen,
 )
 from tests.oracles.loop_oracle import Truth, closed_poses, closure, closure_rates, product
 from tests.solver.conftest import NAMES, loop_of, paper_arm, read_poses
@@ -49,6 +50,21 @@ def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(tr
     assert found == pytest.approx(s[0] / s[-1], rel=2e-3)
     closed = identifiability(loop_of(truth), values, q).scaled_condition_number
     assert abs(closed / found - 1.0) > 0.008
+
+
+def test_noise_makes_nothing_plainly_seen_that_is_blind(truth: Truth) -> None:
+    """Two poses have ten equations for fourteen unknowns, however often they are read."""
+    random = np.random.default_rng(3)
+    model, x = loop_of(truth), truth.values(NAMES)
+    many = closed_poses(truth, random, 30)[:, 1:]
+    again = many[np.arange(30) % 2] + random.normal(0.0, 10e-3, (30, 7))
+    assert np.isfinite(condition_at_readings(model, x, again))
+    assert not plainly_seen(model, x, again)
+    assert plainly_seen(model, x, many + random.normal(0.0, 10e-3, many.shape))
+    still = many.copy()
+    still[:, 2] = many[0, 2]
+    assert condition_at_readings(model, x, still) < 100.0
+    assert not plainly_seen(model, x, still)
 
 
 def test_condition_and_observability_by_second_implementation(truth: Truth) -> None:

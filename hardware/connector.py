@@ -1,0 +1,151 @@
+"""Has a connection to an arm, one at a time: made whole or not at all, let go with the arm held. Knows no motion.
+
+STOP finds the arm at every moment, while it is being connected and while it is being closed too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from pathlib import Path
+
+from hardware import steps
+from hardware.arm import ArmIdentity
+from hardware.cia402 import Wish
+from hardware.connection import Connection
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    DriveFault,
+    HardwareError,
+    Intruder,
+    NodeRestarted,
+    SensorFault,
+    Stopped,
+    TwoDevices,
+)
+from hardware.on_bus import ArmOnBus
+from hardware.stop_line import StopLatch
+
+
+class Connector:
+    """Connects to one arm, and lets go of it.
+
+    Parameters
+    ----------
+    on_bus
+        The arm expected, and how it is talked to.
+    record_to
+        File to record the bus to; None for none.
+
+    Attributes
+    ----------
+    latch
+        Of STOP: it outlives a connection, so that a new one does not lift a STOP.
+    takes_over
+        Whether drives that are found enabled were left so: by this program itself, or asked for with `connect`.
+    """
+
+    def __init__(self, on_bus: ArmOnBus, record_to: Path | None) -> None:
+        self._on_bus, self._record_to = on_bus, record_to
+        self.latch = StopLatch()
+        self.takes_over = False
+        self._connection: Connection | None = None
+        self._opening: Connection | None = None
+        self._connecting = False
+        self._recording_failure: str | None = None
+        self._closing = False
+        self._left_held = True
+        self._close_lock = threading.RLock()
+
+    @property
+    def connection(self) -> Connection:
+        """The present one; BusError without."""
+        link = self._connection
+        if link is None:
+            raise BusError("The arm is not connected.")
+        return link
+
+    @property
+    def recording_failure(self) -> str | None:
+        """Why the recording of the bus ended early, of the last connection too; None if it did not."""
+        link = self._connection
+        return self._recording_failure if link is None else link.recording_failure
+
+    def connect(self) -> ArmIdentity:
+        """Open a connection; what goes wrong closes it again. A STOP pressed meanwhile ends this."""
+        if self._connection is not None:
+            raise ValueError("this arm is connected already")
+        press, self._connecting = self.latch.last, True
+        try:
+            self._opening = connection = Connection(
+                self._on_bus, record_to=self._record_to, latch=self.latch
+            )
+            try:
+                identity = connection.open(press, takes_over=self.takes_over)
+            except BaseException:
+                connection.close()
+                raise
+            self._connection, self.takes_over = connection, False
+            return identity
+        finally:
+            self._connecting, self._opening = False, None
+
+    def close(self) -> bool:
+        """Let go; False if there was an arm and it did not answer. From any thread; a second one waits."""
+        with self._close_lock:
+            link = self._connection
+            if link is None or self._closing:  # closing: called again by the thread that closes
+                return self._left_held
+            self._closing, self._left_held = True, False
+            try:
+                self._left_held = self._let_go(link)
+            finally:
+                # Not before: STOP needs the connection to the last moment.
+                self._connection, self._closing = None, False
+            return self._left_held
+
+    def drop(self) -> None:
+        """End the connection and leave the drives as they are."""
+        link, self._connection = self.connection, None
+        self._end(link)
+
+    def stop(self) -> None:
+        """Latch STOP, and send it if the bus is open by then; BusError without an arm, or if it could not be sent."""
+        # In this order: connecting, an arm is there as `_opening` until it is there as `_connection`.
+        connecting, link = self._connecting, self._opening or self._connection
+        if link is None and not connecting:
+            raise BusError("The arm is not connected.")
+        self.latch.press()
+        if link is not None:
+            link.send_quick_stops()
+
+    def _let_go(self, link: Connection) -> bool:
+        """Hold, disable, give the token back; whether the drives said that they were there."""
+        try:
+            if not link.in_control:
+                return not link.deserted()
+            answered = True
+            try:
+                self._hold_and_disable(link)
+            except Stopped:  # and so held
+                pass
+            except HardwareError:  # the drives hold without us as well
+                answered = False
+            with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
+                link.give_token_back()
+            return answered
+        finally:
+            self._end(link)
+
+    def _end(self, link: Connection) -> None:
+        self.takes_over = link.left_enabled
+        link.close()
+        self._recording_failure = link.recording_failure
+
+    @staticmethod
+    def _hold_and_disable(link: Connection) -> None:
+        """Position mode everywhere, then drives off: without a drive a joint's valve is blocked."""
+        despite = (DriveFault, ControlDenied, SensorFault, Intruder, TwoDevices, NodeRestarted)
+        link.loop.run(steps.hold_where_it_is(link.loop), despite=despite)
+        link.loop.run(steps.drive_to(link.loop, Wish.DISABLED), despite=despite)

@@ -1,0 +1,71 @@
+"""Does a joint stand that was stopped? Looked at with every sample, pressed by whomever. Knows no bus and no clock.
+
+After a quick stop a drive holds by its own target, of which the operator knows nothing: what it stands at
+once it has had time to come to rest is what it is held to. A drive whose quick stop ends without power
+(605Ah below 5) says so in its state, and holds nothing; a joint in free mode may be moved by the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from hardware.arm import DriveState
+from hardware.cia402 import STATE_BITS
+from hardware.cyclic import Sample, Setpoints
+from hardware.following import AWAY_SYNCS, Astray
+from hardware.objects import CYCLIC_POSITION
+
+REST_SYNCS: Final = 30
+"""0.3 s: by then a joint that was stopped stands, from any speed that an arm file allows."""
+
+_STATE: Final = 0x6F
+_STOPPED: Final = STATE_BITS[DriveState.QUICK_STOP_ACTIVE]
+
+
+@dataclass(slots=True)
+class _Joint:
+    """How long it has been stopped, what it stood at then, and since how many SYNCs it is elsewhere."""
+
+    stopped: int = 0
+    stood_at: int = 0
+    away: int = 0
+
+
+class Standing:
+    """Looks at every sample.
+
+    Parameters
+    ----------
+    windows_counts
+        By joint: how far it may go from where it came to rest; empty: nothing is looked at.
+    """
+
+    def __init__(self, windows_counts: Sequence[float] = ()) -> None:
+        self._windows = tuple(windows_counts)
+        self._joints = tuple(_Joint() for _ in self._windows)
+
+    def see(self, sample: Sample, commands: Setpoints | None) -> Astray | None:
+        """Take in a sample and the commands sent last; the first joint that does not stand, if one does not."""
+        if commands is None:
+            return None
+        found = None
+        for at, (joint, window) in enumerate(zip(self._joints, self._windows, strict=True)):
+            stopped = sample.statuswords[at] & _STATE == _STOPPED
+            if not stopped or commands[at].mode != CYCLIC_POSITION:
+                joint.stopped = joint.away = 0
+                continue
+            if at + 1 in sample.missing:
+                continue
+            counts = sample.counts[at]
+            joint.stopped += 1
+            if joint.stopped <= REST_SYNCS:
+                joint.stood_at = counts
+                continue
+            moved = counts - joint.stood_at
+            joint.away = joint.away + 1 if abs(moved) > window else 0
+            if joint.away >= AWAY_SYNCS and found is None:
+                since = sample.sync_count - joint.away + 1
+                found = Astray(joint=at + 1, counts=moved, sync_count=since, stopped=True)
+        return found

@@ -1,0 +1,203 @@
+"""Bringing the nodes of an arm up, so that they run and are known to be the ones expected. Knows no motion.
+
+Order: listen for another operator or master before a single frame is sent; ask drives and supervisor whether
+somebody works with them; reset the communication of the arm's nodes (and of nothing else on the bus) and wait
+for every boot-up; compare the arm with its description;
+heartbeat; NMT start; SYNC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from hardware import identifying, in_use, steps
+from hardware.added import zero_added
+from hardware.arm import ArmIdentity, DriveState
+from hardware.configuring import configure
+from hardware.control_loop import ControlLoop
+from hardware.cyclic import Sample, Setpoints
+from hardware.errors import (
+    ControlDenied,
+    DriveFault,
+    Intruder,
+    NodeMissing,
+    Stopped,
+    TwoDevices,
+)
+from hardware.mapping import check_communication, check_mapping, check_positions
+from hardware.objects import (
+    COB_NMT,
+    ERROR_CODE,
+    OPERATOR_NODE,
+    TOKEN,
+    NmtCommand,
+    NmtState,
+)
+from hardware.on_bus import ArmOnBus
+from hardware.scale import JointScale
+from hardware.sdo import ObjectAccess
+from hardware.supervision import check_watch, following_windows_counts, patience_s
+from hardware.timing import Pace
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Started:
+    """What was learned on the way; `token` is the holder of the control token, 0 for nobody."""
+
+    identity: ArmIdentity
+    rated_torques_nm: tuple[float, ...]
+    token: int
+
+
+class StartUp:
+    """One start-up of the nodes of an arm.
+
+    Parameters
+    ----------
+    on_bus
+        The arm expected.
+    loop, access, send
+        Cyclic traffic, object access, and what puts a frame on the bus.
+    scales
+        Of joints 1..n.
+    listen_s
+        How long to listen for others before anything is sent.
+    boot_timeout_s
+        How long a node may take to boot, and to start.
+    """
+
+    def __init__(
+        self,
+        on_bus: ArmOnBus,
+        *,
+        loop: ControlLoop,
+        access: ObjectAccess,
+        send: Callable[[int, bytes], None],
+        scales: Sequence[JointScale],
+        listen_s: float,
+        boot_timeout_s: float,
+    ) -> None:
+        self._description, self._profile = on_bus.description, on_bus.profile
+        self._period_s = on_bus.timing.period_s
+        # In fast forward no time passes for the drives, and nobody else has that arm.
+        self._shared = on_bus.pace is Pace.REAL_TIME
+        self._loop, self._access, self._send, self._scales = loop, access, send, tuple(scales)
+        self._listen_s, self._boot_timeout_s = listen_s, boot_timeout_s
+
+    def run(self, press: object | None, *, takes_over: bool) -> Started:
+        """Find the nodes, check them, start heartbeat and SYNC; a STOP newer than `press` ends this.
+
+        `takes_over`: see `in_use.require_unused`.
+        """
+        loop, access, profile = self._loop, self._access, self._profile
+        loop.nodes.given_up = lambda: loop.latch.last is not press
+        loop.start()
+        self._listen(self._listen_s)
+        if self._shared:
+            in_use.require_unused(access, loop.nodes, self._listen, takes_over=takes_over)
+        loop.nodes.expect_boot_up()
+        self._command_nodes(NmtCommand.RESET_COMMUNICATION)
+        missing = loop.nodes.wait_for_boot_up(self._boot_timeout_s)
+        self.go_on()
+        if missing and not profile.configures_pdos:
+            # Of an arm that is set up in another way some nodes may well be there: say all of it.
+            check_mapping(access, profile, missing)
+        _require(missing)
+        identity = identifying.read_identity(access, profile, self._description)
+        self._require_single()
+        self.go_on()
+        identity = self._check_drives(identity)
+        self._require_single()
+        loop.heartbeat_timeout_s = patience_s(access, profile, loop.heartbeat_timeout_s)
+        identity = replace(identity, unwatching=check_watch(access, profile))
+        written = zero_added(access, profile)
+        identity = replace(identity, configured=(*identity.configured, *written))
+        loop.watch.allow_away(following_windows_counts(access, profile, self._scales))
+        rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
+        self.go_on()
+        loop.begin_heartbeat()
+        self._command_nodes(NmtCommand.START)
+        waiting = loop.nodes.wait_for_state(NmtState.OPERATIONAL, self._boot_timeout_s)
+        self.go_on()
+        _require(waiting)
+        token = 0
+        if profile.supervisor is not None:
+            token = access.read_unsigned(profile.supervisor, TOKEN)
+        loop.begin_sync()
+        first = loop.run(steps.look_until_whole(loop), despite=(DriveFault, Stopped))
+        check_positions(access, profile, first.counts, self._scales)
+        self._learn_of_trips(first)
+        return Started(identity=identity, rated_torques_nm=rated_torques_nm, token=token)
+
+    def _listen(self, for_s: float) -> None:
+        """Let nobody else be at work on this bus, as far as he is heard."""
+        nodes = self._loop.nodes
+        if nodes.wait_for_other_operator(for_s):
+            raise ControlDenied(OPERATOR_NODE)
+        self.go_on()
+        if nodes.intrusion:
+            raise Intruder(
+                f"Somebody else works on this bus: {nodes.intrusion} came from another program. Nothing "
+                "was told to the arm. End that program, or take its device off this bus, then connect again; "
+                "`sarcal monitor` shows what it sends."
+            )
+
+    def _check_drives(self, identity: ArmIdentity) -> ArmIdentity:
+        """Compare PDOs and the arm with profile and description; PDOs are written before, if the profile says so."""
+        access, profile, written = self._access, self._profile, tuple[str, ...]()
+        period_s = self._period_s
+        check_arm = partial(
+            identifying.check_arm, access, identity, self._description, profile, period_s=period_s
+        )
+        if profile.configures_pdos:
+            check_arm()  # nothing is written into another arm, nor into one that is refused afterwards
+            check_communication(access, profile)
+            check_watch(access, profile)
+            self.go_on()
+            written = configure(access, profile, self._command_nodes)
+        check_mapping(access, profile)
+        self.go_on()
+        if not profile.configures_pdos:
+            check_arm()
+        return replace(identity, configured=written)
+
+    def go_on(self) -> None:
+        """Raise if STOP was pressed since this began: nothing was enabled, and nothing will be."""
+        if self._loop.nodes.given_up():
+            raise Stopped(
+                "STOP was pressed while connecting, and stays latched: nothing was enabled, and the connection "
+                "is closed. Connect again first"
+            )
+
+    def _command_nodes(self, command: NmtCommand) -> None:
+        """Send an NMT command to the arm's nodes, one by one: what else is on this bus is not ours to reset."""
+        for node in self._profile.nodes:
+            self._send(COB_NMT, bytes([command, node]))
+
+    def _require_single(self) -> None:
+        twice = self._access.answering_twice()
+        if twice:
+            raise TwoDevices(twice)
+
+    def _learn_of_trips(self, first: Sample) -> None:
+        """Ask drives that are in a fault why (603Fh): their emergencies were sent before we listened."""
+        codes = {
+            node: self._access.read_unsigned(node, ERROR_CODE)
+            for node, status in zip(self._profile.drives, first.statuswords, strict=True)
+            if steps.state_of(status) in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
+        }
+        nodes = self._loop.nodes
+
+        def note() -> Generator[Setpoints | None, Sample, None]:
+            for node, code in codes.items():
+                nodes.assume_fault(node, code, first.sync_count)
+            yield from ()
+
+        self._loop.run(note())
+
+
+def _require(missing: tuple[int, ...]) -> None:
+    if missing:
+        raise NodeMissing(missing)

@@ -1,0 +1,137 @@
+"""Arguments as a program gives them, looked at before anything is computed with them.
+
+What is wrong is said with the argument's name, what was given, and what to give: TypeError where it is no such
+thing at all, ValueError where it is one that makes no sense. Knows no arm's model and no file.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import reprlib
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from solver.arrays import FloatArray
+
+LARGEST_TOLERANCE_MM = 100.0
+"""As ``--length-tolerance``."""
+
+LONGEST = 80
+"""Characters of what was given, as an error shows it."""
+
+
+def shown(value: Any) -> str:
+    """Return what was given in one short line."""
+    short = reprlib.Repr()
+    short.maxother = short.maxstring = LONGEST
+    return " ".join(short.repr(value).split())
+
+
+def whole(name: str, value: Any, *, least: int = 0) -> int:
+    """Return a whole number, `least` or more."""
+    wanted = f"give a whole number, {least} or more"
+    if isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name}={value}: {wanted}")
+    try:
+        found = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name}={shown(value)}: {wanted}") from None
+    if found < least:
+        raise ValueError(f"{name}={found}: {wanted}")
+    return found
+
+
+def numbers(name: str, value: Any) -> FloatArray:
+    """Return real, finite numbers as an array of floats."""
+    try:
+        found = np.asarray(value)
+    except ValueError:
+        raise ValueError(
+            f"{name}: rows of different lengths; give as many numbers in each"
+        ) from None
+    if found.dtype.kind == "O":
+        with suppress(TypeError, ValueError):
+            found = found.astype(np.float64)
+    if found.dtype.kind not in "iuf":
+        kind = "complex numbers" if found.dtype.kind == "c" else shown(value)
+        raise TypeError(f"{name}: give real numbers, and not {kind}")
+    found = found.astype(np.float64)
+    if not np.isfinite(found).all():
+        where = [int(k) for k in np.argwhere(~np.isfinite(found))[0]]
+        place = f" at index {where[0] if len(where) == 1 else where}" if where else ""
+        raise ValueError(
+            f"{name} holds {found[tuple(where)]}{place}: every number must be finite; leave out what was not read"
+        )
+    return found
+
+
+def number(name: str, value: Any) -> float:
+    """Return one real, finite number."""
+    found = numbers(name, value)
+    if found.ndim:
+        raise TypeError(f"{name} has shape {found.shape}: give one number")
+    return float(found)
+
+
+def tolerance_m(name: str, value_mm: Any) -> float | None:
+    """Return a standard deviation of lengths in m from one in mm; None stays None."""
+    if value_mm is None:
+        return None
+    found = number(name, value_mm)
+    if not 0.0 < found <= LARGEST_TOLERANCE_MM:
+        raise ValueError(
+            f"{name}={value_mm}: give millimetres, more than 0 and at most {LARGEST_TOLERANCE_MM:g}"
+        )
+    return found / 1e3
+
+
+def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
+    """Return joint numbers, from 1, ascending, each once."""
+    wanted = f"give a list of joint numbers from 1 to {joint_count}, such as [6, 7]"
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        raise TypeError(f"{name}={shown(value)}: {wanted}")
+    found = set()
+    for joint in value:
+        try:
+            found.add(operator.index(joint))
+        except TypeError:
+            raise TypeError(f"{name} holds {joint!r}: {wanted}") from None
+    for joint in sorted(found):
+        if not 1 <= joint <= joint_count:
+            raise ValueError(f"{name} holds {joint}: {wanted}")
+    return tuple(sorted(found))
+
+
+def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
+    """Refuse what is none of the choices."""
+    if value not in choices:
+        raise ValueError(f"{name}={shown(value)}: give {' or '.join(map(repr, choices))}")
+
+
+def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatArray) -> FloatArray:
+    """Return sensor readings (n,) or (m, n) of an arm with these ranges; they may be a turn out of them."""
+    found, n = numbers(name, value), len(lower_rad)
+    if found.ndim == 0 or found.shape[-1] != n:
+        raise ValueError(f"{name} has shape {found.shape}: {shape_wanted(found.shape, n)}")
+    largest = np.maximum(np.abs(lower_rad), np.abs(upper_rad)) + math.tau
+    far = np.argwhere(np.abs(found) > largest)
+    if len(far):
+        q, joint = found[tuple(far[0])], int(far[0][-1])
+        raise ValueError(
+            f"{name} holds {q:g} rad for joint {joint + 1}, whose range is {lower_rad[joint]:.3g} to "
+            f"{upper_rad[joint]:.3g} rad: of degrees make radians with np.deg2rad"
+        )
+    return found
+
+
+def shape_wanted(shape: tuple[int, ...], joint_count: int) -> str:
+    """Say what shape readings have."""
+    turned = len(shape) == 2 and shape[0] == joint_count
+    return (
+        f"the arm has {joint_count} joints; give one column a joint, in its order, and one row a pose"
+        f"{' (transposed: .T)' if turned else ''}"
+    )

@@ -1,0 +1,52 @@
+"""What the operator was told, line by line, and which alarms stand. Pure: knows no thread and no screen.
+
+An alarm stands until the work that it hinders has been done, or the operator acknowledges it: no message
+that comes later takes it out of sight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from operator_app.session.snapshot import Level, Message, SessionSnapshot, TaskKind
+
+MESSAGES_KEPT: Final = 100
+
+ARM_AGAIN: Final = frozenset({TaskKind.RESET, TaskKind.CONNECT})
+"""What resolves an alarm about the arm."""
+
+
+def told(
+    s: SessionSnapshot,
+    level: Level,
+    text: str,
+    *,
+    time: str,
+    until: frozenset[TaskKind] = frozenset(),
+) -> SessionSnapshot:
+    """Add a message; an alarm that stands already is not said again.
+
+    `until` is the work that resolves an alarm when it is done; without any, only the operator does.
+    """
+    alarm = level is Level.ALARM
+    if alarm and any(standing.text == text for standing in s.alarms):
+        return s
+    number = s.messages[-1].number + 1 if s.messages else 1
+    message = Message(number=number, time=time, level=level, text=text, until=until)
+    return replace(
+        s,
+        messages=(*s.messages, message)[-MESSAGES_KEPT:],
+        alarms=(*s.alarms, message)[-MESSAGES_KEPT:] if alarm else s.alarms,
+    )
+
+
+def resolved_by(s: SessionSnapshot, kind: TaskKind) -> SessionSnapshot:
+    """Let go of the alarms that such work resolves, now that it is done."""
+    standing = tuple(alarm for alarm in s.alarms if kind not in alarm.until)
+    return s if len(standing) == len(s.alarms) else replace(s, alarms=standing)
+
+
+def acknowledged(s: SessionSnapshot) -> SessionSnapshot:
+    """Let go of all alarms: the operator has seen them; what they are about stays as it is."""
+    return replace(s, alarms=())

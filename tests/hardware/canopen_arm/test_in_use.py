@@ -1,0 +1,174 @@
+"""An arm that somebody works with who is not heard just now is not reset under his hands."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+import pytest
+
+from hardware.alarms import Seen, find_alarm
+from hardware.canopen_arm import CanopenArm
+from hardware.errors import ControlDenied, Intruder, InUse
+from hardware.node_watch import NodeWatch
+from hardware.timing import Pace, Timing
+from oracles.profiles import sarcos
+from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.on_fake_bus import make
+
+ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
+STATUSWORD, TOKEN = b"\x41\x60\x00", b"\x10\x20\x00"
+
+
+class Asked(FakeArmBus):
+    """Something happens as an object is read for the n-th time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.drives[7].counts = 100
+        self.reads: list[bytes] = []
+        self.on_read: Callable[[list[bytes]], None] = lambda _reads: None
+
+    def _handle(self, identifier: int, data: bytes) -> None:
+        if 0x600 < identifier < 0x680 and data[0] == 0x40:
+            self.reads.append(data[1:4])
+            self.on_read(self.reads)
+        super()._handle(identifier, data)
+
+    @property
+    def resets(self) -> int:
+        return sum(frame[0] == 0x000 for frame in self.sent)
+
+
+@pytest.fixture(autouse=True)
+def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.in_use.LEAST_S", 0.2)
+    monkeypatch.setattr("hardware.in_use.LOOK_AGAIN_S", 0.02)
+    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 1.0)
+
+
+@pytest.fixture
+def bus() -> Asked:
+    return Asked()
+
+
+def real(bus: FakeArmBus) -> CanopenArm:
+    timing = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), speed=10.0)
+    return make(bus, pace=Pace.REAL_TIME, timing=timing)
+
+
+@pytest.mark.parametrize("state", [ENABLED, QUICK_STOP])
+def test_an_operator_who_was_late_is_heard_before_his_arm_is_reset(bus: Asked, state: int) -> None:
+    bus.drives[2].status = state
+
+    def wake(reads: list[bytes]) -> None:
+        bus.other_operator = reads.count(STATUSWORD) > 7
+
+    bus.on_read = wake
+    with pytest.raises(ControlDenied) as denied:
+        real(bus).connect()
+    assert denied.value.holder == 127
+    assert bus.resets == 0
+
+
+def test_a_command_that_comes_late_is_named_before_anything_is_reset(bus: Asked) -> None:
+    bus.drives[2].status = ENABLED
+
+    def wake(reads: list[bytes]) -> None:
+        if reads.count(STATUSWORD) > 7:
+            bus.other_master = ((0x202, bytes(7)),)
+
+    bus.on_read = wake
+    with pytest.raises(Intruder, match=r"a command to joint 2 \(202h\) came from another program"):
+        real(bus).connect()
+    assert bus.resets == 0
+
+
+def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(bus: Asked) -> None:
+    for drive in bus.drives.values():
+        drive.status = ENABLED
+    bus.token = 127
+
+    def miss_the_operator(reads: list[bytes]) -> None:
+        if reads.count(STATUSWORD) > 3 * 7:
+            bus.token = 0
+            for drive in bus.drives.values():
+                drive.status = TRIPPED
+
+    bus.on_read = miss_the_operator
+    arm = real(bus)
+    arm.connect()
+    assert bus.reads.count(TOKEN) > 3
+    arm.close()
+
+
+def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus: Asked) -> None:
+    bus.drives[2].status, bus.drives[5].status = ENABLED, QUICK_STOP
+    with pytest.raises(InUse) as refused:
+        real(bus).connect()
+    said = str(refused.value)
+    assert (
+        "joint 2 (node 2) is in operation enabled, joint 5 (node 5) is in quick stop active" in said
+    )
+    for way in ("sarcal monitor", "sarcal reset", "Nothing was reset"):
+        assert way in said
+    assert bus.resets == 0
+
+
+def test_nobody_is_waited_for_shorter_than_the_drives_wait_themselves(bus: Asked) -> None:
+    for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
+        bus.objects[2, 0x1016, sub] = value
+    bus.drives[2].status = ENABLED
+    with pytest.raises(InUse) as refused:
+        real(bus).connect()
+    assert refused.value.listened_s == pytest.approx(0.6)
+
+
+def test_whoever_asks_for_it_takes_them_over(bus: Asked) -> None:
+    bus.drives[2].status = ENABLED
+    arm = real(bus)
+    arm.take_over()
+    arm.connect()
+    assert bus.resets > 0
+    arm.close()
+
+
+def test_what_this_program_left_stopped_itself_it_connects_to_again(bus: Asked) -> None:
+    arm = real(bus)
+    arm.connect()
+    arm.take_control()
+    arm.stop()
+    arm.close()
+    assert bus.drives[2].status == QUICK_STOP
+    for _ in range(2):
+        arm.connect()
+        arm.close()
+    with pytest.raises(InUse):  # another program does not know whose they are
+        real(bus).connect()
+
+
+def test_a_token_whose_holder_is_heard_is_his(bus: Asked) -> None:
+    bus.token = 99
+    bus.other_master = ((0x700 + 99, b"\x05"),)
+    with pytest.raises(ControlDenied) as denied:
+        real(bus).connect()
+    assert denied.value.holder == 99
+    assert bus.resets == 0
+
+
+def test_an_arm_at_rest_is_asked_once(bus: Asked) -> None:
+    arm = real(bus)
+    arm.connect()
+    before = [data[1:4] for identifier, data in bus.sent[: 7 + 1] if 0x600 < identifier < 0x680]
+    assert sorted(before) == sorted([STATUSWORD] * 7 + [TOKEN])
+    arm.close()
+
+
+def test_who_stopped_the_nodes_comes_before_that_they_have_stopped() -> None:
+    nodes = NodeWatch(sarcos())
+    nodes.note(0x703, b"\x05", 0.0, 0)
+    nodes.note_command(0x000, b"\x80\x00")
+    nodes.note(0x703, b"\x7f", 0.1, 1)
+    found = find_alarm(nodes, Seen(stop_latched=False), now_s=0.1, heartbeat_timeout_s=1.0)
+    assert isinstance(found, Intruder)
+    assert "an NMT command (000h)" in str(found)

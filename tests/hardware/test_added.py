@@ -1,0 +1,47 @@
+"""A torque or an offset that somebody left in a drive: named, or written to 0, before anything is enabled."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from hardware.errors import MappingDiffers
+from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.on_fake_bus import make
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
+    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 1.0)
+
+
+@pytest.fixture
+def bus() -> FakeArmBus:
+    fake = FakeArmBus()
+    fake.drives[7].counts = 100
+    return fake
+
+
+@pytest.mark.parametrize(
+    ("index", "form", "value"), [(0x6071, "<h", -50), (0x60B2, "<h", 200), (0x60B0, "<l", 4000)]
+)
+def test_what_a_drive_would_add_is_refused_by_name(
+    bus: FakeArmBus, index: int, form: str, value: int
+) -> None:
+    bus.objects[3, index, 0] = struct.pack(form, value)
+    with pytest.raises(MappingDiffers) as refused:
+        make(bus).connect()
+    assert refused.value.differences == (f"node 3, {index:04X}h: expected 0, found {value}",)
+    said = str(refused.value)
+    assert f"Set {index:04X}h in these drives as expected, with their maker's tool" in said
+    assert "probe --draft" not in said
+    assert not [identifier for identifier, _ in bus.sent if 0x200 < identifier <= 0x207]
+
+
+def test_zeroes_and_absent_objects_are_fine(bus: FakeArmBus) -> None:
+    bus.objects[3, 0x6071, 0] = bus.objects[3, 0x60B2, 0] = bytes(2)
+    arm = make(bus)
+    assert arm.connect().configured == ()
+    arm.close()

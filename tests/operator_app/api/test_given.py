@@ -1,0 +1,144 @@
+"""What a program may get wrong: an error that names the argument, what was given and what to give."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sarcal
+
+from operator_app.cli import main
+
+EXACT = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
+HINGE: Any = {"arm": "sarcos_dextrous", "fixture": "hinge"}
+Q = np.zeros((12, 7))
+
+
+@pytest.fixture(scope="module")
+def result() -> sarcal.Result:
+    return sarcal.calibrate(**HINGE, poses=EXACT)
+
+
+def calibrate(**given: Any) -> object:
+    return sarcal.calibrate(**{**HINGE, "poses": EXACT, **given})
+
+
+def with_nan(value: float) -> np.ndarray:
+    q = Q.copy()
+    q[3, 2] = value
+    return q
+
+
+@pytest.mark.parametrize(
+    ("call", "kind", "said"),
+    [
+        (lambda: sarcal.simulate(**HINGE, poses=0), ValueError, "poses=0: give a whole number, 1 or more"),
+        (lambda: sarcal.simulate(**HINGE, poses=10.5), TypeError, "poses=10.5: give a whole number"),
+        (lambda: sarcal.simulate(**HINGE, samples=0), ValueError, "samples=0: give a whole number, 1"),
+        (lambda: sarcal.simulate(**HINGE, seed=-1), ValueError, "seed=-1: give a whole number, 0 or more"),
+        (lambda: sarcal.plan(**HINGE, poses=0), ValueError, "poses=0: give"),
+        (lambda: sarcal.plan(**HINGE, poses=True), TypeError, "poses=True: give"),
+        (lambda: sarcal.plan(**HINGE, drive_joints=[0, 5]), ValueError, "drive_joints holds 0: .*1 to 7"),
+        (lambda: sarcal.plan(**HINGE, unsensed_joints=6), TypeError, r"unsensed_joints=6: .*\[6, 7\]"),
+        (lambda: calibrate(unsensed_joints="6,7"), TypeError, "unsensed_joints='6,7': give a list"),
+        (lambda: calibrate(unsensed_joints=[6.5]), TypeError, "unsensed_joints holds 6.5"),
+        (lambda: calibrate(unsensed_joints=[8]), ValueError, "unsensed_joints holds 8: .*1 to 7"),
+        (lambda: calibrate(length_tolerance_mm=-1), ValueError, "length_tolerance_mm=-1: give millimetres"),
+        (lambda: calibrate(length_tolerance_mm=float("nan")), ValueError, "length_tolerance_mm holds nan"),
+        (lambda: calibrate(length_tolerance_mm="1"), TypeError, "length_tolerance_mm: give real numbers"),
+        (lambda: calibrate(estimator="best"), ValueError, "estimator='best': give 'implicit' or 'paper'"),
+        (lambda: calibrate(poses=sarcal.poses_of(q_rad=Q[:, :6])), ValueError,
+         r"shape \(12, 6\): the arm has 7 joints; give one column a joint, in its order, and one row a pose$"),
+        (lambda: calibrate(poses=sarcal.poses_of(q_rad=Q.T)), ValueError, r"shape \(7, 12\): .*transposed"),
+        (lambda: calibrate(poses=7), TypeError, "poses=7: give a path, a data frame, or what"),
+        (lambda: calibrate(poses=Q), TypeError, "a bare array does not say its unit"),
+        (lambda: calibrate(arm=3), TypeError, "arm=3: give the path of its file, the name"),
+        (lambda: calibrate(fixture=sarcal.load_arm("franka_panda")), TypeError,
+         "fixture=<sarcal.Arm franka_panda.*load_fixture"),
+        (lambda: sarcal.load_arm(b"franka_panda"), TypeError, "arm=b'franka_panda': give the path"),
+        (lambda: sarcal.poses_of(q_rad=Q[:0]), ValueError, r"q_rad has shape \(0, 7\)"),
+        (lambda: sarcal.poses_of(q_deg=Q + 1j), TypeError, "q_deg: give real numbers, and not complex"),
+        (lambda: sarcal.poses_of(q_rad=with_nan(np.inf)), ValueError, r"q_rad holds inf at index \[3, 2\]"),
+        (lambda: sarcal.poses_of(q_rad=[[1.0, 2.0], [3.0]]), ValueError, "rows of different lengths"),
+        (lambda: sarcal.poses_of(q_rad=[["a", "b"]]), TypeError, "q_rad: give real numbers"),
+        (lambda: sarcal.poses_of(q_rad=Q, names="left"), TypeError, "names='left': give one name a pose"),
+        (lambda: sarcal.poses_of(q_rad=Q, samples=[1, 2]), ValueError, "samples has 2 entries for 12"),
+        (lambda: sarcal.poses_of(q_rad=Q, samples=2.5), TypeError, "samples=2.5: give a whole number"),
+        (lambda: sarcal.poses_of(q_rad=Q, sd_rad=[0.1, 0.2]), ValueError, r"sd_rad has shape \(2,\)"),
+        (lambda: sarcal.poses_of(q_rad=Q, endpoint_m=Q[:, :2]), ValueError, "endpoint_m has shape"),
+        (lambda: sarcal.verify("sessions/mine", EXACT), TypeError, "result='sessions/mine': give"),
+        (lambda: sarcal.compare(3, "b.yaml"), TypeError, "before=3: give a Result, or the path"),
+        (lambda: sarcal.compare("a.yaml", "b.yaml", level=2), ValueError, "level=2: give a chance"),
+    ],
+)  # fmt: skip
+def test_an_argument_that_is_none_is_named(
+    call: Callable[[], object], kind: type[Exception], said: str
+) -> None:
+    with pytest.raises(kind, match=said):
+        call()
+
+
+def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(
+    result: sarcal.Result,
+) -> None:
+    q = result.poses.q_rad
+    for frame in ("Tip", "base", ""):
+        with pytest.raises(ValueError, match=f"frame='{frame}': give 'tip' or 'flange'"):
+            result.fk(q, frame=frame)
+    for wrong, kind, said in (
+        (q[:, :3], ValueError, "q_rad has shape (60, 3): the arm has 7 joints"),
+        (0.1, ValueError, "q_rad has shape ()"),
+        (with_nan(np.nan), ValueError, "q_rad holds nan at index [3, 2]"),
+        (q + 0j, TypeError, "q_rad: give real numbers, and not complex numbers"),
+        (result.poses.q_deg, ValueError, "of degrees make radians with np.deg2rad"),
+    ):
+        for ask in (result.fk, result.tip_sigma):
+            with pytest.raises(kind, match=re.escape(said)):
+                ask(wrong)
+    # A sensor may count on beyond a turn, and what is no array yet will do.
+    assert result.fk((q[0] + 2.0 * np.pi).tolist()).shape == (4, 4)
+
+
+def test_one_number_counts_for_all_poses() -> None:
+    short = sarcal.poses_of(q_rad=Q, samples=32, sd_rad=0.1, placement=2)._set
+    whole = sarcal.poses_of(
+        q_rad=Q, samples=[32] * 12, sd_rad=np.full((12, 7), 0.1), placement=[2] * 12
+    )._set
+    assert short.sha256() == whole.sha256()
+    a_joint = sarcal.poses_of(q_rad=Q, sd_rad=np.arange(7.0))._set.sd_rad
+    assert a_joint is not None
+    np.testing.assert_array_equal(a_joint[5], np.arange(7.0))
+
+
+def test_a_simulation_goes_in_as_its_poses() -> None:
+    made = sarcal.simulate(**HINGE, poses=12)
+    assert sarcal.load_poses(made, joint_count=7) is made.poses
+
+
+def test_measured_endpoints_that_take_no_part_are_said(
+    result: sarcal.Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    q = result.poses.q_rad
+    measured = sarcal.poses_of(q_rad=q, endpoint_m=np.zeros((len(q), 3)))
+    said = "measured endpoints (x_m,y_m,z_m), which a hinge knows nothing of: they took no part"
+    assert any(said in text for text in calibrate(poses=measured).warnings)
+    assert not any(said in text for text in result.warnings)
+    assert main(["solve", str(measured.to_csv(tmp_path / "measured.csv"))]) == 0
+    assert said in " ".join(capsys.readouterr().out.split())
+
+
+def test_what_cannot_be_compared_is_one_of_our_errors(
+    result: sarcal.Result, tmp_path: Path
+) -> None:
+    ours = result.export(tmp_path / "ours.yaml")
+    other = tmp_path / "other.yaml"
+    other.write_text(ours.read_text().replace("sarcos_dextrous", "another"))
+    with pytest.raises(sarcal.IncomparableError, match="A is of a sarcos_dextrous, B of a another"):
+        sarcal.compare(ours, other)
+    assert issubclass(sarcal.IncomparableError, sarcal.SessionError)
+    with pytest.raises(sarcal.SessionError):
+        sarcal.compare(ours, tmp_path / "nothing")

@@ -1,0 +1,49 @@
+"""Mistakes of files, by name: radians in some columns or in the arm file, whole turns, lengths exchanged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.config.arm_file import load_arm
+from tests.benchmarks.shop_floor_outcome import outcome
+from tests.oracles.shop_floor import session
+
+
+@pytest.mark.parametrize("joints", [(4,), (7,), (6, 7), (1, 2, 3)])
+def test_columns_in_radians_are_named(joints):
+    """Some lie outside their range then, joint 7 does not."""
+    found = session(21)
+    read = found.readings.copy()
+    columns = [j - 1 for j in joints]
+    read[:, columns] = np.deg2rad(read[:, columns])
+    said = outcome(replace(found, readings=read))
+    assert said.causes[0] == "_".join(("RADIANS", *map(str, joints))), said.said
+
+
+def test_readings_that_wrap_are_named_by_joint():
+    """A reader that folds every angle into 180 deg either way."""
+    found = session(21)
+    read = np.mod(found.readings + np.pi, 2.0 * np.pi) - np.pi
+    said = outcome(replace(found, readings=read))
+    assert said.causes[0] == "WHOLE_TURNS_2_5_6", said.said
+
+
+def test_offsets_of_the_arm_file_in_radians_are_named():
+    """-2.094 where -120 belongs."""
+    arm = load_arm("sarcos_dextrous")
+    table = replace(arm.table, theta_off_rad=np.deg2rad(arm.table.theta_off_rad))
+    said = outcome(session(62), arm=replace(arm, table=table))
+    assert said.causes[0] == "RADIANS_OFFSETS", said.said
+
+
+@pytest.mark.parametrize("seed", [61, 64])
+def test_lengths_that_the_arm_file_has_exchanged_are_named(seed):
+    """Said was that the fixture gives by 35 mm, or that an entry of 0 is off by 32 mm."""
+    arm = load_arm("sarcos_dextrous")
+    s_m = arm.table.s_m.copy()
+    s_m[[2, 4]] = s_m[[4, 2]]
+    said = outcome(session(seed), arm=replace(arm, table=replace(arm.table, s_m=s_m)))
+    assert said.causes[0] == "EXCHANGED_s_3_s_5", said.said

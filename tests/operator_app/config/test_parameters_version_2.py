@@ -1,0 +1,192 @@
+"""What version 2 of the parameters document brought: sides, corrections, correlations, budgets; and what it reads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from hardware.objects import MAX_JOINTS
+from hardware.virtual.sdo_server import LONGEST_DOCUMENT
+from operator_app.config.errors import ConfigError
+from operator_app.config.json_schemas import json_schema
+from operator_app.config.parameter_records import (
+    CalibratedEntry,
+    Correction,
+    DhRow,
+    JointParameters,
+    RvdtRemedy,
+    Side,
+)
+from operator_app.config.parameter_uncertainty import budget_of, correlations_of
+from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameters_file import (
+    format_parameters,
+    parse_parameters,
+)
+from operator_app.config.schema import schema_name
+from oracles.nominal_document import GOOD, complaint, document
+
+
+def test_version_1_is_still_read_and_has_neither_side_nor_correction() -> None:
+    found = parse_parameters(GOOD.replace("sarcal/parameters/2", "sarcal/parameters/1", 1).encode())
+    assert found == document()
+    assert {entry.side for entry in found.calibrated} == {None}
+    assert found.rvdt == ()
+    assert (found.correlations, found.budget) == ({}, {})
+
+
+KEYS_OF_VERSION_2 = {
+    "ParametersDocument": "arm budget calibrated correlations dh estimator fixture forced joints "
+    "pose_set_sha256 quality rvdt schema software_version utc warnings",
+    "WhichArm": "model serial",
+    "WhichFixture": "kind name",
+    "JointParameters": "home_offset_counts joint sigma_deg theta_off_deg",
+    "DhRow": "a_m alpha_deg row s_m theta_off_deg",
+    "CalibratedEntry": "entry side sigma_deg sigma_m",
+    "Quality": "chi2_per_dof poses rank scaled_condition_number sigma_ori_mrad sigma_pos_mm",
+    "TwoFigures": "as_printed rms",
+    "DocumentWarning": "code text",
+    "RvdtRemedy": "gain joint table theta_off_deg",
+    "Correction": "add_deg reading_deg sigma_deg",
+}
+
+
+def test_a_key_that_comes_raises_the_number_of_the_schema() -> None:
+    """A program that reads version 2 refuses other keys: with a new one, write VERSIONS (1, 2, 3)."""
+    models = json_schema("parameters")["$defs"]
+    found = {
+        name: " ".join(sorted(m["properties"])) for name, m in models.items() if "properties" in m
+    }
+    assert schema_name("parameters") == "sarcal/parameters/2"
+    assert found == KEYS_OF_VERSION_2
+
+
+def test_a_key_of_a_newer_program_is_told_from_a_misspelt_one() -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_parameters(GOOD.encode() + b"thermal: {}\nforcd: no\n")
+    newer, misspelt = caught.value.problems
+    assert (newer.key, newer.text) == ("thermal", "unknown key")
+    assert "a newer sarcal may have written it" in newer.remedy
+    assert misspelt.remedy == "did you mean forced?"
+
+
+def with_a_remedy() -> ParametersDocument:
+    rows = ((-260.0, 0.1, 0.01), (-230.5, 1.0 / 3.0, 0.01), (-200.0, -0.2, 0.02))
+    table = tuple(Correction(reading_deg=r, add_deg=a, sigma_deg=s) for r, a, s in rows)
+    remedy = RvdtRemedy(joint=6, theta_off_deg=116.3, gain=0.98, table=table)
+    sides: tuple[Side, ...] = ("arm", "ground", "hand")
+    listed = tuple(
+        replace(entry, side=sides[k % 3]) for k, entry in enumerate(document().calibrated)
+    )
+    return replace(document(), rvdt=(remedy,), calibrated=listed, forced="the wrist is new")
+
+
+def test_what_version_2_brings_reads_back_the_same() -> None:
+    written = format_parameters(with_a_remedy())
+    assert parse_parameters(written) == with_a_remedy()
+    data = yaml.safe_load(written)
+    assert data["schema"] == "sarcal/parameters/2"
+    assert data["rvdt"][0]["table"][1] == {
+        "reading_deg": -230.5, "add_deg": 1.0 / 3.0, "sigma_deg": 0.01,
+    }  # fmt: skip
+    assert data["calibrated"][1]["side"] == "ground"
+    assert data["forced"] == "the wrist is new"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "says"),
+    [
+        ("reading_deg: -230.5", "reading_deg: -270.5", "rvdt[joint 6].table", "from the lowest to the highest"),
+        ("joint: 6\n", "joint: 8\n", "rvdt[joint 8].joint", "there is no joint 8"),
+        ("gain: 0.98", "gain: 0", "rvdt[joint 6].gain", "greater than 0"),
+        ("side: ground", "side: table", "calibrated[theta_off_2].side", "arm, ground, hand"),
+    ],
+)  # fmt: skip
+def test_one_mistake_in_a_remedy_gives_one_complaint(
+    old: str, new: str, key: str, says: str
+) -> None:
+    found = complaint(format_parameters(with_a_remedy()).decode(), old, new)
+    assert [p.key for p in found.problems] == [key], str(found)
+    assert says in str(found)
+
+
+def with_correlations() -> ParametersDocument:
+    names = [entry.entry for entry in document().calibrated]
+    rng = np.random.default_rng(3)
+    spread = rng.normal(size=(len(names), len(names)))
+    covariance = spread @ spread.T
+    parts = {
+        "lengths": 0.25 * np.diagonal(covariance),
+        "fixture_give": 0.75 * np.diagonal(covariance),
+    }
+    return replace(
+        document(),
+        correlations=correlations_of(names, covariance),
+        budget=budget_of(names, np.diagonal(covariance), {**parts, "sag": np.zeros(len(names))}),
+    )
+
+
+def test_correlations_and_budget_read_back_the_same() -> None:
+    written = format_parameters(with_correlations())
+    assert parse_parameters(written) == with_correlations()
+    data = yaml.safe_load(written)
+    assert list(data["correlations"]) == [e["entry"] for e in data["calibrated"]][1:]
+    assert [len(row) for row in data["correlations"].values()] == list(range(1, 14))
+    assert data["budget"]["theta_off_1"] == {"lengths": 0.25, "fixture_give": 0.75}
+
+
+def test_a_parameter_without_variance_goes_with_none_and_has_no_budget() -> None:
+    covariance = np.diag([4.0, 0.0, 1.0])
+    covariance[0, 2] = covariance[2, 0] = -1.0
+    assert correlations_of(("a", "b", "c"), covariance) == {"b": (0.0,), "c": (-0.5, 0.0)}
+    parts = {"lengths": np.array([1.0, 0.0, 1.0]), "sag": np.array([3.0, 0.0, 0.0])}
+    assert budget_of(("a", "b", "c"), np.diagonal(covariance), parts) == {
+        "a": {"lengths": 0.25, "sag": 0.75},
+        "c": {"lengths": 1.0},
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "says"),
+    [
+        ("  theta_off_3: [", "  theta_off_3: [0.5, ", "correlations.theta_off_3", "has 3 correlations, 2 entries"),
+        ("  theta_off_3: [", "  theta_off_9: [", "correlations", "after the first, in their order"),
+        ("  theta_off_3: [", "  theta_off_3: [1", "correlations.theta_off_3[1]", "at most 1"),
+        ("{lengths: 0.25,", "{lengths: 1.25,", "budget.theta_off_1.lengths", "at most 1"),
+        ("{lengths: 0.25,", "{lengths: 0.2,", "budget.theta_off_1", "add up to 0.95, not 1"),
+        ("  theta_off_1: {lengths", "  theta_off_8: {lengths", "budget.theta_off_8", "not listed as calibrated"),
+    ],
+)  # fmt: skip
+def test_one_mistake_in_them_gives_one_complaint(old: str, new: str, key: str, says: str) -> None:
+    found = complaint(format_parameters(with_correlations()).decode(), old, new)
+    assert [p.key for p in found.problems] == [key], str(found)
+    assert says in str(found)
+    assert found.problems[0].line is not None
+
+
+def test_the_longest_document_there_can_be_fits_into_a_slot() -> None:
+    """As many joints as a bus has, every entry calibrated, sixteen sources in each budget."""
+    n = MAX_JOINTS
+    names = [f"{kind}_{k}" for kind in ("theta_off", "s", "a", "alpha") for k in range(n + 1)]
+    odd = 1.0 / 3.0
+    rows = tuple(
+        DhRow(row=k, theta_off_deg=odd, s_m=odd, a_m=odd, alpha_deg=odd) for k in range(n + 1)
+    )
+    rng = np.random.default_rng(4)
+    spread = rng.normal(size=(len(names), len(names)))
+    variance = np.ones(len(names))
+    longest = replace(
+        document(),
+        joints=tuple(
+            JointParameters(joint=k, theta_off_deg=odd, sigma_deg=odd, home_offset_counts=-(2**31))
+            for k in range(1, n + 1)
+        ),
+        dh=rows,
+        calibrated=tuple(CalibratedEntry.of(name, odd, "ground") for name in names),
+        correlations=correlations_of(names, -spread @ spread.T),
+        budget=budget_of(names, variance, {f"a_long_source_{k}": variance / 16 for k in range(16)}),
+    )
+    assert len(format_parameters(longest)) < LONGEST_DOCUMENT / 2

@@ -1,0 +1,81 @@
+"""What single panels say of a picture, without an app around them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime, timedelta
+
+import pytest
+
+from operator_app.calibration.verdict import Verdict
+from operator_app.report.screen import facts_on
+from operator_app.session.snapshot import TaskKind
+from operator_app.tui.steps.capture import ProgressPanel, QualityPanel
+from operator_app.tui.steps.modes import PlanPanel
+from operator_app.tui.steps.results import VerdictPanel
+from oracles.story import busy, story
+
+
+def said(panel, picture, width: int, height: int) -> list[str]:
+    return ["".join(text for text, _ in row) for row in panel.build(picture, width, height)]
+
+
+def test_an_accepted_calibration_with_notes_does_not_read_as_the_one_with_warnings():
+    s = story()["solved"]
+    assert s.solution.verdict is Verdict.ACCEPTED
+    assert len(s.solution.warnings) == 2
+    first = said(VerdictPanel(), s, 98, 8)[0]
+    assert first == " ✓ ACCEPTED · 2 notes"
+
+
+@pytest.mark.parametrize("width", [98, 80])
+def test_the_verdict_says_what_the_calibration_brings(width):
+    s = story()["solved"]
+    row = said(VerdictPanel(), s, width, 7)[1]
+    figures = facts_on(s).json["hand_accuracy_mm"]
+    words = row.replace(",", "").split()
+    before, after = (float(words[k - 2]) for k in (words.index("before"), words.index("after")))
+    assert before == pytest.approx(figures["before"]["rms"], rel=0.01)
+    assert after == pytest.approx(figures["after"]["rms"], rel=0.01)
+    assert len(row) <= width
+
+
+@pytest.mark.parametrize("height", [9, 14, 30, 60])
+def test_what_the_ranking_has_no_room_for_is_counted_and_nothing_ends_in_mid_sentence(height):
+    s = story()["ticked"]
+    whole = said(PlanPanel(), s, 66, 200)
+    rows = said(PlanPanel(), s, 66, height)
+    assert len(rows) <= height
+    if len(whole) <= height:
+        assert rows == whole
+    else:
+        assert rows[:-1] == whole[: len(rows) - 1]
+        count = int(rows[-1].split()[0])
+        begun = sum(row[3:5].strip().isdigit() for row in rows[:-1])
+        assert begun + count == len(s.ranked)
+        # The next row begins another pair.
+        assert whole[len(rows) - 1][3:5].strip().isdigit()
+
+
+def test_the_time_left_does_not_count_a_pause_of_the_operator():
+    s = busy(story()["captured"], TaskKind.AUTOMATIC, moves=True)
+    begin, poses = datetime.fromisoformat(s.state.poses[0].utc), s.state.poses[:10]
+    seconds = [4.0 * k + (600.0 if k >= 6 else 0.0) for k in range(10)]
+    poses = tuple(
+        replace(p, utc=(begin + timedelta(seconds=t)).isoformat(), excluded="")
+        for p, t in zip(poses, seconds, strict=True)
+    )
+    s = replace(s, state=replace(s.state, poses=poses))
+    assert f"0:{4 * (s.wanted_poses - 10)} min left" in said(ProgressPanel(), s, 66, 1)[0]
+
+
+def test_the_trend_is_over_all_poses_with_its_first_and_last_value():
+    s = story()["capturing"]
+    values = [6000.0, 900.0, *(400.0 * 0.95**k for k in range(48))]
+    live = replace(s.live, history=tuple(enumerate(values, 3)), scaled_condition_number=values[-1])
+    trend, first, bars, last = said(QualityPanel(), replace(s, live=live), 29, 13)[1].split()
+    assert (trend, first, last) == ("trend", "6000", "35.9")
+    assert bars[0] == "█"
+    assert bars[-1] == "▁"
+    assert len(set(bars)) > 4
+    assert list(bars) == sorted(bars, reverse=True)

@@ -1,0 +1,186 @@
+"""Documents nobody would write: every file that `sarcal` reads, and the record of a solution in a journal."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from random import Random
+
+from operator_app.calibration.checks import Checks
+from operator_app.calibration.record import RecordError, from_dict, to_dict
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.solve import calibrate
+from operator_app.config.arm_file import load_arm, parse_arm
+from operator_app.config.fixture_file import load_fixture, parse_fixture
+from operator_app.config.joint_log import load_joint_log
+from operator_app.config.parameters_file import format_parameters, parse_parameters
+from operator_app.config.poses_file import load_poses, parse_poses
+from operator_app.config.procedure_file import parse_procedure
+from operator_app.config.profile_file import parse_profile
+from operator_app.config.resources import Resource, resolve
+from operator_app.config.urdf import format_urdf, parse_urdf
+from operator_app.config.user_settings import parse_settings
+from operator_app.session.folder import read_session
+from operator_app.session.journal import JOURNAL_NAME
+from operator_app.session.opening import Choices, resume
+from operator_app.session.repair import repair
+from oracles.journals import events, mutated, mutated_journal, written
+from oracles.odd_input import Refused, bytes_changed, in_yaml, refuse
+from oracles.parameter_documents import make_document
+
+FULL = (
+    b"placement,pose,theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,theta7_deg,"
+    b"sd1_deg,sd2_deg,sd3_deg,sd4_deg,sd5_deg,sd6_deg,sd7_deg,samples,utc,note,"
+    b"x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n"
+    + b"".join(
+        b"1,%d,1.5,-2,3,4,5,6,7,0.01,0.01,0,0.01,0.01,0.1,0.1,32,2026-01-02T03:04:05Z,n,0.1,0.2,0.3,1,2,3\n"
+        % k
+        for k in range(1, 9)
+    )
+)
+"""Every column that a poses file may have."""
+DATA = Path(__file__).parents[1] / "data" / "hinge" / "hinge_quantised.csv"
+
+
+def _journal_contents(rng: Random, folder: Path) -> None:
+    (folder / JOURNAL_NAME).write_bytes(mutated_journal(rng))
+    found = read_session(folder)
+    if found.state is not None and rng.random() < 0.1:
+        resume(str(folder), Choices(), root=folder)
+    refuse(found.problem)
+
+
+def _journal_bytes(rng: Random, folder: Path) -> None:
+    (folder / JOURNAL_NAME).write_bytes(bytes_changed(_short_journal(), rng))
+    try:
+        repaired = repair(folder)
+        found = read_session(folder)
+        if found.problem or found.state is None:
+            raise AssertionError(f"repaired and still unreadable: {found.problem}")
+        if repaired.aside is None:
+            return
+        refuse("repaired")
+    finally:
+        for path in folder.iterdir():
+            path.unlink()
+
+
+@cache
+def _short_journal() -> bytes:
+    return written([(name, data) for name, data in events() if name != "opened"])
+
+
+@cache
+def _packaged(kind: str, name: str) -> Resource:
+    return resolve(kind, name)  # type: ignore[arg-type]
+
+
+def _arm(rng: Random, _: Path) -> None:
+    name = rng.choice(("sarcos_dextrous", "franka_panda"))
+    parse_arm(in_yaml(_packaged("arm", name).data, rng), "arm.yaml")
+
+
+def _fixture(rng: Random, _: Path) -> None:
+    name = rng.choice(("hinge", "ball", "rigid"))
+    parse_fixture(in_yaml(_packaged("fixture", name).data, rng), "fixture.yaml")
+
+
+def _procedure_of(name: str) -> Callable[[Random, Path], None]:
+    def parse(rng: Random, _: Path) -> None:
+        source = _packaged("procedure", name)
+        changed = Resource(file="p.yaml", folder=None, data=in_yaml(source.data, rng))
+        parse_procedure(changed)
+
+    return parse
+
+
+def _profile(rng: Random, _: Path) -> None:
+    data = in_yaml(_packaged("profile", "sarcos").data, rng)
+    parse_profile(data, "profile.yaml", joints=rng.choice((7, None)))
+
+
+def _poses(rng: Random, _: Path) -> None:
+    sound = rng.choice((DATA.read_bytes(), FULL))
+    parse_poses(bytes_changed(sound, rng), "poses.csv", joint_count=rng.choice((7, None)))
+
+
+LOGS = (
+    b"0.1,0.2,0.3\n" * 6,
+    b"# t\nt q1 q2 q3\n1 2 3 4\n",
+    b"theta1_deg,theta2_deg,theta3_deg,placement,pose\n1,2,3,1,1\n",
+)
+COLUMNS = ("", "", "1-3", "2-4", "q1,q2,q3", "x", ",", "1-9999", "0", "3,2,1")
+
+
+def _joint_log(rng: Random, folder: Path) -> None:
+    file = folder / "log.csv"
+    file.write_bytes(bytes_changed(rng.choice(LOGS), rng))
+    unit = rng.choice(("rad", "deg", None))
+    load_joint_log(file, joint_count=3, unit=unit, columns=rng.choice(COLUMNS))  # type: ignore[arg-type]
+
+
+@cache
+def _urdf_file() -> bytes:
+    arm = load_arm("franka_panda")
+    return format_urdf(arm, arm.table)
+
+
+def _urdf(rng: Random, _: Path) -> None:
+    parse_urdf(bytes_changed(_urdf_file(), rng), "arm.urdf", tip=rng.choice(("", "", "link_3")))
+
+
+@cache
+def _parameters_file() -> bytes:
+    return format_parameters(make_document())
+
+
+def _parameters(rng: Random, _: Path) -> None:
+    parse_parameters(in_yaml(_parameters_file(), rng), "parameters.yaml")
+
+
+@cache
+def _solved() -> Mapping[str, object]:
+    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    poses = load_poses(DATA, joint_count=arm.joint_count).poses
+    solution = calibrate(arm, fixture, poses, estimator="paper")
+    found: Mapping[str, object] = json.loads(json.dumps(to_dict(solution)))
+    return found
+
+
+def _record(rng: Random, _: Path) -> None:
+    changed = mutated(_solved(), rng)
+    if isinstance(changed, dict):
+        try:
+            from_dict(rng.choice((Solution, Solution, Solution, Checks)), changed)
+        except RecordError as error:
+            raise Refused(str(error)) from error
+
+
+SETTINGS = (
+    b"schema: sarcal/settings/1\ninterface: socketcan\nchannel: can0\nbitrate: 500000\n"
+    b"theme: dark\noperator: R. Hand\n"
+)
+
+
+def _settings(rng: Random, _: Path) -> None:
+    parse_settings(in_yaml(SETTINGS, rng), "settings.yaml")
+
+
+DOCUMENTS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
+    "journal, contents": (20, _journal_contents),
+    "journal, bytes, repaired": (6, _journal_bytes),
+    "solution in a journal": (4, _record),
+    "arm": (4, _arm),
+    "fixture": (4, _fixture),
+    "bus profile": (3, _profile),
+    "procedure": (3, _procedure_of("hinge")),
+    "procedure with a plan": (3, _procedure_of("hinge_planned")),
+    "poses": (3, _poses),
+    "parameters": (3, _parameters),
+    "joint log": (3, _joint_log),
+    "urdf": (3, _urdf),
+    "user settings": (2, _settings),
+}
+"""What is fuzzed, in these shares."""

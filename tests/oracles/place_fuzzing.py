@@ -1,0 +1,109 @@
+"""Places nobody would name: pipes, folders and devices where an instrument's rows or a controller's slots should be."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from random import Random
+
+from hardware.line_port import CalledLines, GrowingFile
+from operator_app.session.instrument import Instrument, port_of
+from operator_app.virtual_arms import slots_in
+from oracles.odd_input import Refused, bytes_changed
+
+MEASURED = (
+    b'{"pose": "12", "x_m": 0.1, "y_m": 0.2, "z_m": 0.3, "rx_deg": 1, "ry_deg": 2, "rz_deg": 3}',
+    b'{"pose": "12", "lost": "behind the elbow"}',
+    b'{"x_m": 0.1, "y_m": 0.2, "z_m": 0.3, "qw": 1, "qx": 0, "qy": 0, "qz": 0}',
+)
+HEADING, ROW = b"pose,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n", b"12,0.1,0.2,0.3,1,2,3\n"
+
+
+def ask_instrument(rng: Random, folder: Path) -> None:
+    """A line of JSON, or a file that grows: the file itself, its heading or a row may be odd."""
+    if rng.random() < 0.5:
+        said = bytes_changed(rng.choice(MEASURED), rng).decode(errors="replace")
+        instrument = Instrument(
+            CalledLines(lambda _: said, "a tracker"), full_pose=rng.random() < 0.5, patience_s=0.0
+        )
+        instrument.open()
+        instrument.measure("12")
+        return
+    file = folder / "rows.csv"
+    if rng.random() < 0.2:
+        port_of(f"file:{_odd_place(rng, folder, file)}").open()
+        return
+    file.write_bytes(bytes_changed(HEADING, rng) if rng.random() < 0.5 else HEADING)
+    port = _Appended(file, bytes_changed(ROW, rng))
+    instrument = Instrument(port, full_pose=rng.random() < 0.5, patience_s=0.0)
+    instrument.open()
+    instrument.measure("12")
+
+
+class _Appended(GrowingFile):
+    """A file to which a row is added as soon as it is asked for one."""
+
+    def __init__(self, path: Path, row: bytes) -> None:
+        super().__init__(path)
+        self._file, self._row = path, row
+
+    def ask(self, question: str) -> None:
+        super().ask(question)
+        with self._file.open("ab") as file:
+            file.write(self._row)
+
+
+def _odd_place(rng: Random, folder: Path, own: Path) -> Path:
+    """What is no file, or none that this program may write, often a pipe nobody is at the other end of."""
+    match rng.randrange(6):
+        case 0 | 1:
+            pipe = folder / "pipe"
+            if not pipe.exists():
+                os.mkfifo(pipe)
+            return pipe
+        case 2:
+            return folder
+        case 3:
+            return own / "below" / "it"
+        case 4:
+            return Path(
+                rng.choice(("/proc/x", "/proc/self/mem", "/dev/null", "/dev/zero", "/dev/full"))
+            )
+        case _:
+            return Path(rng.choice(("x\x00y", "a" * 5000, "")))
+
+
+def keep_slots(rng: Random, folder: Path) -> None:
+    """The folder of `controller --state`: another thing in its place, or in the place of what lies in it."""
+    if rng.random() < 0.3:
+        place = _odd_place(rng, folder, folder / "rows.csv")
+        if place not in (folder, Path()):
+            slots_in(place)
+            return
+    state = folder / "state"
+    state.mkdir(exist_ok=True)
+    try:
+        sound = slots_in(state)
+        for document in (b"one", b"two")[: rng.randrange(3)]:
+            sound.commit(document)
+        for name in ("active", "slot_a", "slot_b", "slot_a.new", "active.new"):
+            file = state / name
+            match rng.randrange(8):
+                case 0 if file.exists():
+                    file.write_bytes(bytes_changed(file.read_bytes(), rng))
+                case 1:
+                    file.unlink(missing_ok=True)
+                    os.mkfifo(file)
+                case 2 if not file.exists():
+                    file.mkdir()
+        store = slots_in(state)
+        active = store.document(store.active)
+        if active not in (None, b"one", b"two"):
+            raise AssertionError(f"{active!r} was never committed")
+        try:
+            store.commit(b"three")
+        except OSError as error:
+            raise Refused(str(error)) from error
+    finally:
+        shutil.rmtree(state)

@@ -51,7 +51,7 @@ COARSE_RAD, COARSE_M = np.deg2rad(1.0), 0.01
 """A sigma beyond this is named."""
 
 MOST_NAMED = 5
-"""Nobody looks for more causes than these at once."""
+"""Nobody looks for more causes than these at once; one that refuses is named beyond them as well."""
 
 PROVEN = 1e-4
 """Chance of a return below which what slipped refuses, however wide the sigmas are: the slip itself may have
@@ -152,7 +152,8 @@ def causes_of(
             )
     found.extend(_unnamed(trial))
     found.extend(_doubted(trial, labels))
-    return each_once(found)[:MOST_NAMED]
+    once = each_once(found)
+    return tuple(c for k, c in enumerate(once) if k < MOST_NAMED or c.refuses)
 
 
 def _doubted(trial: Trial, labels: tuple[str, ...]) -> Iterable[NamedCause]:

@@ -23,10 +23,13 @@ from operator_app.config.poses_file import parse_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from solver.errors import PosesDoNotFitError, UnidentifiableError
+from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import estimate_with_errors
+from solver.judging.candidates import Candidate, Cause
+from solver.judging.evidence import Evidence, evidence
 from solver.judging.ranges import ReadingsOutOfRangeError
+from solver.judging.trial import Explanation, Trial, judge
 from solver.judging.trial import Test as Trying
-from solver.judging.trial import judge
 from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
 from tests.oracles.shop_floor_faults import CASES, Case
 
@@ -326,20 +329,58 @@ def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_
     assert judgement.verdict is Verdict.NOT_ACCEPTED
 
 
-def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not() -> None:
+def tried(found: Session) -> tuple[Trial, Estimate]:
+    """What the tests say of a session, and the estimate they judge."""
     arm, hinge = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
-    poses = parse_poses(session(SEED).csv().encode(), "poses.csv").poses
+    poses = parse_poses(found.csv().encode(), "poses.csv").poses
     model, tolerance = soften(loop_of_poses(arm, hinge, poses), arm)
     errors = error_model(arm, hinge, poses, np.arange(len(poses)), tolerance=tolerance)
-    found = estimate_with_errors(model, poses.q_rad, errors)
-    trial = judge(found.linear, arm, taken=found.order)
+    made = estimate_with_errors(model, poses.q_rad, errors)
+    return judge(made.linear, arm, taken=made.order), made.estimate
+
+
+def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not() -> None:
+    trial, estimate = tried(session(SEED))
+    labels = tuple(str(k) for k in range(40))
     by_chance = replace(trial, tests=(Trying(code="STEP", statistic=9.0, threshold=8.0),))
-    (cause,) = causes_of(by_chance, found.estimate, ("theta_off_2",), poses.label)
+    (cause,) = causes_of(by_chance, estimate, ("theta_off_2",), labels)
     assert cause.code == "UNNAMED"
     assert not cause.refuses
     assert "no more than the files state" in cause.text
     assert "(STEP)" in cause.text
-    assert causes_of(trial, found.estimate, ("theta_off_2",), poses.label) == ()
+    assert causes_of(trial, estimate, ("theta_off_2",), labels) == ()
+
+
+def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound: Solution) -> None:
+    """Five that move nothing compete in the first round; what is found in the second one moves joint 6 far."""
+    trial = tried(session(SEED))[0]
+    some = [c for c in trial.scene.standing() if c.cause in (Cause.DRIFT, Cause.SCALE)]
+    drifts = [c for c in some if c.cause is Cause.DRIFT]
+    slight = [
+        Explanation(candidate=c, evidence=weighed(trial, c, b=0.0), probability=0.15)
+        for c in (*drifts[:5], *(c for c in some if c.cause is Cause.SCALE))
+    ]
+    gross = Explanation(
+        candidate=drifts[5], evidence=weighed(trial, drifts[5], b=0.1), probability=0.9
+    )
+
+    def named(first: list[Explanation]) -> list[tuple[str, bool]]:
+        both = replace(trial, rounds=(tuple(first), (gross,)))
+        labels = tuple(str(k) for k in range(40))
+        found = causes_of(both, sound.estimate, ("theta_off_2",), labels)
+        return [(cause.code, cause.refuses) for cause in found]
+
+    five = [(f"DRIFT_JOINT_{j}", False) for j in (1, 2, 3, 4, 5)]
+    assert named(slight[:4]) == [*five[:4], ("DRIFT_JOINT_6", True)]
+    assert named(slight[:5]) == [*five, ("DRIFT_JOINT_6", True)]
+    assert named(slight) == [*five, ("DRIFT_JOINT_6", True)]
+
+
+def weighed(trial: Trial, candidate: Candidate, *, b: float) -> Evidence:
+    """Its evidence, had its coefficients come out as `b` and moved no parameter."""
+    found = evidence(trial.left, candidate.columns, candidate.natural)
+    assert found is not None
+    return replace(found, b=np.full_like(found.b, b), moved=np.zeros_like(found.moved))
 
 
 def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_unseen() -> None:

@@ -5,7 +5,7 @@ Knows calibrations, files' objects and pose sets; decides nothing, knows no scre
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,11 +21,12 @@ from solver.chain.parameters import DhEntry, is_entry
 from solver.chain.pose_order import canonical_order
 from solver.chain.poses import PoseSet
 from solver.errors import PosesDoNotFitError
+from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.linearisation import Linearisation
 from solver.estimators.mixed_fit import fit_mixed, gravity_share
 from solver.judging.left_over import LeftOver
-from solver.judging.prediction import Given, Shift, foretold
+from solver.judging.prediction import NOT_KNOWN, Given, Shift, foretold
 from solver.loops.closure import ClosureModel
 
 MOST = 1000
@@ -90,7 +91,7 @@ def foretell(
     solution, old = made.solution, _used(made)
     both = _together(old, new)
     later = np.arange(len(both)) >= len(old)
-    model, x0 = _model(arm, fixture, made, old, both, start)
+    model, x0, column = _model(arm, fixture, made, old, both, start)
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
     stated = soften(
         model.without(tuple(tolerated)), arm,
@@ -123,7 +124,9 @@ def foretell(
     if solution.estimate.estimator == "paper":
         # That is no optimum of these equations: it is judged where it says it is.
         at = here.state.x if isinstance(here, Linearisation) else found.x
-        given = Given(x=(x0 - at)[design.hard_index], covariance=_covariance(model, made))
+        hard = design.hard_index
+        covariance = _covariance(solution.estimate, [column[k] for k in hard])
+        given = Given(x=(x0 - at)[hard], covariance=covariance)
     left = foretold(fit, later, given)
     unknown = len([p for p in model.parameters if p.name in start])
     if not np.isfinite(left.chi2):
@@ -159,10 +162,10 @@ def _model(
     old: PoseSet,
     both: PoseSet,
     start: Mapping[str, float],
-) -> tuple[ClosureModel, FloatArray]:
-    """The loops of old and new poses with the calibration's parameters, and these."""
+) -> tuple[ClosureModel, FloatArray, list[int | None]]:
+    """The loops of old and new poses, the parameters, and each one's column in the estimate; None of `start`."""
     estimate = made.solution.estimate
-    known = dict(zip((p.name for p in estimate.parameters), estimate.x.tolist(), strict=True))
+    known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = loop_of_poses(arm, fixture, both, unsensed_joints=made.solution.model.unsensed_joints)
     if len(both.placements) > 1 and len(old.placements) == 1:
         # What had one placement's names has several now.
@@ -170,24 +173,26 @@ def _model(
         (number,) = old.placements
         here = {name: f"{name}[{number}]" for name in known}
         known = {
-            (here[name] if here[name] in numbered else name): value for name, value in known.items()
+            (here[name] if here[name] in numbered else name): k for name, k in known.items()
         }
     names = [p.name for p in model.parameters]
     model = model.freed(
         [DhEntry.parse(name) for name in known if name not in names and is_entry(name)]
     )
-    values = dict(start) | known
+    values = dict(start) | {name: float(estimate.x[k]) for name, k in known.items()}
     held = [p.name for p in model.parameters if p.name not in values]
     model = model.without(tuple(held)) if held else model
-    return model, np.array([values[p.name] for p in model.parameters])
+    names = [p.name for p in model.parameters]
+    return model, np.array([values[n] for n in names]), [known.get(n) for n in names]
 
 
-def _covariance(model: ClosureModel, made: MadeFrom) -> FloatArray:
-    """Of the parameters, in the order of `model`."""
-    estimate = made.solution.estimate
-    order = {p.name: k for k, p in enumerate(estimate.parameters)}
-    rows = [order[p.name] for p in model.parameters]
-    return estimate.covariance[np.ix_(rows, rows)]
+def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
+    """Of parameters by their columns in the estimate; of one that has none nothing is known."""
+    here = [k for k, c in enumerate(column) if c is not None]
+    rows = [c for c in column if c is not None]
+    covariance = np.diag(np.full(len(column), NOT_KNOWN**2))
+    covariance[np.ix_(here, here)] = estimate.covariance[np.ix_(rows, rows)]
+    return covariance
 
 
 def _together(old: PoseSet, new: PoseSet) -> PoseSet:

@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from operator_app.calibration.foretold import MadeFrom
 from operator_app.calibration.loop import pick_placements
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
 from operator_app.calibration.verdict import Verdict
+from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -156,3 +158,38 @@ def test_a_calibration_is_judged_by_sockets_it_has_never_seen(
     assert (test["verdict"], test["poses"]) == ("holds", 120)
     assert main([*made, str(tmp_path / "wrong.csv")]) == 4
     assert json.loads(capsys.readouterr().out)["test"]["verdict"] == "does not hold"
+
+
+def test_the_papers_estimate_is_judged_by_sockets_it_has_never_seen(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Where those stand no estimate has a column for, and where its own stood has a number beside them."""
+    whole = str(FOLDER / "panda_1.csv")
+    options = ["--arm", "franka_panda", "--fixture", "ball", "--drop-unidentifiable", "--json"]
+    made = ["solve", whole, "--placements", "3", *options, "--estimator", "paper", "--test", whole]
+    # Its sigmas are only what its own residuals scatter: other sockets show that they are too small.
+    assert main(made) == 4
+    test = json.loads(capsys.readouterr().out)["test"]
+    assert (test["verdict"], test["poses"]) == ("does not hold", 152)
+
+
+def test_what_the_papers_estimate_claims_is_what_it_is_judged_by() -> None:
+    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
+    arm, ball = load_arm("franka_panda"), load_fixture("ball").fixture
+    own, new = pick_placements(poses, (3,)), pick_placements(poses, (1, 6))
+    by_paper = calibrate(arm, ball, own, estimator="paper", drop=True)
+
+    def judged(times: float) -> Prediction:
+        claims = replace(
+            by_paper,
+            estimate=replace(by_paper.estimate, covariance=times**2 * by_paper.estimate.covariance),
+        )
+        made = MadeFrom(solution=claims, poses=own)
+        return judge_poses(arm, ball, new, fixed_by(claims), calibrated=(3,), made=made)
+
+    claimed, ten_times = judged(1.0), judged(10.0)
+    # The lengths that it held at their nominal values stay: nothing it claims excuses these.
+    assert claimed.shift is not None
+    assert ten_times.shift is None
+    assert ten_times.verification.chi2.per_dof < claimed.verification.chi2.per_dof
+    assert claimed.verification.chi2.dof == ten_times.verification.chi2.dof == 3 * len(new) - 6

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -21,17 +24,23 @@ def in_user_mode_linux(*command: str, patience_s: float = 170.0) -> str:
     It runs in the repository, and may write to /run only. Skips on a processor that User-Mode Linux
     cannot run on.
     """
-    done = subprocess.run(
+    running = subprocess.Popen(
         [
             sys.executable, str(RUNNER), "/usr/bin/env", "-C", str(REPOSITORY), "TMPDIR=/run",
             f"PYTHONPATH={REPOSITORY}", *command,
         ],
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        timeout=patience_s,
-        check=False,
+        start_new_session=True,
     )  # fmt: skip
-    if done.returncode and UNFIT in done.stdout:
+    try:
+        said, complaint = running.communicate(timeout=patience_s)
+    finally:
+        # Each process of the guest is one of the host's: they outlive their kernel's parent.
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(running.pid, signal.SIGKILL)
+    if running.returncode and UNFIT in said:
         pytest.skip(f"User-Mode Linux does not run on this processor: {UNFIT}")
-    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-1000:]
-    return done.stdout
+    assert running.returncode == 0, said[-4000:] + complaint[-1000:]
+    return said

@@ -16,7 +16,7 @@ from pathlib import Path
 
 KERNEL = os.environ.get("UML", "/usr/bin/linux.uml")
 MODULES = os.environ.get("UML_MODULES", "/usr/lib/uml/modules")
-PATIENCE_S = 300.0
+PATIENCE_S = 900.0
 NEVER_RAN = 99
 VERDICT = "UML_RC="
 

@@ -326,6 +326,16 @@ class CanopenArm:
         """End heartbeat, SYNC and connection, and leave the drives as they are: as if this program died."""
         self._connector.drop()
 
+    def states_unconnected(self) -> tuple[DriveState, ...]:
+        """Drive states of joints 1..n by SDO (6041h) alone, without a connection: no node is told or reset anything.
+
+        Raises
+        ------
+        BusError, SdoRefused, TwoDevices
+            A drive does not answer, or not as one.
+        """
+        return self._connector.look()
+
     # ---- parameters ------------------------------------------------------------------------------
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:

@@ -15,7 +15,7 @@ import can
 from hardware import identifying, uploading
 from hardware.acceptance import keep_out, operator_filters
 from hardware.admission import admit
-from hardware.arm import ArmIdentity, ArmSnapshot, JointMode
+from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode
 from hardware.buses import stamping_clock
 from hardware.cia402 import POWERED
 from hardware.continuity import ENCODER_COUNTS, RVDT_COUNTS
@@ -31,6 +31,7 @@ from hardware.joint_watch import JointWatch
 from hardware.objects import (
     MODE_DISPLAY,
     OPERATOR_NODE,
+    STATUSWORD,
     TOKEN,
 )
 from hardware.on_bus import ArmOnBus
@@ -142,6 +143,12 @@ class Connection:
         self.read_modes()
         start_up.go_on()
         return started.identity
+
+    def states_asked(self) -> tuple[DriveState, ...]:
+        """State of every drive (6041h) as it answers to SDO, before `open` or instead of it."""
+        self.loop.start()
+        words = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
+        return tuple(map(state_of, words))
 
     def close(self) -> None:
         """End everything that is sent and the recording."""

@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 
 from hardware import steps
-from hardware.arm import ArmIdentity
+from hardware.arm import ArmIdentity, DriveState
 from hardware.cia402 import Wish
 from hardware.connection import Connection
 from hardware.errors import (
@@ -108,7 +108,18 @@ class Connector:
     def drop(self) -> None:
         """End the connection and leave the drives as they are."""
         link, self._connection = self.connection, None
+        self._left_held = False
         self._end(link)
+
+    def look(self) -> tuple[DriveState, ...]:
+        """State of every drive (6041h), by SDO alone: nothing is reset, and no heartbeat or SYNC sent."""
+        if self._connection is not None:
+            raise ValueError("this arm is connected: its snapshot says it")
+        link = Connection(self._on_bus, record_to=None, latch=self.latch)
+        try:
+            return link.states_asked()
+        finally:
+            link.close()
 
     def stop(self) -> None:
         """Latch STOP, and send it if the bus is open by then; BusError without an arm, or if it could not be sent."""

@@ -31,6 +31,8 @@ from hardware.canopen_arm import CanopenArm
 from hardware.description import ArmDescription
 from hardware.errors import HardwareError
 
+STOP: Final = "STOP"
+"""The clause without which no drive is enabled again."""
 LEFT_OUT: Final = {
     "overload": "more joints held than may be, against a fixture: it would load arm and fixture to their limits",
     "faults": "counts lost, nodes that restart or answer twice, modes refused: the virtual arm has them all "
@@ -103,9 +105,10 @@ def check(bench: Bench, *, last: Stage) -> Iterator[Finding]:
         Stage.SILENCE: lambda: _silence(bench),
     }
     for stage, tried in stages.items():
-        fine = True
+        fine, names = True, set[str]()
         try:
             for clause in tried():
+                names.add(clause.name)
                 fine = fine and clause.passed is not False
                 yield Finding.of(stage, clause)
                 if not fine and stage is not Stage.LOOK:
@@ -113,8 +116,8 @@ def check(bench: Bench, *, last: Stage) -> Iterator[Finding]:
         except HardwareError as error:
             fine = False
             yield Finding(stage=stage, name="no error", passed=False, text=str(error))
-        if not fine:
-            return
+        if not fine or (stage is Stage.HOLD and STOP not in names):
+            return  # nothing enables the drives of an arm whose STOP was not tried
         if stage is last:
             break
     for name, why in LEFT_OUT.items() if last is Stage.SILENCE else ():
@@ -168,7 +171,10 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         "The drives will be enabled. Nothing should move, and then STOP is tried. Keep clear, with a hand "
         "on the emergency stop. Enable them?"
     ):
-        yield declined()
+        text = (
+            "not tried: nobody agreed to it; nothing after it is tried on an arm whose STOP was not"
+        )
+        yield replace(declined(), text=text)
         return
     before = arm.capture(bench.bounds.samples).mean_rad
     yield from clauses.is_enabled_unmoved(arm, bench.bounds)
@@ -186,7 +192,7 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     arm.stop()
     seconds = clauses.seconds_to_stop(arm, begun)
     yield Clause(
-        name="STOP",
+        name=STOP,
         passed=seconds is not None,
         text=f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
         if seconds is None

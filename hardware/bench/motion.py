@@ -14,7 +14,13 @@ from typing import Final
 import numpy as np
 
 from hardware.arm import Arm, ArmSnapshot, DriveState, MoveResult, Watch
-from hardware.bench.clauses import is_still, resets_unmoved, seconds_to_stop, stays_stopped
+from hardware.bench.clauses import (
+    STOPS_WITHIN_S,
+    is_still,
+    resets_unmoved,
+    seconds_to_stop,
+    stays_stopped,
+)
 from hardware.bench.finding import Bounds, Clause, deg
 from hardware.errors import Stopped
 
@@ -127,6 +133,8 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
         turn.go(watch)
         threading.Event().wait(_IN_FLIGHT_S)
     except KeyboardInterrupt:
+        if watch.at_rad is None:  # not ours: somebody wants all of this to end
+            raise
         interrupted = True
     found = turn.arm.snapshot()
     enabled = all(j.drive is DriveState.OPERATION_ENABLED for j in found.joints)
@@ -155,16 +163,17 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
         stopped = False
     except Stopped:
         stopped = True
-    seconds_to_stop(arm, time.monotonic())
+    seconds = seconds_to_stop(arm, time.monotonic())
     rests = arm.snapshot().positions_rad  # a stopped arm is not read otherwise
     gone = abs(float(rests[joint - 1]) - watch.start_rad)
     at = 0.0 if watch.at_rad is None else abs(watch.at_rad - watch.start_rad)
+    text = f"it came to rest {deg(abs(gone - at))} after STOP"
+    if seconds is None:
+        text = f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
     yield Clause(
         name="STOP on the way",
-        passed=stopped and gone - at <= max(turn.part_rad, bounds.once_rad),
-        text=f"it came to rest {deg(abs(gone - at))} after STOP"
-        if stopped
-        else "it was not stopped",
+        passed=stopped and seconds is not None and gone - at <= max(turn.part_rad, bounds.once_rad),
+        text=text if stopped else "it was not stopped",
         joint=joint,
     )
     yield from stays_stopped(arm, joint, turn.speed_rad_per_s)

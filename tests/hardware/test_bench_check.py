@@ -7,16 +7,17 @@ import math
 import os
 import signal
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 
 import can
 import pytest
 
-from hardware.arm import DriveState
+from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.bench.check import LEFT_OUT, check
 from hardware.bench.check import Bench as Tried
 from hardware.bench.finding import BENCH, Finding, Stage
+from hardware.bench.motion import Turn, is_interrupted
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
 from hardware.description import (
@@ -25,6 +26,7 @@ from hardware.description import (
     JointDescription,
     RvdtDescription,
 )
+from hardware.objects import HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from oracles.foreign_arm import Axis, foreign_arm
@@ -33,6 +35,7 @@ from oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse
 from tests.hardware.test_foreign_arm import DESCRIPTION as ACME
 from tests.hardware.test_foreign_arm import JOINTS, drafted
 
+WATCH_S = 1.5
 STEP, SPEED = math.radians(1.0), math.radians(5.0)
 _channels = itertools.count()
 
@@ -57,7 +60,7 @@ class Bystander:
 class Bench:
     """Joints that move by themselves, as on a bench, behind our own drives."""
 
-    def __init__(self, stack: ExitStack) -> None:
+    def __init__(self, stack: ExitStack, *, watches: bool = True) -> None:
         self.settings = BusSettings(channel=f"bench-{next(_channels)}")
         self.plant = TrivialPlant([axis.scale.counts_per_rad for axis in axes()])
         bus = stack.enter_context(can.Bus(self.settings.channel, interface="virtual"))
@@ -68,11 +71,14 @@ class Bench:
                 axes=axes(),
                 arm=ARM,
                 validate=parse,
-                heartbeat_timeout_s=1.5,
+                heartbeat_timeout_s=WATCH_S if watches else 1e3,
             )
         )
+        if not watches:  # and says that it does
+            for drive in self.controller.drives:
+                drive.serve(HEARTBEAT_CONSUMER, 1, lambda: OPERATOR_NODE << 16 | int(1e3 * WATCH_S))
 
-    def arm(self) -> CanopenArm:
+    def arm(self, pace: Pace = Pace.FAST_FORWARD) -> CanopenArm:
         rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))
         encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
         description = ArmDescription(
@@ -89,14 +95,14 @@ class Bench:
                 for j in range(1, 8)
             ),
         )
-        return patient(description, self.settings, sarcos())
+        return patient(description, self.settings, sarcos(), pace=pace)
 
 
-def patient(*args: object) -> CanopenArm:
+def patient(*args: object, pace: Pace = Pace.FAST_FORWARD) -> CanopenArm:
     timing = Timing(
         answer_timeouts_s=dict.fromkeys(Pace, 2.0), heartbeat_timeout_s=5.0, lost_after_s=5.0
     )
-    return CanopenArm(*args, pace=Pace.FAST_FORWARD, timing=timing)  # type: ignore[arg-type]
+    return CanopenArm(*args, pace=pace, timing=timing)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -170,6 +176,17 @@ def test_nothing_is_enabled_without_a_yes(bench: Bench) -> None:
     findings = tried(bench.arm(), Bystander("enabled"), Stage.HOLD)
     assert findings[-1].stage is Stage.HOLD
     assert findings[-1].passed is None
+    assert all(command.mode is None for command in bench.plant.commands)
+
+
+def test_where_stop_was_not_tried_nothing_is_enabled_at_all(bench: Bench) -> None:
+    """No to enabling, and yes to what comes after it: a closed arm, silence."""
+    who = Bystander("Enable them?", "Turn it?", "Free it?", "Close it?")
+    findings = tried(bench.arm(), who)
+    assert failed(findings) == []
+    assert "nothing after it" in findings[-1].text
+    assert len(who.asked) == 1
+    assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD}
     assert all(command.mode is None for command in bench.plant.commands)
 
 
@@ -251,6 +268,52 @@ def test_where_stop_does_not_stop_nothing_is_tried_any_more(bench: Bench) -> Non
     assert not [q for q in who.asked if "will turn by" in q]
 
 
+class Lingering(CanopenArm):
+    """An arm whose joint 2 has not heard the second STOP."""
+
+    presses = 0
+
+    def stop(self) -> None:
+        """Count."""
+        self.presses += 1
+        super().stop()
+
+    def snapshot(self) -> ArmSnapshot:
+        """Say that joint 2 goes on."""
+        found = super().snapshot()
+        if self.presses < 2 or not found.stopped:
+            return found
+        joints = list(found.joints)
+        joints[1] = replace(joints[1], drive=DriveState.OPERATION_ENABLED)
+        return replace(found, joints=tuple(joints))
+
+
+def test_a_drive_that_is_still_enabled_after_a_stop_on_the_way_fails(bench: Bench) -> None:
+    arm = bench.arm()
+    arm.__class__ = Lingering
+    findings = tried(arm, Bystander(*others_than(1)), Stage.MOVE)
+    assert failed(findings) == [("STOP on the way", 1)]
+    assert findings[-1].text == "a drive is still enabled 0.5 s after STOP"
+
+
+class Interrupted(CanopenArm):
+    """An arm at which somebody presses Ctrl-C as soon as it is to move."""
+
+    def move(self, *_: object, **__: object) -> MoveResult:
+        """Be interrupted."""
+        raise KeyboardInterrupt
+
+
+def test_a_ctrl_c_of_somebody_else_is_not_the_one_that_is_tried(bench: Bench) -> None:
+    arm = bench.arm()
+    with closing(arm):
+        arm.connect()
+        arm.__class__ = Interrupted
+        turn = Turn(arm=arm, joint=1, target_rad=0.1, speed_rad_per_s=SPEED, bounds=BENCH)
+        with pytest.raises(KeyboardInterrupt):
+            list(is_interrupted(turn, lambda: None))
+
+
 def test_a_second_program_that_is_let_in_is_told(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -260,6 +323,31 @@ def test_a_second_program_that_is_let_in_is_told(
         monkeypatch.setattr(CanopenArm, "another", lambda _: other)
         findings = tried(bench.arm(), Bystander(), Stage.LOOK)
     assert failed(findings) == [("one operator", None)]
+
+
+def test_a_second_program_that_is_refused_after_it_has_reset_the_nodes_was_let_in(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On the same bus: it hears nobody, and what it meets once it is at work is no refusal."""
+    arm = bench.arm()
+    monkeypatch.setattr("hardware.start_up.StartUp._listen", lambda *_: None)
+    findings = tried(arm, Bystander(), Stage.LOOK)
+    assert failed(findings) == [("one operator", None)]
+    assert "was let in" in findings[-1].text
+
+
+@pytest.mark.parametrize("pace", Pace)
+def test_drives_that_ignore_that_the_operator_is_gone_are_found_enabled(pace: Pace) -> None:
+    """They say in 1016h that they watch. The reset of a new connection stops them: that is not alone."""
+    with ExitStack() as stack:
+        bench = Bench(stack, watches=False)
+        findings = tried(bench.arm(pace), Bystander("Joint", "closed"))
+        drives = {drive.drive.state for drive in bench.controller.drives}
+    assert failed(findings) == [("stops alone", None)]
+    assert findings[-1].text == (
+        "joint 1, 2, 3, 4, 5, 6, 7 was still enabled 3.0 s after this program fell silent"
+    )
+    assert DriveState.OPERATION_ENABLED not in drives
 
 
 def test_a_target_that_is_not_refused_ends_the_check_and_the_move(bench: Bench) -> None:

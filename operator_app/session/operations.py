@@ -60,7 +60,7 @@ class Operations:
 
     def connect(self) -> None:
         """Find the arm, or find it again; check it, and judge the fixture where the arm stands."""
-        self._session.arm.close()
+        self._session.let_go()
         try:
             identity = self._session.connect()
         finally:
@@ -227,9 +227,8 @@ class Operations:
 
     def reset(self) -> None:
         """Clear STOP; the drives stay disabled."""
-        arm = self._session.arm
-        arm.reset_stop()
-        if arm.snapshot().stopped:  # pressed again meanwhile
+        self._session.reset_stop()
+        if self._session.arm.snapshot().stopped:  # pressed again meanwhile
             return
         self._publisher.publish(lambda s: replace(s, stop=None))
         self._publisher.say(Level.INFO, "STOP reset: nothing moves; apply the modes again (step 3)")

@@ -46,12 +46,13 @@ MOVING = frozenset(
 """Tasks that any key ends."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Job:
     kind: TaskKind
     text: str
     work: Callable[[], None]
     cancel: threading.Event
+    in_any_case: bool
 
 
 class Runner:
@@ -84,6 +85,8 @@ class Runner:
         self._operations = Operations(session, self)
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._hand: deque[_Job] = deque()
+        # The screen hands work in, and the watchman does: never taken where STOP has to get through.
+        self._handing_in = threading.Lock()
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
@@ -194,10 +197,17 @@ class Runner:
         """What can be handed to `submit`."""
         return self._operations
 
-    def submit(self, kind: TaskKind, text: str, work: Callable[[], None]) -> None:
-        """Queue work for the worker; returns at once."""
-        if not self._closing.is_set():
-            job = _Job(kind, text, work, threading.Event())
+    def submit(
+        self, kind: TaskKind, text: str, work: Callable[[], None], *, in_any_case: bool = False
+    ) -> None:
+        """Queue work for the worker; returns at once.
+
+        What is done `in_any_case` no key ends: it is short, and moves nothing.
+        """
+        job = _Job(kind, text, work, threading.Event(), in_any_case)
+        with self._handing_in:
+            if self._closing.is_set():
+                return
             self._hand.append(job)
             # Shown before the worker has it: shown after, it could be over already, and stay.
             if self._base.task is None:
@@ -207,7 +217,8 @@ class Runner:
     def cancel(self) -> None:
         """End the work in hand and what waits behind it; a moving arm comes to rest and holds."""
         for job in tuple(self._hand):
-            job.cancel.set()
+            if not job.in_any_case:
+                job.cancel.set()
 
     def stop(self) -> None:
         """Software STOP, from the calling thread: waits for no queue, no lock, no work."""
@@ -239,11 +250,13 @@ class Runner:
 
     def close(self, reason: str) -> None:
         """End the work in hand, leave the arm held and the journal whole. Safe to call twice."""
-        if self._closing.is_set():
-            return
+        with self._handing_in:
+            if self._closing.is_set():
+                return
+            # Nothing comes behind it; and what came before it is ended, or done in any case.
+            self._closing.set()
+            self._jobs.put(None)
         self.cancel()
-        self._closing.set()
-        self._jobs.put(None)
         self._worker.join()
         self._watching.join()
         self.session.close(reason)
@@ -278,7 +291,7 @@ class Runner:
                 self._do(job)
             elif not self._closing.is_set():
                 self.say(Level.INFO, f"{job.text}: ended by the operator before it began")
-            self._hand.popleft()
+            self._hand.remove(job)
             self._current = None
             self.publish(lambda s: replace(s, task=None))
 
@@ -322,8 +335,13 @@ class Runner:
         return self._watchman.recording_news()
 
     def note_why_stopped(self) -> None:
-        """Have it kept in the journal why the arm was stopped."""
-        self.submit(TaskKind.NOTE, "noting why the arm was stopped", self._operations.heed)
+        """Have it kept in the journal why the arm was stopped, whatever else is ended meanwhile."""
+        self.submit(
+            TaskKind.NOTE,
+            "noting why the arm was stopped",
+            self._operations.heed,
+            in_any_case=True,
+        )
 
     def stop_quietly(self) -> bool:
         """Quick stop; whether it could be sent."""

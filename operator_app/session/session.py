@@ -27,7 +27,7 @@ from hardware.errors import HardwareError
 from hardware.trajectory import coming_to_rest_s
 from operator_app.calibration.refusals import FixtureRefusedError
 from operator_app.config.procedure import Procedure
-from operator_app.errors import Cancelled, GuardError, JournalLostError, SessionError
+from operator_app.errors import Cancelled, GuardError, JournalError, JournalLostError
 from operator_app.planning.exploration import range_watch
 from operator_app.planning.held import held_checks
 from operator_app.planning.mode_rule import modes_problem
@@ -37,6 +37,7 @@ from operator_app.session.journal import Clock, Journal, utc_now
 from operator_app.session.lateness import LatenessLog
 from operator_app.session.logbook import Logbook
 from operator_app.session.mounting import require_mounted
+from operator_app.session.parting import Parting
 from operator_app.session.pose_reading import PoseReader
 from operator_app.session.sameness import (
     check_counters,
@@ -83,7 +84,7 @@ class Session(Logbook):
         self.cancelled: Callable[[], bool] = lambda: False
         self.told: Callable[[str], None] = lambda _: None
         self._same = False
-        self._let_go = False
+        self._parting = Parting(arm, journal, self._sensor_faults, self._lateness)
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
         """Write an event and let it count.
@@ -285,6 +286,10 @@ class Session(Logbook):
         """Keep, and raise, what the arm was stopped for by itself while nothing was asked of it."""
         self._sensor_faults.heed()
 
+    def reset_stop(self) -> None:
+        """Clear STOP and what tripped, once it is kept why the arm was stopped."""
+        self._parting.reset_stop()
+
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
         self.check_modes(self.position_joints)
         self._reader.keep(name, data, self.cancelled)
@@ -304,15 +309,17 @@ class Session(Logbook):
 
     # -- end -------------------------------------------------------------------------------------
 
+    def let_go(self) -> bool:
+        """Leave the arm held, to connect anew; what only it knows is kept. False if it did not answer."""
+        return self._parting.let_go()
+
     def close(self, reason: str) -> bool:
         """Leave the arm held and the journal whole. Safe to call twice; False if it did not answer."""
         try:
-            # It may be why the session ends.
-            with suppress(HardwareError, JournalLostError):
-                if not self.journal.closed and self.journal.loss is None:
-                    self._lateness.record()
-            self._let_go = self.arm.close()
-            return self._let_go
+            # What cannot be written is said by the last entry, which cannot be either.
+            with suppress(JournalError):
+                self.let_go()
+            return self._parting.held
         finally:
             self._reader.close_instrument()
             try:
@@ -324,18 +331,8 @@ class Session(Logbook):
                 self.journal.close()
 
     def require_let_go(self) -> None:
-        """Refuse to send anybody to the fixture of an arm of which nobody knows what it does.
-
-        Raises
-        ------
-        SessionError
-            The arm did not answer when the session was closed.
-        """
-        if not self._let_go:
-            raise SessionError(
-                "the arm did not answer when it was told to hold and let go: nobody here knows what it does",
-                "look before you go near; its drives hold by themselves when they miss the operator's heartbeat",
-            )
+        """Refuse to send anybody to the fixture of an arm that did not answer when it was let go."""
+        self._parting.require_held()
 
     def _require_journal(self) -> None:
         """Move nothing for a session whose journal is gone."""

@@ -61,7 +61,7 @@ def _clear_lost_heartbeat(session: Session) -> bool:
     faults = session.arm.snapshot().faults
     if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
         return False
-    session.arm.reset_stop()
+    session.reset_stop()
     joints = sorted({f.joint for f in faults if f.joint is not None})
     session.record("reset", {"joints": joints, "code": int(EmergencyCode.HEARTBEAT_LOST)})
     return bool(joints)

@@ -233,6 +233,8 @@ class LiveArm(PlantArm):
         if self._ticker is not None:
             self._ticker.join()
             self._ticker = None
+        # What is known of a connection goes with it.
+        self._astray = None
         return True
 
 

@@ -13,12 +13,16 @@ from hardware.objects import EmergencyCode
 from hardware.virtual.scenarios import scenario
 from operator_app.composition import CutShort
 from operator_app.config.procedure_file import load_procedure
+from operator_app.errors import JournalError
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.ending import cut_short_lines
 from operator_app.session.exploring import visit
 from operator_app.session.journal import read_journal
 from operator_app.session.lateness import AGAIN_S, LatenessNews, late_words
+from operator_app.session.operations import Operations
 from operator_app.session.replay import session_state
+from operator_app.session.session import Session
+from oracles.journalled_sessions import Quiet
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm
 
@@ -111,3 +115,52 @@ def test_a_run_that_ends_as_drives_missed_the_heartbeat_says_that_this_computer_
     late_lines = [line for line in lines if "This computer was late" in line]
     assert len(late_lines) == (1 if said else 0)
     assert said in "".join(late_lines)
+
+
+def busy_session(folder: Path) -> tuple[Session, Busy]:
+    """A session on an arm, connected."""
+    procedure = load_procedure("hinge")
+    procedure = replace(procedure, arm=scenario("exact").arm(procedure.arm))
+    arm = Busy(procedure, "exact")
+    session = opened(folder, arm, procedure)
+    session.connect()
+    return session, arm
+
+
+def test_what_was_late_before_a_reconnect_is_kept(tmp_path: Path) -> None:
+    session, arm = busy_session(tmp_path / "session")
+    work = Operations(session, Quiet(session))
+    arm.lateness = late(2, 0.4, 0.7)
+    closed = arm.closed
+    work.connect()
+    assert arm.closed == closed + 1
+    kept = [e.data for e in read_journal(tmp_path / "session").events if e.name == "late"]
+    assert kept == [{"times": 2, "last_s": 0.4, "longest_s": 0.7}]
+    session.close("end of the test")
+
+
+def test_an_arm_is_let_go_though_the_disk_is_full_and_this_computer_was_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session, arm = busy_session(tmp_path / "session")
+    arm.lateness = late(1, 0.4, 0.4)
+
+    def full(*_: object, **__: object) -> None:
+        raise JournalError("cannot write the journal: no space left on device", "free space")
+
+    monkeypatch.setattr(session.journal, "append", full)
+    closed = arm.closed
+    with pytest.raises(JournalError, match="no space"):
+        session.close("end of the test")
+    assert arm.closed == closed + 1
+    assert session.journal.closed
+
+
+def test_an_arm_that_was_held_is_said_to_be_though_the_journal_was_taken_away(
+    tmp_path: Path,
+) -> None:
+    session, arm = busy_session(tmp_path / "session")
+    arm.lateness = late(1, 0.4, 0.4)
+    session.journal.path.unlink()
+    assert session.close("end of the test")
+    assert session.journal.loss is not None

@@ -244,3 +244,32 @@ def test_why_an_arm_was_stopped_by_itself_is_kept_once_and_the_pose_read_then_do
     assert kept == {"joint": 5, "text": str(arm.why)}
     assert "joint 5 read wrong by then" in session.state.poses[0].excluded
     assert session.state.slipped
+
+
+@pytest.mark.parametrize(
+    "forgets",
+    [
+        lambda session: session.reset_stop(),
+        lambda session: session.let_go(),
+        lambda session: session.close("left"),
+    ],
+    ids=["reset", "connect anew", "close"],
+)
+def test_why_an_arm_was_stopped_is_kept_before_the_arm_forgets_it(
+    tmp_path: Path, forgets: Callable[[Session], object]
+) -> None:
+    """Whoever presses the key is quicker than the watchman."""
+    procedure = procedure_of("datasheet", 8)
+    arm = Stray(procedure, "datasheet")
+    session = opened(tmp_path / "s", arm, procedure)
+    session.connect()
+    session.set_modes((1, 5))
+    session.capture()
+    arm.why = DriveAstray(5, 1300, since_sync=arm.snapshot().sync_count - 3)
+    forgets(session)
+    kept = [
+        e.data["joint"] for e in read_journal(tmp_path / "s").events if e.name == "sensor_fault"
+    ]
+    assert kept == [5]
+    assert session.state.slipped
+    assert session.state.used_poses == ()

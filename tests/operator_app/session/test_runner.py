@@ -13,6 +13,7 @@ import pytest
 
 from hardware.arm import Lateness
 from operator_app.errors import SessionError
+from operator_app.session.journal import read_journal
 from operator_app.session.runner import WATCH_PERIOD_S, Runner
 from operator_app.session.snapshot import Level, TaskKind
 from operator_app.session.watchman import UNSEEN_S, Watchman
@@ -238,3 +239,117 @@ def test_held_joints_are_not_driven_against_each_other(runner: Runner) -> None:
         work.capture(0)
     assert abs(runner.session.arm.snapshot().positions_rad - before).max() < 0.02
     assert not runner.session.state.poses
+
+
+def kept_faults(runner: Runner) -> list[object]:
+    """Joints of the sensor faults in the journal."""
+    events = read_journal(runner.session.journal.path.parent).events
+    return [e.data["joint"] for e in events if e.name == "sensor_fault"]
+
+
+def with_a_pose(runner: Runner) -> None:
+    """Connect, and capture the first pose."""
+    work = runner.operations
+    work.connect()
+    work.set_modes((1, 5))
+    work.capture(0)
+
+
+def wait_until_told(runner: Runner) -> None:
+    """Wait until the watchman has seen why the arm was stopped, and handed that in."""
+    end = time.monotonic() + PATIENCE_S
+    while not any("J5" in a.text or "oint 5" in a.text for a in runner.snapshot().alarms):
+        assert time.monotonic() < end
+        threading.Event().wait(WATCH_PERIOD_S)
+    while len(runner._hand) < 2:
+        assert time.monotonic() < end
+        threading.Event().wait(WATCH_PERIOD_S)
+
+
+def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(tmp_path: Path) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    with_a_pose(runner)
+    assert source.arm is not None
+    begun = threading.Event()
+
+    def calibrating() -> None:
+        begun.set()
+        while not runner.cancelled():
+            threading.Event().wait(0.01)
+
+    runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
+    assert begun.wait(PATIENCE_S)
+    source.arm.go_astray(5)
+    wait_until_told(runner)
+    runner.stop()
+    runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
+    finish(runner)
+    assert not runner.snapshot().stopped
+    assert kept_faults(runner) == [5]
+    assert runner.session.state.slipped
+    assert runner.session.state.used_poses == ()
+    source.close("end of the test")
+
+
+def test_why_the_arm_was_stopped_is_kept_though_the_session_is_closed_meanwhile(
+    tmp_path: Path,
+) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    with_a_pose(runner)
+    assert source.arm is not None
+    begun = threading.Event()
+
+    def calibrating() -> None:
+        begun.set()
+        while not runner.cancelled():
+            threading.Event().wait(0.01)
+
+    runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
+    assert begun.wait(PATIENCE_S)
+    source.arm.go_astray(5)
+    wait_until_told(runner)
+    source.close("end of the test")
+    assert kept_faults(runner) == [5]
+
+
+def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_ended(
+    tmp_path: Path, monkeypatch
+) -> None:
+    """The screen and the watchman: a job that no key could end would be the wrong one's."""
+
+    class Slow(queue.SimpleQueue):
+        """Whoever hands in the first job is held up in the middle of it."""
+
+        second = threading.Event()
+
+        def put(self, item: object, *_: object) -> None:
+            if getattr(item, "text", "") == "the first":
+                self.second.wait(0.5)
+            super().put(item)
+            if getattr(item, "text", "") == "the second":
+                self.second.set()
+
+    monkeypatch.setattr("operator_app.session.runner.queue", SimpleNamespace(SimpleQueue=Slow))
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    begun, ended = threading.Event(), threading.Event()
+
+    def work() -> None:
+        begun.set()
+        while not runner.cancelled() and not runner._closing.is_set():
+            threading.Event().wait(0.01)
+        if runner.cancelled() and not runner._closing.is_set():
+            ended.set()
+
+    first = threading.Thread(target=runner.submit, args=(TaskKind.MOVE, "the first", work))
+    first.start()
+    while not runner._hand:
+        threading.Event().wait(0.001)
+    runner.submit(TaskKind.NOTE, "the second", lambda: None)
+    first.join()
+    assert begun.wait(PATIENCE_S)
+    runner.cancel()
+    assert ended.wait(5.0)
+    source.close("end of the test")

@@ -1,0 +1,78 @@
+"""Letting go of an arm, and clearing its STOP: what it knows no more afterwards is kept first.
+
+Why it was stopped by itself, and how late this computer was. Knows no bus and no screen.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from hardware.arm import Arm
+from hardware.errors import HardwareError
+from operator_app.errors import SessionError
+from operator_app.session.journal import Journal
+from operator_app.session.lateness import LatenessLog
+from operator_app.session.sensor_faults import SensorFaults
+
+
+class Parting:
+    """Parts a session from its arm.
+
+    Attributes
+    ----------
+    held
+        Whether the arm answered when it was let go of last.
+    """
+
+    def __init__(
+        self, arm: Arm, journal: Journal, sensor_faults: SensorFaults, lateness: LatenessLog
+    ) -> None:
+        self._arm, self._journal = arm, journal
+        self._sensor_faults, self._lateness = sensor_faults, lateness
+        self.held = False
+
+    def reset_stop(self) -> None:
+        """Clear STOP and what tripped; the drives stay disabled.
+
+        Raises
+        ------
+        JournalError
+            It could not be kept why the arm was stopped: nothing was cleared.
+        Stopped, DriveFault, BusError
+            As `Arm.reset_stop`.
+        """
+        with suppress(HardwareError):
+            self._sensor_faults.heed()
+        self._arm.reset_stop()
+
+    def let_go(self) -> bool:
+        """Leave the arm held; False if it did not answer. Whatever can be kept or not, it is let go.
+
+        Raises
+        ------
+        JournalError
+            What the arm knew could not be kept.
+        """
+        try:
+            if not self._journal.closed and self._journal.loss is None:
+                with suppress(HardwareError):
+                    self._sensor_faults.heed()
+                with suppress(HardwareError):
+                    self._lateness.record()
+        finally:
+            self.held = self._arm.close()
+        return self.held
+
+    def require_held(self) -> None:
+        """Refuse to send anybody to the fixture of an arm of which nobody knows what it does.
+
+        Raises
+        ------
+        SessionError
+            The arm did not answer when it was let go.
+        """
+        if not self.held:
+            raise SessionError(
+                "the arm did not answer when it was told to hold and let go: nobody here knows what it does",
+                "look before you go near; its drives hold by themselves when they miss the operator's heartbeat",
+            )

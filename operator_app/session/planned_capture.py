@@ -27,6 +27,7 @@ from operator_app.session.campaign_replay import (
 )
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
+from operator_app.session.unreturned import NO_WAY_BACK
 from operator_app.units.figure import WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
@@ -182,7 +183,7 @@ class PlannedCapture:
         first = self._session.state.used_poses[0].mean_rad
         moves = None if campaign is None else campaign.way_to(first)
         if campaign is None or moves is None:
-            return "no way back to it is planned from here", ()
+            return NO_WAY_BACK, ()
         session, stops = self._session, list[Stop]()
         self._listener.going(None)
         for move in moves:

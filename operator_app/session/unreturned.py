@@ -5,6 +5,9 @@ from __future__ import annotations
 from operator_app.calibration.judgement import Notice
 from operator_app.session.state import SessionState
 
+NO_WAY_BACK = "no way back to it is planned from here"
+"""Why a planned capture does not read its first pose once more: it would say so again at every resume."""
+
 
 def unreturned_notices(state: SessionState) -> tuple[Notice, ...]:
     """Say for each placement whether its first pose was read once more after its last; nothing where it was."""
@@ -28,13 +31,15 @@ def _of_placement(state: SessionState, placement: int, *, several: bool) -> Noti
     where = f" of placement {placement}" if several else ""
     before = max((r.again.after for r in again), default=0)
     since = f"pose {before}" if before else f"pose {here[0]}"
-    remedy = (
-        "let the capture run to its end, which reads it (sarcal run --resume with this session), and calibrate "
-        "again"
-    )
+    remedy = "verify the calibration by new poses (sarcal verify with this session)"
+    if placement == state.placement and why != NO_WAY_BACK:
+        remedy = (
+            "let the capture run to its end, which reads it (sarcal run --resume with this session), and "
+            "calibrate again"
+        )
     return Notice(
         code="NO_RETURN",
         text=f"pose {here[0]}{where} was not read once more after pose {here[-1]} ({why}): whether a joint or "
         f"the fixture slipped since {since} is told by the poses alone, which show a slip in the last ones "
-        f"badly; {remedy if placement == state.placement else 'verify the calibration by new poses'}",
+        f"badly; {remedy}",
     )

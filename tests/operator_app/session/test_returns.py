@@ -19,10 +19,12 @@ from operator_app.calibration.weighing import not_yet_named, proven_by_return
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled
+from operator_app.session.exploring import visit
 from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
+from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.session import Session
-from operator_app.session.unreturned import unreturned_notices
+from operator_app.session.unreturned import NO_WAY_BACK, unreturned_notices
 from operator_app.session.workflow import take_poses
 from solver.judging import trial
 
@@ -170,6 +172,29 @@ def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(
     take_poses(session, Listener(), (1, 5))
     assert unreturned_notices(session.state) == ()
     assert "NO_RETURN" not in {w.code for w in session.calibrate().warnings}
+
+
+def test_where_no_way_leads_back_it_is_to_be_verified_and_not_to_be_resumed(
+    make_session: MakeSession,
+) -> None:
+    """A planned capture that knows no way back knows none after a resume either."""
+    session = begun(make_session(exact_procedure(4)))
+    session.set_modes((1, 5))
+    for k in range(4):
+        visit(session, k)
+        session.capture(k)
+    planned = PlannedCapture(session, (1, 5), Listener())
+    missed, way = planned.to_first()
+    assert (missed, way) == (NO_WAY_BACK, ())
+    session.record("return_missed", {"of": 1, "reason": missed})
+    (notice,) = unreturned_notices(session.state)
+    assert NO_WAY_BACK in notice.text
+    assert "sarcal verify" in notice.text
+    assert "--resume" not in notice.text
+    # What only was in the way may be gone.
+    session.record("return_missed", {"of": 1, "reason": "joint 3 needed 95 N m"})
+    (notice,) = unreturned_notices(session.state)
+    assert "--resume" in notice.text
 
 
 def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Solution:

@@ -172,9 +172,7 @@ def _model(
         numbered = {p.name for p in model.parameters}
         (number,) = old.placements
         here = {name: f"{name}[{number}]" for name in known}
-        known = {
-            (here[name] if here[name] in numbered else name): k for name, k in known.items()
-        }
+        known = {(here[name] if here[name] in numbered else name): k for name, k in known.items()}
     names = [p.name for p in model.parameters]
     model = model.freed(
         [DhEntry.parse(name) for name in known if name not in names and is_entry(name)]

@@ -108,8 +108,8 @@ def execute(args: argparse.Namespace) -> int:
             found = unidentifiable_json(
                 error,
                 parameters=parameters,
-                poses=len(session.state.used_poses),
                 folder=folder,
+                state=session.state,
             )
             say(json.dumps(found, indent=2, allow_nan=False))
         else:

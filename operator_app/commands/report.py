@@ -97,7 +97,7 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
             procedure.arm, unsensed_joints=subject.unsensed_joints
         )
         found = unidentifiable_json(
-            blind, parameters=len(model.parameters), poses=len(subject.used), folder=folder
+            blind, parameters=len(model.parameters), folder=folder, state=state
         )
         say(json.dumps(found, indent=2, allow_nan=False))
     if solution is None or facts is None:

@@ -164,7 +164,7 @@ def _report_unidentifiable(
     found = unidentifiable_json(
         error,
         parameters=len(model.parameters),
-        poses=len(session.state.used_poses),
         folder=session.journal.path.parent,
+        state=session.state,
     )
     say(json.dumps(found, indent=2, allow_nan=False))

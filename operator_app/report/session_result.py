@@ -1,6 +1,6 @@
 """A session's calibration as `run` and `report` give it: the facts, and where everything of it is.
 
-Computes nothing, prints nothing.
+Computes nothing but whether a poses file is of these poses; prints nothing.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from operator_app.config.errors import ConfigError
+from operator_app.config.poses_file import format_poses, load_poses
 from operator_app.report.calibration_data import unidentifiable_data
 from operator_app.report.facts import Facts, estimate_json
 from operator_app.session.folder import POSES_NAME
@@ -32,7 +34,7 @@ def session_json(
             "journal": str(folder / JOURNAL_NAME),
             "serial_number": state.serial_number,
             "parameters": str(folder / exported["file"]) if exported else None,
-            "poses": _poses_file(folder),
+            "poses": _poses_file(folder, state),
             "uploaded": bool(uploaded),
             "sha256": uploaded.get("sha256"),
         },
@@ -40,27 +42,43 @@ def session_json(
 
 
 def unidentifiable_json(
-    error: UnidentifiableError, *, parameters: int, poses: int, folder: Path
+    error: UnidentifiableError, *, parameters: int, folder: Path, state: SessionState
 ) -> dict[str, Any]:
     """Return the same of a session whose poses leave parameters undetermined."""
+    poses = len(state.used_poses)
     found = unidentifiable_data(error, parameters=parameters, poses=poses)
     return {
         **found,
         "paper": None,
-        "session": {"folder": str(folder), "poses": _poses_file(folder)},
+        "session": {"folder": str(folder), "poses": _poses_file(folder, state)},
     }
 
 
-def _poses_file(folder: Path) -> str | None:
-    """Beside the journal from the first calibration on."""
-    return str(folder / POSES_NAME) if (folder / POSES_NAME).exists() else None
+def _poses_file(folder: Path, state: SessionState) -> str | None:
+    """Beside the journal from the first calibration on; named while it holds the poses that count now."""
+    path = folder / POSES_NAME
+    if not path.exists() or not state.used_poses:
+        return None
+    poses = state.pose_set()
+    try:
+        # To the byte; or, where only a note was added since, in what a calibration uses.
+        same = path.read_bytes() == format_poses(poses) or (
+            load_poses(path).poses.sha256() == poses.sha256()
+        )
+    except (ConfigError, OSError):
+        return None
+    return str(path) if same else None
 
 
 def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
     """Say where the session, its files and its upload are."""
     lines, exported = [f"Session     {folder}"], state.exported
-    if poses := _poses_file(folder):
+    if poses := _poses_file(folder, state):
         lines.append(f"Poses       {poses}")
+    elif (folder / POSES_NAME).exists():
+        lines.append(
+            f"Poses       in the journal; {POSES_NAME} was written before they were changed"
+        )
     if not exported:
         why = "" if accepted else ": the calibration was not accepted"
         return "\n".join([*lines, f"Parameters  not written{why}"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -9,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from operator_app.cli import main
-from operator_app.config.poses_file import load_poses
-from operator_app.session.journal import Journal
+from operator_app.config.poses_file import load_poses, save_poses
+from operator_app.report.session_result import session_text
+from operator_app.session.journal import Journal, read_journal
 from operator_app.session.opening import Choices, begin
+from operator_app.session.replay import session_state
 
 MakeFolder = Callable[..., Path]
 
@@ -115,3 +118,33 @@ def test_a_page_that_cannot_be_written_is_said(
 ) -> None:
     assert main(["report", str(make_folder(5)), "-o", str(tmp_path / "none" / "r.html")]) == 2
     assert "cannot be written" in capsys.readouterr().err
+
+
+def test_a_poses_file_is_named_while_it_holds_the_poses_that_count(
+    make_folder: MakeFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make_folder()
+    file = folder / "poses.csv"
+
+    def named() -> str:
+        state = session_state(read_journal(folder))
+        said = session_text(folder, state, accepted=True).splitlines()
+        return next((row.removeprefix("Poses").strip() for row in said if "Poses" in row), "")
+
+    def add(name: str, data: dict[str, object]) -> None:
+        journal = Journal.resume(folder)
+        journal.append(name, data)
+        journal.close()
+
+    assert named() == ""
+    save_poses(file, session_state(read_journal(folder)).pose_set())
+    assert named() == str(file)
+    add("pose_noted", {"number": 3, "text": "somebody leaned on the table"})
+    assert named() == str(file)
+    add("pose_excluded", {"number": 4, "text": "by the operator"})
+    assert named() == "in the journal; poses.csv was written before they were changed"
+    main(["report", str(folder), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert (found["poses"], found["session"]["poses"]) == (19, None)
+    file.write_text("no poses at all")
+    assert named().startswith("in the journal")

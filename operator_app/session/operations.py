@@ -15,7 +15,6 @@ from operator_app.session.drives import choose_by_prediction
 from operator_app.session.exploring import visit
 from operator_app.session.going_home import go_home
 from operator_app.session.listener import Listener
-from operator_app.session.progress import Progress
 from operator_app.session.publisher import Publisher
 from operator_app.session.results import Results
 from operator_app.session.session import Session
@@ -24,6 +23,7 @@ from operator_app.session.state import CapturedPose, SessionState
 from operator_app.session.waypoints import waypoints_from, waypoints_of
 from operator_app.session.wording import configured_words, unwatching_words
 from operator_app.session.workflow import take_poses
+from operator_app.session.worth import Appraisal
 from operator_app.units.figure import MOVED, READING_SD
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
@@ -48,7 +48,7 @@ class Operations:
         self._listener = _Publishing(self, publisher)
         session.cancelled = publisher.cancelled
         session.told = lambda text: publisher.say(Level.INFO, text)
-        self._progress = Progress(session)
+        self._appraisal = Appraisal(session)
         self.results = Results(session, publisher, self._listener, self.refresh)
 
     # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
@@ -247,7 +247,7 @@ class Operations:
         """Publish the session's state and what its poses are worth."""
         session = self._session
         state = session.state
-        now = self._progress.standing(state)
+        now = self._appraisal.of(state)
         if not state.solved:
             self.results.solution = None
         self._publisher.publish(
@@ -264,8 +264,8 @@ class Operations:
     # -- inside ------------------------------------------------------------------------------------
 
     def _foresee(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        self._progress.foresee(plan, start_rad)
-        self._publisher.publish(lambda s: replace(s, plan=plan, forecast=self._progress.forecast))
+        self._appraisal.foresee(plan, start_rad)
+        self._publisher.publish(lambda s: replace(s, plan=plan, forecast=self._appraisal.forecast))
 
     def _at(self, waypoint: int | None) -> None:
         """Say at which waypoint the arm is; None before it moves."""

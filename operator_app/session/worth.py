@@ -20,8 +20,8 @@ from solver.loops.closure import ClosureModel, poses_needed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Standing:
-    """Where a capture stands.
+class Worth:
+    """What the poses of a capture are worth, and which would be the next.
 
     Attributes
     ----------
@@ -38,8 +38,8 @@ class Standing:
     best_waypoint: int | None
 
 
-class Progress:
-    """Follows a session's poses; keeps the last result, from which the next one is found sooner."""
+class Appraisal:
+    """Appraises a session's poses; keeps the last result, from which the next one is found sooner."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -61,7 +61,7 @@ class Progress:
             poses=session.procedure.capture.poses,
         )
 
-    def standing(self, state: SessionState) -> Standing:
+    def of(self, state: SessionState) -> Worth:
         """What the poses of `state` are worth."""
         session, used = self._session, state.used_poses
         if not used:
@@ -72,7 +72,7 @@ class Progress:
             loop = self._loop_of(state)
             self._live = live_quality(session.model, loop, q_rad, numbers, earlier=self._live)
         left = [k for k in range(len(self.plan)) if k not in state.visited]
-        return Standing(
+        return Worth(
             live=self._live,
             next_waypoint=left[0] if left else None,
             best_waypoint=self._most_telling(state, left),

@@ -67,16 +67,24 @@ class CommandSender:
             self.stop_all(commands)
 
     def stop_all(self, commands: Setpoints | None) -> None:
-        """Quick stop to all drives; before it to those that went astray what takes their power."""
+        """Quick stop to all drives; before it to those that went astray what takes their power.
+
+        Raises
+        ------
+        BusError
+            A frame did not go out; quick stop was sent all the same, by the handle of its own.
+        """
         self._sent = [None] * len(self._frames)
-        for at, command in enumerate(commands or ()):
-            if at + 1 not in self._watch.switched_off:
-                continue
-            off = replace(command, controlword=CONTROLWORD_DISABLE_VOLTAGE)
-            # By this handle: what comes from the other one is not known for this program's own.
-            for identifier, data in self._frames[at].pack_controlword(off):
-                self._send(identifier, data)
-        self._quick_stop()
+        try:
+            for at, command in enumerate(commands or ()):
+                if at + 1 not in self._watch.switched_off:
+                    continue
+                off = replace(command, controlword=CONTROLWORD_DISABLE_VOLTAGE)
+                # By this handle: what comes from the other one is not known for this program's own.
+                for identifier, data in self._frames[at].pack_controlword(off):
+                    self._send(identifier, data)
+        finally:
+            self._quick_stop()
 
 
 def _moves_on(before: Setpoint | None, command: Setpoint) -> bool:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import struct
 
+import can
 import pytest
 
 from hardware.arm import JointMode
 from hardware.canopen_arm import CanopenArm
-from hardware.errors import DriveAstray, Stopped
+from hardware.errors import BusError, DriveAstray, Stopped
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus, FakeDrive
 from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, frames, make, wait_for
@@ -123,6 +124,47 @@ def test_its_power_stays_off_though_the_frame_that_took_it_is_lost(
     with pytest.raises(DriveAstray):
         capture_for_ever(driven)
     wait_for(lambda: len(lost) == 2 and bus.drives[5].status == 0x40)
+
+
+def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more() -> None:
+    """STOP has a handle of its own: the frame that takes one drive's power must not stand before it."""
+
+    class Full(FakeArmBus):
+        """Takes no frame any more from the one on that takes a drive's power."""
+
+        full = False
+
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            self.full = self.full or (msg.arbitration_id == 0x205 and msg.data[:2] == b"\0\0")
+            if self.full:
+                raise can.CanOperationError("no buffer space")
+            super().send(msg, timeout)
+
+        def stop_handle(self) -> can.BusABC:
+            return Apart(self)
+
+    class Apart(can.BusABC):
+        """The handle of STOP."""
+
+        def __init__(self, bus: FakeArmBus) -> None:
+            self._bus = bus
+            super().__init__(channel="fake")
+
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            FakeArmBus.send(self._bus, msg, timeout)
+
+    bus = Full()
+    bus.drives[7].counts = 100
+    arm = make(bus)
+    arm.connect()
+    arm.take_control()
+    arm.set_modes(TWO_DRIVEN)
+    go_astray(bus, 5)
+    with pytest.raises(BusError, match="does not take frames any more: no buffer space"):
+        capture_for_ever(arm)
+    assert bus.full
+    assert {drive.status for drive in bus.drives.values()} == {0x07}
+    arm.close()
 
 
 def test_after_a_reset_a_drive_that_was_mended_goes_on(driven: CanopenArm, bus: FakeArmBus) -> None:

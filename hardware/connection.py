@@ -59,8 +59,9 @@ class Connection:
     modes
         What 6061h of each drive said when it was last read; None for neither position nor free.
     token
-        Holder of the control token, as last read or written; of an arm without a supervisor, whether this
-        program has taken control.
+        Holder of the control token, as last read or written; OPERATOR_NODE may be a predecessor that died.
+    in_control
+        Whether this program has taken control, and not given it back.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class Connection:
         self.limits = identifying.limits_of(description, profile, period_s=timing.period_s)
         self.modes: tuple[JointMode | None, ...] = (None,) * len(profile.joints)
         self.token = 0
+        self.in_control = False
         self._rated_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         bus = on_bus.openers.main(settings)
         if record_to is None:  # a recording is of everything
@@ -166,11 +168,6 @@ class Connection:
         """Whether drives closed a loop when they were heard last: this program has enabled or taken them over."""
         return any(state_of(word) in POWERED for word in self.loop.view.sample.statuswords)
 
-    @property
-    def in_control(self) -> bool:
-        """Whether the control token is ours."""
-        return self.token == OPERATOR_NODE
-
     def other_operator(self) -> bool:
         """Whether another operator's heartbeat is on the bus."""
         return self.loop.nodes.other_operator(
@@ -206,13 +203,13 @@ class Connection:
                 self.token = self.access.read_unsigned(supervisor, TOKEN)
                 words = uploading.refusal(self.access, supervisor)
                 raise ControlDenied(self.token, words) from refused
-        self.token = OPERATOR_NODE
+        self.token, self.in_control = OPERATOR_NODE, True
 
     def give_token_back(self) -> None:
         """Let others have control."""
         if self.profile.supervisor is not None:
             self.access.write_unsigned(self.profile.supervisor, TOKEN, 0, 0, 4)
-        self.token = 0
+        self.token, self.in_control = 0, False
 
     def send_quick_stops(self) -> None:
         """Quick stop to all drives now."""

@@ -97,6 +97,7 @@ class StartUp:
         self._listen(self._listen_s)
         if self._shared:
             in_use.require_unused(access, loop.nodes, self._listen, takes_over=takes_over)
+            self._listen(0.0)  # who commanded while the nodes were asked, before that is forgotten
         loop.nodes.expect_boot_up()
         self._command_nodes(NmtCommand.RESET_COMMUNICATION)
         missing = loop.nodes.wait_for_boot_up(self._boot_timeout_s)

@@ -257,6 +257,8 @@ class FakeArmBus(can.BusABC):
             (0x1018, 3): b"\0\0\x01\0",
             (0x1018, 4): struct.pack("<L", 7000 + node),
         }
+        if (node, index, sub) in self.objects:
+            return self.objects[node, index, sub]
         if (index, sub) in common:
             return common[index, sub]
         return (
@@ -268,8 +270,6 @@ class FakeArmBus(can.BusABC):
     def _of_drive(self, node: int, index: int, sub: int) -> bytes | int:
         limit = round(COUNTS_PER_REV / 4)
         rvdt = node == JOINTS
-        if (node, index, sub) in self.objects:
-            return self.objects[node, index, sub]
         if index in (0x1600, 0x1A00):
             return struct.pack("<L", MAPS[index][sub]) if sub < len(MAPS[index]) else 0x06090011
         return {

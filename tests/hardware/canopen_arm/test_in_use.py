@@ -9,7 +9,7 @@ import pytest
 
 from hardware.alarms import Seen, find_alarm
 from hardware.canopen_arm import CanopenArm
-from hardware.errors import ControlDenied, Intruder, InUse
+from hardware.errors import CommandRefused, ControlDenied, Intruder, InUse
 from hardware.node_watch import NodeWatch
 from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
@@ -17,6 +17,7 @@ from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
+SDO_TIMEOUT_S = 0.5
 STATUSWORD, TOKEN = b"\x41\x60\x00", b"\x10\x20\x00"
 
 
@@ -28,11 +29,17 @@ class Asked(FakeArmBus):
         self.drives[7].counts = 100
         self.reads: list[bytes] = []
         self.on_read: Callable[[list[bytes]], None] = lambda _reads: None
+        self.lost: dict[tuple[int, bytes], int] = {}
 
     def _handle(self, identifier: int, data: bytes) -> None:
         if 0x600 < identifier < 0x680 and data[0] == 0x40:
             self.reads.append(data[1:4])
             self.on_read(self.reads)
+            asked = identifier - 0x600, data[1:4]
+            if asked in self.lost:
+                self.lost[asked] -= 1
+                if self.lost[asked] == 0:
+                    return  # nobody heard the answer
         super()._handle(identifier, data)
 
     @property
@@ -53,7 +60,9 @@ def bus() -> Asked:
 
 
 def real(bus: FakeArmBus) -> CanopenArm:
-    timing = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), speed=10.0)
+    timing = Timing(
+        answer_timeouts_s=dict.fromkeys(Pace, 0.05), speed=10.0, sdo_timeout_s=SDO_TIMEOUT_S
+    )
     return make(bus, pace=Pace.REAL_TIME, timing=timing)
 
 
@@ -143,8 +152,85 @@ def test_what_this_program_left_stopped_itself_it_connects_to_again(bus: Asked) 
     for _ in range(2):
         arm.connect()
         arm.close()
-    with pytest.raises(InUse):  # another program does not know whose they are
+    before = bus.reads.count(STATUSWORD)
+    # Another program does not know whose they are: it listens, and goes on, as nobody is at work.
+    again = real(bus)
+    again.connect()
+    assert bus.reads.count(STATUSWORD) == before + 7 * (1 + 10)
+    again.close()
+
+
+def test_drives_that_were_stopped_are_somebodys_while_he_holds_the_token(bus: Asked) -> None:
+    bus.drives[5].status, bus.token = QUICK_STOP, 127
+    with pytest.raises(InUse, match=r"joint 5 \(node 5\) is in quick stop active"):
         real(bus).connect()
+    assert bus.resets == 0
+
+
+@pytest.mark.parametrize("look", [1, 3])
+def test_a_drive_whose_answer_is_lost_is_what_it_was(bus: Asked, look: int) -> None:
+    bus.drives[2].status = ENABLED
+    bus.lost[2, STATUSWORD] = look
+    with pytest.raises(InUse, match=r"joint 2 \(node 2\) is in operation enabled"):
+        real(bus).connect()
+    assert bus.lost[2, STATUSWORD] <= 0
+    assert bus.resets == 0
+
+
+@pytest.mark.parametrize("look", [1, 3])
+def test_a_token_is_held_though_the_answer_is_lost(bus: Asked, look: int) -> None:
+    bus.token = 99
+    bus.lost[16, TOKEN] = look
+
+    def wake(reads: list[bytes]) -> None:
+        if reads.count(TOKEN) > 5:
+            bus.other_master = ((0x700 + 99, b"\x05"),)
+
+    bus.on_read = wake
+    with pytest.raises(ControlDenied) as denied:
+        real(bus).connect()
+    assert denied.value.holder == 99
+    assert bus.resets == 0
+
+
+def test_a_token_is_waited_for_as_long_as_the_supervisor_waits(bus: Asked) -> None:
+    """Its holder was killed: this program's heartbeat has the same node, and must not keep his token alive."""
+    for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
+        bus.objects[16, 0x1016, sub] = value
+    bus.token = 127
+
+    def lapse(reads: list[bytes]) -> None:
+        if reads.count(TOKEN) > 20:  # of 30 looks; of drives that do not say there are 10
+            bus.token = 0
+
+    bus.on_read = lapse
+    arm = real(bus)
+    arm.connect()
+    assert arm.snapshot().token == 0
+    arm.close()
+
+
+def test_a_predecessors_token_is_not_this_programs(bus: Asked) -> None:
+    bus.token = 127
+    arm = real(bus)
+    arm.connect()
+    assert arm.snapshot().token == 127
+    with pytest.raises(CommandRefused, match="take control"):
+        arm.upload_parameters(b"schema: x")
+    since = len(bus.sent)
+    assert arm.close()
+    assert not [data for i, data in bus.sent[since:] if 0x200 < i < 0x280 or i == 0x610]
+
+
+def test_what_somebody_commands_while_the_drives_are_asked_is_not_forgotten(bus: Asked) -> None:
+    def command(reads: list[bytes]) -> None:
+        if reads.count(STATUSWORD) == 1:
+            bus.say(0x202, bytes(7))
+
+    bus.on_read = command
+    with pytest.raises(Intruder, match=r"a command to joint 2 \(202h\) came from another program"):
+        real(bus).connect()
+    assert bus.resets == 0
 
 
 def test_a_token_whose_holder_is_heard_is_his(bus: Asked) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from hardware.errors import MappingDiffers, NotConfigured, SdoRefused
+from hardware.errors import MappingDiffers, NotZeroed, SdoRefused
 from hardware.mapping import ABSENT, difference_words
 from hardware.objects import POSITION_OFFSET, TARGET_TORQUE, TORQUE_OFFSET
 from hardware.profile import BusProfile, JointProfile
@@ -30,18 +30,18 @@ class _Held:
     size: int
 
 
-def zero_added(access: ObjectAccess, profile: BusProfile) -> tuple[str, ...]:
+def zero_added(access: ObjectAccess, profile: BusProfile) -> Iterator[str]:
     """Make sure that every drive adds nothing; where the profile has PDOs written, write 0.
 
-    Returns
-    -------
-    What was written, a sentence for each object.
+    Yields
+    ------
+    What was written, a sentence for each object as soon as it is.
 
     Raises
     ------
     MappingDiffers
         Naming every object that is not 0, of a profile that only compares.
-    NotConfigured
+    NotZeroed
         A drive does not take the 0.
     """
     held = [found for joint in profile.joints for found in _held(access, joint)]
@@ -49,15 +49,13 @@ def zero_added(access: ObjectAccess, profile: BusProfile) -> tuple[str, ...]:
         raise MappingDiffers(
             [difference_words(f.node, f.index, None, "0", str(f.value)) for f in held]
         )
-    written = []
     for found in held:
         who = profile.who(found.node)
         try:
             access.write_unsigned(found.node, found.index, 0, 0, found.size)
         except SdoRefused as refusal:
-            raise NotConfigured([f"{who}: {refusal}; it was to be 0"]) from refusal
-        written.append(f"{who}: {found.index:04X}h is 0; it was {found.value}")
-    return tuple(written)
+            raise NotZeroed([f"{who}: {refusal}; it was to be 0"]) from refusal
+        yield f"{who}: {found.index:04X}h is 0; it was {found.value}"
 
 
 def _held(access: ObjectAccess, joint: JointProfile) -> Iterator[_Held]:

@@ -64,7 +64,8 @@ class ArmIdentity:
     can: no hardware stop is asked for. `Arm.move` waits until the joints are where they are wanted.
     `keeps_parameters`: its controller holds a parameter document; where none does, nothing is uploaded.
     `unwatching` are joints whose drives do not say that they watch the operator's heartbeat.
-    `configured` is what was written into drives to have them as the bus profile says, a sentence each.
+    `configured` is what was written into drives to have them as the bus profile says, a sentence each; `zeroed`
+    are those of it that set a torque or an offset to 0: unlike PDOs they need not come back with a reset.
     """
 
     model: str
@@ -74,6 +75,7 @@ class ArmIdentity:
     by_hand: bool = False
     unwatching: tuple[int, ...] = ()
     configured: tuple[str, ...] = ()
+    zeroed: tuple[str, ...] = ()
     keeps_parameters: bool = True
 
     @property

@@ -140,10 +140,14 @@ class Connection:
             listen_s=LISTEN_S,
             boot_timeout_s=BOOT_TIMEOUT_S,
         )
-        started = start_up.run(press, takes_over=takes_over)
-        self.token, self._rated_nm = started.token, started.rated_torques_nm
-        self.read_modes()
-        start_up.go_on()
+        try:
+            started = start_up.run(press, takes_over=takes_over)
+            self.token, self._rated_nm = started.token, started.rated_torques_nm
+            self.read_modes()
+            start_up.go_on()
+        except BaseException as failure:
+            start_up.undo(failure)
+            raise
         return started.identity
 
     def states_asked(self) -> tuple[DriveState, ...]:

@@ -6,7 +6,18 @@ from collections.abc import Sequence
 
 
 class HardwareError(Exception):
-    """Base of everything that can go wrong between the operator and the arm."""
+    """Base of everything that can go wrong between the operator and the arm.
+
+    `stays` is what was written into drives before, and is not undone: a sentence each.
+    """
+
+    stays: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        if not self.stays:
+            return text
+        return f"{text.removesuffix('.')}. Written before, and not undone: {'; '.join(self.stays)}."
 
 
 class BusError(HardwareError):
@@ -64,14 +75,31 @@ class MappingDiffers(HardwareError):
 class NotConfigured(HardwareError):
     """Drives that lack or refuse the PDOs which the bus profile has written: `refusals` name node and object."""
 
+    _FAILED = "The bus profile has the drives' PDOs set up (pdo_maps: configured), and that failed"
+    _REMEDY = (
+        "Such maps may be fixed: describe what the drive has (`sarcal probe --draft FILE` writes it down) with "
+        "pdo_maps: compared, or set the drive up with its maker's tool, then connect again."
+    )
+
     def __init__(self, refusals: Sequence[str]) -> None:
         self.refusals = tuple(refusals)
         super().__init__(
-            "The bus profile has the drives' PDOs set up (pdo_maps: configured), and that failed: "
-            f"{'; '.join(self.refusals)}. Nothing was enabled; what was written is undone. Such maps may be fixed: "
-            "describe what the drive has (`sarcal probe --draft FILE` writes it down) with pdo_maps: compared, "
-            "or set the drive up with its maker's tool, then connect again."
+            f"{self._FAILED}: {'; '.join(self.refusals)}. Nothing was enabled; PDOs that were written are undone. "
+            f"{self._REMEDY}"
         )
+
+
+class NotZeroed(NotConfigured):
+    """Drives that keep a torque or an offset, which the bus profile has set to 0: `refusals` name node and object."""
+
+    _FAILED = (
+        "The bus profile has what these drives would add to a command set to 0 (pdo_maps: configured), and that "
+        "failed"
+    )
+    _REMEDY = (
+        "Set it to 0 with the drive's maker's tool, or have a PDO of the profile's commands carry that object, "
+        "which then is sent as 0; then connect again."
+    )
 
 
 class SdoRefused(HardwareError):

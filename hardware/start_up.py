@@ -9,8 +9,8 @@ heartbeat; NMT start; SYNC.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 
 from hardware import identifying, in_use, steps
 from hardware.added import zero_added
@@ -19,8 +19,10 @@ from hardware.configuring import configure
 from hardware.control_loop import ControlLoop
 from hardware.cyclic import Sample, Setpoints
 from hardware.errors import (
+    BusError,
     ControlDenied,
     DriveFault,
+    HardwareError,
     Intruder,
     NodeMissing,
     Stopped,
@@ -85,6 +87,8 @@ class StartUp:
         self._shared = on_bus.pace is Pace.REAL_TIME
         self._loop, self._access, self._send, self._scales = loop, access, send, tuple(scales)
         self._listen_s, self._boot_timeout_s = listen_s, boot_timeout_s
+        self._configured: tuple[str, ...] = ()
+        self._zeroed: list[str] = []
 
     def run(self, press: object | None, *, takes_over: bool) -> Started:
         """Find the nodes, check them, start heartbeat and SYNC; a STOP newer than `press` ends this.
@@ -109,14 +113,12 @@ class StartUp:
         identity = identifying.read_identity(access, profile, self._description)
         self._require_single()
         self.go_on()
-        identity = self._check_drives(identity)
+        identity, rated_torques_nm = self._check_drives(identity)
         self._require_single()
-        loop.heartbeat_timeout_s = patience_s(access, profile, loop.heartbeat_timeout_s)
-        identity = replace(identity, unwatching=check_watch(access, profile))
-        written = zero_added(access, profile)
-        identity = replace(identity, configured=(*identity.configured, *written))
-        loop.watch.allow_away(following_windows_counts(access, profile, self._scales))
-        rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
+        for words in zero_added(access, profile):
+            self._zeroed.append(words)
+        zeroed = tuple(self._zeroed)
+        identity = replace(identity, configured=(*self._configured, *zeroed), zeroed=zeroed)
         self.go_on()
         loop.begin_heartbeat()
         self._command_nodes(NmtCommand.START)
@@ -145,24 +147,43 @@ class StartUp:
                 "`sarcal monitor` shows what it sends."
             )
 
-    def _check_drives(self, identity: ArmIdentity) -> ArmIdentity:
-        """Compare PDOs and the arm with profile and description; PDOs are written before, if the profile says so."""
-        access, profile, written = self._access, self._profile, tuple[str, ...]()
-        period_s = self._period_s
-        check_arm = partial(
-            identifying.check_arm, access, identity, self._description, profile, period_s=period_s
-        )
+    def undo(self, failure: BaseException) -> None:
+        """Give the drives their own PDOs back, after what failed; what was set to 0 stays, and is told with it."""
+        if self._configured:
+            with suppress(BusError):
+                self._command_nodes(NmtCommand.RESET_COMMUNICATION)
+        if isinstance(failure, HardwareError):
+            failure.stays = tuple(self._zeroed)
+
+    def _check_drives(self, identity: ArmIdentity) -> tuple[ArmIdentity, tuple[float, ...]]:
+        """Compare PDOs and the arm with profile and description; PDOs are written before, if the profile says so.
+
+        The identity with what is known of the drives' watch, and rated torques in N m.
+        """
+        access, profile = self._access, self._profile
         if profile.configures_pdos:
-            check_arm()  # nothing is written into another arm, nor into one that is refused afterwards
+            # First all that can be refused by reading: nothing is written into another arm, nor into one that
+            # is not driven afterwards.
+            found = self._check_arm(identity)
             check_communication(access, profile)
-            check_watch(access, profile)
             self.go_on()
-            written = configure(access, profile, self._command_nodes)
+            self._configured = configure(access, profile, self._command_nodes)
+            check_mapping(access, profile)
+            self.go_on()
+            return found
         check_mapping(access, profile)
         self.go_on()
-        if not profile.configures_pdos:
-            check_arm()
-        return replace(identity, configured=written)
+        return self._check_arm(identity)
+
+    def _check_arm(self, identity: ArmIdentity) -> tuple[ArmIdentity, tuple[float, ...]]:
+        """Compare all but the PDOs, and take in how the nodes are watched."""
+        access, profile, loop = self._access, self._profile, self._loop
+        identifying.check_arm(access, identity, self._description, profile, period_s=self._period_s)
+        loop.heartbeat_timeout_s = patience_s(access, profile, loop.heartbeat_timeout_s)
+        unwatching = check_watch(access, profile)
+        loop.watch.allow_away(following_windows_counts(access, profile, self._scales))
+        rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
+        return replace(identity, unwatching=unwatching), rated_torques_nm
 
     def go_on(self) -> None:
         """Raise if STOP was pressed since this began: nothing was enabled, and nothing will be."""

@@ -121,14 +121,22 @@ def unwatching_words(identity: ArmIdentity) -> str:
 
 def configured_words(identity: ArmIdentity) -> str:
     """Say that drives were set up as the bus profile has it; "" where none had to be."""
-    changed = identity.configured
-    if not changed:
-        return ""
-    return (
-        f"{len(changed)} PDO{'s' if len(changed) > 1 else ''} of the drives set up as the bus profile asks, until "
-        f"the drives are switched off: {changed[0]}{'; and so on' if len(changed) > 1 else ''}. The session's "
-        "journal has them all"
-    )
+    zeroed = identity.zeroed
+    pdos = tuple(words for words in identity.configured if words not in zeroed)
+    parts = [
+        f"{len(changed)} {what}{'s' if len(changed) > 1 else ''} {how}: {changed[0]}"
+        f"{'; and so on' if len(changed) > 1 else ''}. "
+        for changed, what, how in (
+            (
+                pdos,
+                "PDO",
+                "of the drives set up as the bus profile asks, until the next connection or a loss of power",
+            ),
+            (zeroed, "torque or offset", "in the drives set to 0, and not set back"),
+        )
+        if changed
+    ]
+    return f"{''.join(parts)}The session's journal has them all" if parts else ""
 
 
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:

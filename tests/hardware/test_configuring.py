@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -11,14 +13,14 @@ import pytest
 
 from hardware.arm import DriveState, JointMode
 from hardware.buses import BusSettings
-from hardware.errors import MappingDiffers, NodeMissing, NotConfigured, WrongArm
+from hardware.errors import MappingDiffers, NodeMissing, NotConfigured, NotZeroed, Stopped, WrongArm
 from hardware.profile import BusProfile
 from operator_app.config.profile_file import parse_profile
 from oracles.foreign_arm import ForeignArm
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
-from tests.hardware.test_foreign_arm import JOINTS, PER_RAD, connected, on
+from tests.hardware.test_foreign_arm import JOINTS, PER_RAD, connected, on, unconnected
 
 PROFILE = """\
 schema: sarcal/profile/1
@@ -35,6 +37,20 @@ compared: [60C2h]
 """
 NOT_VALID = 1 << 31
 _channels = itertools.count()
+
+
+def comes(condition: Callable[[], bool], within_s: float = 20.0) -> bool:
+    """Wait for what another thread does."""
+    end_s = time.monotonic() + within_s
+    while not condition() and time.monotonic() < end_s:
+        threading.Event().wait(0.005)
+    return condition()
+
+
+def own_maps(foreign: ForeignArm) -> bool:
+    """Whether all drives have what they had before anybody wrote."""
+    found = [(node.held(0x1401, 1), node.held(0x1803, 1)) for node in foreign.nodes]
+    return found == [(0x300 + node, 0x480 + node) for node in (1, 2, 3, 4)]
 
 
 def profile(text: str = PROFILE) -> BusProfile:
@@ -165,8 +181,7 @@ def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
     for words in ("pdo_maps: compared", "maker's tool", "Nothing was enabled"):
         assert words in str(refused.value)
     # All drives have again what they had, as soon as they hear of it.
-    while [node.held(0x1401, 1) for node in foreign.nodes] != [0x301, 0x302, 0x303, 0x304]:
-        pass
+    assert comes(lambda: own_maps(foreign))
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
@@ -217,6 +232,59 @@ def test_a_torque_that_was_left_in_a_drive_is_written_to_zero(
     arm.close()
     foreign.nodes[1].set_data(0x6071, 0, (-50 & 0xFFFF).to_bytes(2, "little"))
     assert "joint 2 (node 2): 6071h is 0; it was -50" in arm.connect().configured
+
+
+def test_a_torque_that_a_drive_keeps_is_an_ending_of_its_own() -> None:
+    """The fake refuses every write; its maps are equal already."""
+    bus = FakeArmBus()
+    bus.drives[7].counts = 100
+    bus.objects[3, 0x6071, 0] = (-50 & 0xFFFF).to_bytes(2, "little")
+    with pytest.raises(NotZeroed) as refused:
+        make(bus, profile=replace(sarcos(), configures_pdos=True)).connect()
+    (told,) = refused.value.refusals
+    assert told.startswith("joint 3 (node 3): node 3 refused 6071h sub 0: ")
+    said = str(refused.value)
+    assert "maker's tool" in said
+    for wrong in ("maps may be fixed", "pdo_maps: compared"):
+        assert wrong not in said
+
+
+@pytest.mark.parametrize("cause", ["heartbeat", "torque"])
+def test_nothing_is_written_into_drives_that_are_refused_for_what_is_read(
+    settings: BusSettings, foreign: ForeignArm, cause: str
+) -> None:
+    refusal: type[Exception] = WrongArm
+    if cause == "heartbeat":
+        refusal = MappingDiffers
+        foreign.nodes[1].set_data(0x1017, 0, (5000).to_bytes(2, "little"))
+    else:
+        del foreign.nodes[1].object_dictionary[0x6076]
+    with pytest.raises(refusal):
+        connected(settings, profile())
+    assert not any(node.written for node in foreign.nodes)
+
+
+@pytest.mark.parametrize("last", [0x1803, 0x6071])
+def test_what_was_written_is_undone_whatever_ends_the_connection_and_zeroes_are_named(
+    settings: BusSettings, foreign: ForeignArm, last: int
+) -> None:
+    """STOP is pressed as the last drive's last PDO becomes valid, or as its torque is set to 0."""
+    drive = foreign.nodes[3]
+    drive.set_data(0x6071, 0, (-50 & 0xFFFF).to_bytes(2, "little"))
+    arm, write = unconnected(settings, profile()), drive.set_data
+
+    def press(index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        write(index, subindex, data, check_writable)
+        if check_writable and index == last and not int.from_bytes(data, "little") & NOT_VALID:
+            arm.stop()
+
+    drive.set_data = press
+    with pytest.raises(Stopped) as stopped:
+        arm.connect()
+    assert drive.written
+    assert comes(lambda: own_maps(foreign))
+    zeroed = "Written before, and not undone: joint 4 (node 4): 6071h is 0; it was -50."
+    assert (zeroed in str(stopped.value)) is (last == 0x6071)
 
 
 @pytest.mark.parametrize(

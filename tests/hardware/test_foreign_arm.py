@@ -76,9 +76,13 @@ def elsewhere(settings: BusSettings) -> Iterator[ForeignArm]:
     yield from on(settings, 11, 12, 23, 34)
 
 
-def connected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
+def unconnected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
     timing = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.5), heartbeat_timeout_s=5.0)
-    arm = CanopenArm(DESCRIPTION, settings, profile, pace=Pace.FAST_FORWARD, timing=timing)
+    return CanopenArm(DESCRIPTION, settings, profile, pace=Pace.FAST_FORWARD, timing=timing)
+
+
+def connected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
+    arm = unconnected(settings, profile)
     arm.connect()
     return arm
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 
 FREE = 1e-9
 """A direction of which the fit left less than this share is fitted already, not free."""
@@ -87,6 +87,34 @@ class LeftOver:
             white=self.white - (new @ along).reshape(m, r),
             chi2=self.chi2 - float(along @ along),
             to_x=np.concatenate((self.to_x, -self.to_x @ inside), axis=1),
+            dof=self.dof - int(free.sum()),
+        )
+
+    def without(self, poses: IntArray) -> LeftOver:
+        """Return what is left over when nothing is asked of some poses (p,): whitener and rows of theirs are zero.
+
+        The same as to fit all of their equations with columns of their own, but nothing grows: the columns
+        stay as many as they are, orthonormal over the rows that are left.
+        """
+        own = self.U[poses].reshape(-1, self.U.shape[-1])
+        values, vectors = np.linalg.eigh(np.eye(len(own)) - own @ own.T)
+        free = values > FREE
+        root = vectors[:, free] / np.sqrt(values[free])
+        along = root.T @ self.white[poses].reshape(-1)
+        # Deleting rows R makes of U'U = I the matrix I - R'R; with `inside` its inverse is I + inside inside'.
+        inside = own.T @ root
+        square, turn = np.linalg.eigh(inside.T @ inside)
+        turned = inside @ turn
+        stretched = turned / (1.0 + np.sqrt(1.0 + np.maximum(square, 0.0)))
+        whitener, U = self.whitener.copy(), self.U + (self.U @ stretched) @ turned.T
+        white = self.white + self.U @ (inside @ along)
+        whitener[poses], U[poses], white[poses] = 0.0, 0.0, 0.0
+        return LeftOver(
+            whitener=whitener,
+            U=U,
+            white=white,
+            chi2=self.chi2 - float(along @ along),
+            to_x=self.to_x + (self.to_x @ stretched) @ turned.T,
             dof=self.dof - int(free.sum()),
         )
 

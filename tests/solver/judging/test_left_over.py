@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
 from solver.judging.evidence import evidence, noise_scale, probabilities, sound, unnamed
-from solver.judging.left_over import left_over
-from solver.judging.odd_poses import odd_poses
+from solver.judging.left_over import LeftOver, left_over
+from solver.judging.odd_poses import odd_poses, pose_columns
 
 POSES, ROWS, UNKNOWNS = 30, 4, 6
 
@@ -103,6 +106,54 @@ def test_odd_poses_do_not_hide_each_other() -> None:
         assert sorted(p.pose for p in found.odd) == sorted(poses)
         assert all(p.chi2 > p.threshold for p in found.odd)
         assert found.rest.chi2 < found.rest.dof * 2.0
+
+
+def test_poses_that_nothing_is_asked_of_are_poses_with_columns_of_their_own() -> None:
+    """Pose 9 alone sees the last unknown: without it that one is not seen, and nothing is divided by zero."""
+    w, A, V, G = problem(10)
+    A = np.concatenate((A, np.zeros((POSES, ROWS, 1))), axis=-1)
+    A[9, :, -1] = 1.0
+    left = left_over(w, A, V)
+    poses = np.array([4, 9])
+    there, fitted = left.without(poses), left.also(pose_columns(left, (4, 9)))
+    assert there.U.shape == left.U.shape
+    assert there.dof == fitted.dof
+    assert there.chi2 == pytest.approx(fitted.chi2)
+    np.testing.assert_allclose(there.white, fitted.white, atol=1e-9)
+    for a, b in zip(there.score(G), fitted.score(G), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(there.covariance, fitted.covariance, rtol=1e-8, atol=1e-12)
+    one_by_one = left.without(poses[:1]).without(poses[1:])
+    np.testing.assert_allclose(one_by_one.white, there.white, atol=1e-9)
+
+
+def test_of_many_poses_the_odd_ones_are_found_in_few_rounds() -> None:
+    """Several are set aside at a time: all of them, no sound one, and not more than a hundred times."""
+    m = 1000
+    rng = np.random.default_rng(11)
+    A, w = rng.normal(size=(m, ROWS, UNKNOWNS)), rng.normal(size=(m, ROWS))
+    poses = rng.permutation(m)[:250]
+    w[poses] += 9.0 * (1.0 + rng.random((250, 1)))
+    left = left_over(w, A, np.tile(np.eye(ROWS), (m, 1, 1)))
+    counted = Counted.of(left)
+    found = odd_poses(counted)
+    assert sorted(p.pose for p in found.odd) == sorted(poses)
+    assert found.rest.U.shape == left.U.shape
+    assert 80 <= len(Counted.rounds) <= 110
+
+
+class Counted(LeftOver):
+    """One that notes how many poses were set aside, and when."""
+
+    rounds: ClassVar[list[int]] = []
+
+    @classmethod
+    def of(cls, left: LeftOver) -> Counted:
+        return cls(**{f.name: getattr(left, f.name) for f in fields(LeftOver)})
+
+    def without(self, poses: np.ndarray) -> LeftOver:
+        self.rounds.append(len(poses))
+        return Counted.of(super().without(poses))
 
 
 def test_a_sound_pose_set_is_rarely_said_to_have_an_odd_pose() -> None:

@@ -6,6 +6,7 @@ Three programs besides this one: the operator, the controller, the flood; and th
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -23,6 +24,10 @@ from oracles.machine_pauses import Pauses, machine_pauses
 
 ROOT = Path(__file__).resolve().parents[2]
 SARCAL = [sys.executable, "-m", "operator_app.cli"]
+DRIVES_TRIP_S = 0.25
+"""Of one processor: with a queue behind it, the drives on another one miss the operator's heartbeat for 0.5 s."""
+END_S = 2.0
+"""Between a pause and the last SYNC of a session that it ended: the drives are heard, the arm is held."""
 PROCEDURE = ROOT / "operator_app" / "data" / "procedures" / "hinge.yaml"
 
 
@@ -48,9 +53,26 @@ class Came:
     events: tuple[tuple[str, float], ...]
 
     def away_s(self) -> list[float]:
-        """Of each gap between two SYNCs the seconds in which the machine itself stood still."""
+        """Of each gap between two SYNCs the seconds in which the machine itself stood still; 0 where not known."""
+        if not self.pauses.known:
+            # What runs at no higher priority than these programs is kept waiting by them.
+            return [0.0] * max(len(self.rhythm.at_s) - 1, 0)
         gaps = zip(self.rhythm.at_s, self.rhythm.gaps_s(), strict=False)
         return [self.pauses.within_s(begin, begin + gap) for begin, gap in gaps]
+
+    def ended_by_the_machine(self) -> str:
+        """Why nobody on this machine could have kept the drives waiting less; "" where that is not sure."""
+        if self.code != 3 or not self.pauses.known or not self.rhythm.at_s:
+            return ""
+        if not re.search(r"joint \d tripped: [^.]*\(8130h\)", " ".join(self.said.split())):
+            return ""
+        end = self.rhythm.at_s[-1]
+        longest_s = self.pauses.longest_s(end - END_S, end)
+        return (
+            f"the machine itself stood still for {longest_s:.2f} s before the drives tripped"
+            if longest_s > DRIVES_TRIP_S
+            else ""
+        )
 
 
 def session_under_load(

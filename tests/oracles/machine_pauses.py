@@ -7,6 +7,7 @@ have run there. Knows nothing of what is measured.
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Iterator
@@ -31,8 +32,12 @@ class Pauses:
     of: dict[int, list[tuple[float, float]]] = field(default_factory=dict)
     known: bool = True
 
-    def longest_s(self) -> float:
-        return max((b - a for one in self.of.values() for a, b in one), default=0.0)
+    def longest_s(self, begin: float = -math.inf, end: float = math.inf) -> float:
+        """Longest pause (s) of any processor that touches the time between two moments."""
+        return max(
+            (b - a for one in self.of.values() for a, b in one if b >= begin and a <= end),
+            default=0.0,
+        )
 
     def within_s(self, begin: float, end: float) -> float:
         """Seconds that one processor, the one that lost most, was away between two moments."""

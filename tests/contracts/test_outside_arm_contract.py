@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 from sarcal import arm_contract
 from sarcal.arm_contract import *  # noqa: F403 - the tests
-from sarcal.arm_contract import Bench
+from sarcal.arm_contract import Bench, fulfils
 
 from hardware.bench.check import Bench as Tried
 from hardware.bench.check import check
-from hardware.bench.finding import Stage
+from hardware.bench.finding import Clause, Stage
 from hardware.canopen_arm import CanopenArm
 from operator_app.config.description import describe
 from oracles.toy_arm import package, toy
@@ -57,6 +57,23 @@ def test_arm_check_tries_it_as_well(bench: Bench) -> None:
     else:
         assert failed == {}
         assert {f.stage for f in found} == {Stage.LOOK, Stage.HOLD}
+
+
+def test_what_was_not_found_out_is_no_pass_and_nothing_tried_is_a_failure() -> None:
+    def clause(name: str, *, passed: bool | None) -> Clause:
+        return Clause(name=name, passed=passed, text="as it was seen")
+
+    fine, unknown = clause("fine", passed=True), clause("torque", passed=None)
+    fulfils(iter([fine]))
+    with pytest.raises(pytest.skip.Exception, match="torque: as it was seen"):
+        fulfils([unknown, fine])
+    with pytest.raises(AssertionError, match="nothing was tried"):
+        fulfils(())
+    left = iter([unknown, clause("wrong", passed=False), fine])
+    with pytest.raises(AssertionError, match="wrong: as it was seen"):
+        fulfils(left)
+    # What comes after a failure is not tried any more: the arm may be moving.
+    assert list(left) == [fine]
 
 
 @pytest.mark.campaign

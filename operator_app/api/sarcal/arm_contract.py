@@ -101,9 +101,16 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
-    """Hold every clause against the arm; what could not be found out is none that failed."""
+    """Hold every clause against the arm, the first that fails ends it; skip with what could not be found out."""
+    count, unknown = 0, []
     for clause in [tried] if isinstance(tried, Clause) else tried:
+        count += 1
         assert clause.passed is not False, f"{clause.name}: {clause.text}"
+        if clause.passed is None:
+            unknown.append(f"{clause.name}: {clause.text}")
+    assert count, "nothing was tried"
+    if unknown:
+        pytest.skip("; ".join(unknown))
 
 
 def test_it_says_who_it_is(bench: Bench) -> None:
@@ -138,8 +145,8 @@ def test_a_drive_joint_goes_where_it_is_told_and_back(bench: Bench) -> None:
     bench.require_moved()
     joint = bench.ready()[0]
     here, there = bench.arm.snapshot().joints[joint - 1].position_rad, bench.away(joint)
-    for target in (there, here):
-        fulfils(motion.goes(bench.turn(joint, target, bench.speed_rad_per_s)))
+    turns = (bench.turn(joint, target, bench.speed_rad_per_s) for target in (there, here))
+    fulfils(clause for turn in turns for clause in motion.goes(turn))
 
 
 def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: Bench) -> None:

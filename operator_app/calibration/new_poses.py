@@ -10,12 +10,15 @@ from operator_app.calibration.foretold import MadeFrom
 from operator_app.calibration.placed import as_calibrated
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
-from solver.arrays import FloatArray
+from solver.arrays import BoolArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 
 SAME_RAD = 1e-5
 """Readings that differ by less in every joint are one reading, written with three decimals of a degree."""
+
+SAME_M = 1e-6
+"""Measured points that differ by less in every coordinate are one, written with three decimals of a mm."""
 
 NAMED = 5
 """Poses named one by one."""
@@ -42,7 +45,7 @@ def judge_new(
     NoTestError
         They are not.
     """
-    require_new(new, made_from)
+    require_new(new, made_from, fixture)
     if new.endpoint is not None and fixture.kind != "measured":
         raise NoTestError(
             f"the new poses have measured endpoints, which a {fixture.kind} knows nothing of: sarcal verify "
@@ -60,8 +63,10 @@ def judge_new(
     return judge_poses(arm, as_calibrated(fixture, solution.model), new, fixed, made=made)
 
 
-def require_new(new: PoseSet, made_from: PoseSet) -> None:
+def require_new(new: PoseSet, made_from: PoseSet, fixture: Fixture) -> None:
     """Refuse a set in which a calibration's own poses are: those it fits, whatever else is wrong with it.
+
+    Of an instrument a pose is one reading with what was measured there: measured again it is another.
 
     Raises
     ------
@@ -70,7 +75,7 @@ def require_new(new: PoseSet, made_from: PoseSet) -> None:
     """
     if new.joint_count != made_from.joint_count:
         return
-    own = np.flatnonzero(_nearest_rad(new.q_rad, made_from.q_rad) < SAME_RAD)
+    own = np.flatnonzero(_are_among(new, made_from, measured=fixture.kind == "measured"))
     if len(own) == 0:
         return
     if len(own) == len(new):
@@ -84,7 +89,13 @@ def require_new(new: PoseSet, made_from: PoseSet) -> None:
     raise NoTestError(f"{who}: they verify nothing; use poses that took no part in it")
 
 
-def _nearest_rad(q: FloatArray, among: FloatArray) -> FloatArray:
-    """Largest difference of a joint to the pose that is nearest by it, for each of q (m, n): (m,)."""
-    distance, _ = KDTree(among).query(q, p=np.inf)
-    return np.asarray(distance)
+def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
+    """Whether each of the new poses is one of the others to the decimals that are written: (m,)."""
+    both = [p.q_rad / SAME_RAD for p in (new, made_from)]
+    if measured and new.endpoint is not None and made_from.endpoint is not None:
+        columns = min(new.endpoint.shape[1], made_from.endpoint.shape[1])
+        size = np.repeat((SAME_M, SAME_RAD), 3)[:columns]
+        ends = [p.endpoint[:, :columns] / size for p in (new, made_from) if p.endpoint is not None]
+        both = [np.hstack(pair) for pair in zip(both, ends, strict=True)]
+    distance, _ = KDTree(both[1]).query(both[0], p=np.inf)
+    return np.asarray(distance < 1.0)

@@ -172,7 +172,7 @@ def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> P
         others = tuple(k for k in new.placements if k not in poses.placements)
         new = pick_placements(new, others) if others else new
     try:
-        require_new(new, poses)
+        require_new(new, poses, fixture)
     except NoTestError as error:
         raise UsageError(f"--test {args.test}: {error}") from error
     return new

@@ -1,0 +1,78 @@
+"""Which poses are new to a calibration: by their readings, and of an instrument by what it measured as well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.new_poses import NoTestError, judge_new, require_new
+from operator_app.calibration.solve import calibrate
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from oracles.open_arm import measured_csv
+from solver.chain.poses import PoseSet
+
+SIGMA_M = 5e-5
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> PoseSet:
+    path = measured_csv(tmp_path_factory.mktemp("open") / "open.csv", sigma_m=SIGMA_M)
+    return load_poses(str(path), joint_count=7).poses
+
+
+def again(poses: PoseSet, rows: slice = slice(None)) -> PoseSet:
+    """The same poses, held still, measured once more: no count has changed."""
+    noise = np.random.default_rng(3).normal(size=poses.endpoint.shape)
+    endpoint = poses.endpoint.copy()
+    endpoint[rows] += SIGMA_M * noise[rows]
+    return replace(poses, endpoint=endpoint)
+
+
+def test_a_pose_that_an_instrument_measured_again_is_new_and_judges(measured: PoseSet) -> None:
+    arm, tracker = load_arm("sarcos_dextrous"), load_fixture("tracker").fixture
+    made = calibrate(arm, tracker, measured, drop=True)
+    found = judge_new(arm, tracker, made, made_from=measured, new=again(measured))
+    assert found.holds
+    assert found.poses == len(measured)
+    moved = again(measured)
+    moved = replace(moved, endpoint=moved.endpoint + np.array([0.0, 0.0, 3e-3]))
+    assert not judge_new(arm, tracker, made, made_from=measured, new=moved).holds
+
+
+def test_what_was_measured_once_is_not_new_however_many_decimals_it_is_written_with(
+    measured: PoseSet,
+) -> None:
+    tracker = load_fixture("tracker").fixture
+    require_new(again(measured), measured, tracker)
+    written = replace(
+        measured,
+        q_rad=np.deg2rad(np.rad2deg(measured.q_rad).round(3)),
+        endpoint=measured.endpoint.round(6),
+    )
+    with pytest.raises(NoTestError, match="these are poses that the calibration was made from"):
+        require_new(written, measured, tracker)
+    with pytest.raises(NoTestError, match=r"2 of the 40 poses \(1, 2\)"):
+        require_new(again(measured, slice(2, None)), measured, tracker)
+    # Without what it measured there only the readings are left to tell them by.
+    with pytest.raises(NoTestError, match="these are poses"):
+        require_new(replace(measured, endpoint=None), measured, tracker)
+
+
+def test_in_metal_a_pose_is_its_readings_whatever_was_measured_beside_it(measured: PoseSet) -> None:
+    with pytest.raises(NoTestError, match="these are poses"):
+        require_new(again(measured), measured, load_fixture("hinge").fixture)
+
+
+def test_full_poses_and_points_are_compared_by_the_points(
+    measured: PoseSet,
+) -> None:
+    turned = np.hstack((measured.endpoint, np.zeros((len(measured), 3))))
+    full = replace(measured, endpoint=turned)
+    tracker = load_fixture("tracker").fixture
+    with pytest.raises(NoTestError, match="these are poses"):
+        require_new(measured, full, tracker)
+    require_new(again(measured), full, tracker)

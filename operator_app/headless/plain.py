@@ -17,7 +17,7 @@ from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
 from operator_app.manual.shown import as_text
 from operator_app.session import actions, guards
-from operator_app.session.face import Action, Question, Typed, YesNo, perform
+from operator_app.session.face import Action, Question, ShownAlarm, Typed, YesNo, perform
 from operator_app.session.runner import Runner
 from operator_app.session.sessions import Sessions
 from operator_app.session.snapshot import DataState, SessionSnapshot
@@ -225,6 +225,10 @@ class Plain:
     def item(self, s: SessionSnapshot) -> int | None:
         """The item that was listed."""
         return self._row
+
+    def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
+        """The one that was listed."""
+        return None if self._row is None else ShownAlarm(number=self._row, whole=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
         """Take another session."""

@@ -177,9 +177,9 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            offered=lambda s: not guards.may_reset(s), guard=guards.may_reset,
            work=works.task(TaskKind.RESET, "resetting STOP", lambda o: o.reset())),
     Action(name="acknowledge", keys=("A",), shown="A", label="Acknowledge",
-           prompt="Acknowledge the alarms: they were seen",
-           help="Let alarms that were seen go out of sight. What they are about stays as it is.",
-           offered=lambda s: bool(s.alarms), work=lambda chosen: chosen.runner.acknowledge()),
+           help="Let the alarm that is shown go out of sight; the one before it shows then. What it is about "
+           "stays as it is.",
+           rows=works.standing_alarms, offered=lambda s: bool(s.alarms), work=works.acknowledge),
     Action(name="hold", keys=("H",), shown="H", label="Hold all",
            help="All joints to position mode where they are.", guard=guards.may_use_data,
            work=works.hold),

@@ -55,6 +55,14 @@ class OneOf:
 Question = YesNo | Typed | OneOf
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShownAlarm:
+    """Number of an alarm that the operator has before him, and whether all its words are."""
+
+    number: int
+    whole: bool
+
+
 # -- faces -----------------------------------------------------------------------------------------
 
 
@@ -93,6 +101,10 @@ class Face(Protocol):
 
     def item(self, s: SessionSnapshot) -> int | None:
         """Item of the check list that is meant, from 0."""
+        ...
+
+    def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
+        """The alarm that is meant: one that the operator can see."""
         ...
 
     def open(self, make: Callable[[], Runner]) -> None:

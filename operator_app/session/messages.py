@@ -47,6 +47,6 @@ def resolved_by(s: SessionSnapshot, kind: TaskKind) -> SessionSnapshot:
     return s if len(standing) == len(s.alarms) else replace(s, alarms=standing)
 
 
-def acknowledged(s: SessionSnapshot) -> SessionSnapshot:
-    """Let go of all alarms: the operator has seen them; what they are about stays as it is."""
-    return replace(s, alarms=())
+def acknowledged(s: SessionSnapshot, number: int) -> SessionSnapshot:
+    """Let go of the alarm of this number: the operator has seen it; what it is about stays as it is."""
+    return replace(s, alarms=tuple(alarm for alarm in s.alarms if alarm.number != number))

@@ -131,9 +131,9 @@ class Runner:
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
         self.publish(lambda s: told(s, level, text, time=time_utc, until=until))
 
-    def acknowledge(self) -> None:
-        """Let no alarm stand any more: the operator has seen them."""
-        self.publish(acknowledged)
+    def acknowledge(self, number: int) -> None:
+        """Let the alarm of this number stand no more: the operator has seen it."""
+        self.publish(lambda s: acknowledged(s, number))
 
     def cancelled(self) -> bool:
         """Whether the work in hand should end."""

@@ -195,6 +195,26 @@ def apply_modes(chosen: Chosen) -> None:
     )
 
 
+def standing_alarms(s: SessionSnapshot) -> dict[int, str]:
+    """Return the alarms that can be acknowledged, the newest first."""
+    return {a.number: f"Acknowledge the alarm of {a.time}: it was seen" for a in s.alarms[::-1]}
+
+
+def acknowledge(chosen: Chosen) -> None:
+    """Let go of the alarm in sight; where not all its words fit, show them first."""
+    shown = chosen.face.alarm(chosen.s)
+    alarm = next((a for a in chosen.s.alarms if shown and a.number == shown.number), None)
+    if shown is None or alarm is None:
+        return
+    if shown.whole:
+        chosen.runner.acknowledge(alarm.number)
+    else:
+        chosen.ask(
+            YesNo(title=f"Alarm of {alarm.time}", text=alarm.text, yes="Acknowledge"),
+            lambda again, _: again.runner.acknowledge(alarm.number),
+        )
+
+
 def automatic(chosen: Chosen) -> None:
     """Take the poses that are left; where drives move a real arm by themselves, after a question."""
 

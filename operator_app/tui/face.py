@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from operator_app.manual.shown import as_text
 from operator_app.session import actions, guards, works
-from operator_app.session.face import Action, OnScreen, Question, YesNo, perform
+from operator_app.session.face import Action, OnScreen, Question, ShownAlarm, YesNo, perform
 from operator_app.session.next_thing import next_thing
 from operator_app.session.runner import Runner
 from operator_app.session.sessions import Sessions
@@ -121,6 +121,12 @@ class ScreenFace:
     def marked_item(self) -> int:
         """The marked item of the check list."""
         return self.app.main.query_one(FixtureView).cursor
+
+    def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
+        """The one on the screen: a newer one may have come that nobody has seen yet."""
+        shown = self.app.main.log_lines.alarm
+        standing = {alarm.number for alarm in s.alarms}
+        return shown if shown is not None and shown.number in standing else None
 
     def joint(self) -> int:
         """The marked joint."""

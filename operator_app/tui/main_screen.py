@@ -13,6 +13,7 @@ from textual.widgets import ContentSwitcher
 
 from operator_app.report.spans import Line, Span, clip, line, wrapped
 from operator_app.session import actions
+from operator_app.session.face import ShownAlarm
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import Level, SessionSnapshot
@@ -33,6 +34,9 @@ from operator_app.tui.widgets.step_rail import StepRail, StepRow
 
 SELDOM = 4
 """What surrounds a step is repainted every so many times only, unless there is news."""
+ROWS = 4
+"""Rows of the log while an alarm stands, at least."""
+SHOWS_ALL = " … (A shows all of it)"
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
 MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
 
@@ -59,22 +63,45 @@ class Hint(Lines, can_focus=False):
 
 
 class Log(Lines, can_focus=False):
-    """Alarms that stand, then the last messages, newest first."""
+    """The newest alarm that stands, in all its words; then the last messages, newest first.
+
+    Attributes
+    ----------
+    alarm
+        The one on the screen.
+    """
+
+    alarm: ShownAlarm | None = None
+
+    def rows_for(self, s: SessionSnapshot, width: int, most: int) -> int:
+        """Rows that an alarm needs, and one for other messages: `ROWS` to `most`."""
+        return min(max(len(_alarm_rows(s, width)) + 1, ROWS), most)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """As many lines as there are rows; of other messages one has room below an alarm."""
+        """As many lines as there are rows; an alarm that has no room says which key shows all of it."""
         standing = {alarm.number for alarm in s.alarms}
-        rows: list[Line] = []
-        for k, alarm in enumerate(s.alarms[::-1], 1):
-            which = f"{k} of {len(standing)}: " if len(standing) > 1 else ""
-            rows += _rows(alarm, width, f"{which}{alarm.text} (A acknowledges)")
-        rows = rows[: max(height - 1, 1)] if rows else []
+        rows = _alarm_rows(s, width)
+        whole = len(rows) <= height
+        if not whole:
+            rows = rows[:height]
+            text = "".join(text for text, _ in rows[-1])[: width - 1 - len(SHOWS_ALL)]
+            rows[-1] = ((text + SHOWS_ALL, rows[-1][-1][1]),)
+        self.alarm = ShownAlarm(number=s.alarms[-1].number, whole=whole) if rows else None
         for message in s.messages[::-1]:
             if len(rows) >= height:
                 break
             if message.number not in standing:
                 rows += _rows(message, width, message.text)
         return [clip(row, width) for row in rows[:height]]
+
+
+def _alarm_rows(s: SessionSnapshot, width: int) -> list[Line]:
+    """The newest alarm; how many others wait behind it."""
+    if not s.alarms:
+        return []
+    count = len(s.alarms)
+    which = f"1 of {count}: " if count > 1 else ""
+    return _rows(s.alarms[-1], width, f"{which}{s.alarms[-1].text} (A acknowledges)")
 
 
 def _rows(message: Said, width: int, text: str) -> list[Line]:
@@ -160,6 +187,7 @@ class MainScreen(Screen[None]):
         )  # fmt: skip
         self._shows = 0
         self._told: object = None
+        self._alarm_rows: int | None = None
 
     def on_mount(self) -> None:
         """Say so."""
@@ -199,9 +227,7 @@ class MainScreen(Screen[None]):
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot."""
         self._shows += 1
-        if bool(s.alarms) != self.has_class("-alarm"):
-            self.set_class(bool(s.alarms), "-alarm")
-            self.call_after_refresh(self.forget)
+        self._make_room(s)
         self.rails[0].place = self.view.place
         news = self._news(s)
         if news != self._told or self._shows % SELDOM == 0:
@@ -211,12 +237,22 @@ class MainScreen(Screen[None]):
                     widget.show(s)
         self.view.show(s)
 
+    def _make_room(self, s: SessionSnapshot) -> None:
+        """Give an alarm the rows it needs, up to a third of the screen: below that the joints stay in sight."""
+        width, height = self.size
+        rows = self.log_lines.rows_for(s, width, height // 3 - 1) if s.alarms else None
+        if rows != self._alarm_rows:
+            self._alarm_rows = rows
+            self.log_lines.styles.height = rows
+            self.call_after_refresh(self.forget)
+
     def _news(self, s: SessionSnapshot) -> object:
         """What the frame around the step must show at once; ages and rates can wait a little."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         told = s.messages[-1].number if s.messages else 0
         return (
-            s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, told, len(s.alarms),
+            s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, told,
+            tuple(alarm.number for alarm in s.alarms),
             s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
             id(s.receipt), id(s.plan), self.hint.refusal, s.wanted_joints, self.hint.step, self.size,
             self.rails[0].place, self.app.screen is self,

@@ -10,6 +10,7 @@ from typing import Any
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.folder import SessionEntry
+from operator_app.session.messages import acknowledged
 from operator_app.session.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
 
 
@@ -44,8 +45,8 @@ class StillRunner:
         said = Message(number=number, time="12:00:00", level=level, text=text)
         self.publish(lambda s: replace(s, messages=(*s.messages, said)))
 
-    def acknowledge(self) -> None:
-        self.publish(lambda s: replace(s, alarms=()))
+    def acknowledge(self, number: int) -> None:
+        self.publish(lambda s: acknowledged(s, number))
 
     def stop(self) -> None:
         self.stops += 1

@@ -26,7 +26,7 @@ def test_an_alarm_outlives_every_other_message() -> None:
 def test_it_is_said_again_only_when_it_stands_no_more() -> None:
     s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "hot")
     assert texts(s) == ["hot"]
-    again = say(acknowledged(s), Level.ALARM, "hot")
+    again = say(acknowledged(s, s.alarms[0].number), Level.ALARM, "hot")
     assert texts(again) == ["hot"]
     assert again.alarms[0].number > s.alarms[0].number
 
@@ -38,5 +38,14 @@ def test_only_the_work_that_it_waits_for_resolves_it() -> None:
     assert texts(resolved_by(s, TaskKind.CAPTURE)) == ["hot", "full", "unread"]
     assert texts(resolved_by(s, TaskKind.RESET)) == ["full", "unread"]
     assert texts(resolved_by(s, TaskKind.EXPORT)) == ["hot", "unread"]
-    assert texts(acknowledged(s)) == []
-    assert s.messages == acknowledged(s).messages
+
+
+def test_one_is_acknowledged_and_no_other() -> None:
+    s = story()["start"]
+    for text in ("hot", "full", "unread"):
+        s = say(s, Level.ALARM, text)
+    seen = acknowledged(s, s.alarms[1].number)
+    assert texts(seen) == ["hot", "unread"]
+    assert seen.messages == s.messages
+    # Nobody has seen what is not there.
+    assert acknowledged(seen, s.alarms[1].number) == seen

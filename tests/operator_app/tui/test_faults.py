@@ -7,10 +7,11 @@ import threading
 
 import pytest
 
-from hardware.errors import BusError, ControlDenied, NodeMissing, WrongArm
+from hardware.errors import BusError, ControlDenied, DriveAstray, NodeMissing, WrongArm
 from operator_app.session.journal import read_journal
 from operator_app.session.snapshot import DataState, Level, TaskKind
 from operator_app.session.steps import Step
+from operator_app.session.wording import stopped_words
 
 
 @pytest.mark.parametrize(
@@ -160,6 +161,45 @@ async def test_an_alarm_stays_in_sight_until_it_is_acknowledged(drive, source):
         await d.press("A")
         await d.until(lambda: "cable" not in d.words("#log"), "gone")
         assert d.s.alarms == ()
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
+async def test_of_two_alarms_each_is_shown_in_all_its_words_before_it_is_acknowledged(
+    drive, source, size
+):
+    first = stopped_words(str(DriveAstray(5, 1294, 700)))
+    second = "The disk is full. Free space on it, then go on"
+    async with drive(size=size) as d:
+        await d.to_step(Step.CAPTURE)
+        d.runner.say(Level.ALARM, first)
+        d.runner.say(Level.ALARM, second)
+        await d.until(lambda: f"1 of 2: {second} (A acknowledges)" in d.words("#log"), "newest")
+        assert "Joint 5" not in d.words("#log")
+        await d.press("A")
+        await d.until(lambda: f"{first} (A acknowledges)" in d.words("#log"), "the one before")
+        assert [a.text for a in d.s.alarms] == [first]
+        # No joint went out of sight for it.
+        joints, log = d.app.main.query_one("#capture-joints"), d.app.main.log_lines
+        assert joints.size.height >= 8  # a head, and seven
+        assert joints.region.bottom <= log.region.y
+        await d.press("A")
+        await d.until(lambda: "A acknowledges" not in d.words("#log"), "gone")
+        assert d.s.alarms == ()
+
+
+async def test_an_alarm_too_long_for_the_screen_is_marked_and_shown_before_it_is_acknowledged(
+    drive, source
+):
+    text = " ".join(f"word{k}" for k in range(120)) + ". Do what the last word says"
+    async with drive(size=(80, 24)) as d:
+        await d.to_step(Step.CAPTURE)
+        d.runner.say(Level.ALARM, text)
+        await d.until(lambda: "(A shows all of it)" in d.words("#log"), "marked")
+        await d.press("A")
+        await d.until(lambda: getattr(d.app.screen, "_text", "") == text, "shown")
+        assert [a.text for a in d.s.alarms] == [text]
+        await d.press("y")
+        await d.until(lambda: d.s.alarms == (), "acknowledged")
 
 
 async def test_a_stop_that_cannot_be_sent_is_an_alarm_with_the_hardware_stop_in_it(drive, source):

@@ -62,6 +62,8 @@ class Connection:
         Holder of the control token, as last read or written; OPERATOR_NODE may be a predecessor that died.
     in_control
         Whether this program has taken control, and not given it back.
+    took_control
+        Whether it has ever.
     """
 
     def __init__(
@@ -83,7 +85,7 @@ class Connection:
         self.limits = identifying.limits_of(description, profile, period_s=timing.period_s)
         self.modes: tuple[JointMode | None, ...] = (None,) * len(profile.joints)
         self.token = 0
-        self.in_control = False
+        self.in_control = self.took_control = False
         self._rated_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         bus = on_bus.openers.main(settings)
         if record_to is None:  # a recording is of everything
@@ -107,7 +109,8 @@ class Connection:
                 [
                     ENCODER_COUNTS if isinstance(joint.sensor, EncoderDescription) else RVDT_COUNTS
                     for joint in description.joints
-                ]
+                ],
+                astray=latch.why,
             ),
             latch=latch,
             clock=clock,
@@ -169,8 +172,10 @@ class Connection:
 
     @property
     def left_enabled(self) -> bool:
-        """Whether drives closed a loop when they were heard last: this program has enabled or taken them over."""
-        return any(state_of(word) in POWERED for word in self.loop.view.sample.statuswords)
+        """Whether drives closed a loop when they were heard last, and this program may have enabled them."""
+        return self.took_control and any(
+            state_of(word) in POWERED for word in self.loop.view.sample.statuswords
+        )
 
     def other_operator(self) -> bool:
         """Whether another operator's heartbeat is on the bus."""
@@ -207,7 +212,7 @@ class Connection:
                 self.token = self.access.read_unsigned(supervisor, TOKEN)
                 words = uploading.refusal(self.access, supervisor)
                 raise ControlDenied(self.token, words) from refused
-        self.token, self.in_control = OPERATOR_NODE, True
+        self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 
     def give_token_back(self) -> None:
         """Let others have control."""

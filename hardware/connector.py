@@ -43,7 +43,8 @@ class Connector:
     latch
         Of STOP: it outlives a connection, so that a new one does not lift a STOP.
     takes_over
-        Whether drives that are found enabled were left so: by this program itself, or asked for with `connect`.
+        Whether drives that are found enabled were left so, by this program itself or by what somebody asked to
+        take over: of the next connection only, made or not.
     """
 
     def __init__(self, on_bus: ArmOnBus, record_to: Path | None) -> None:
@@ -81,12 +82,16 @@ class Connector:
             self._opening = connection = Connection(
                 self._on_bus, record_to=self._record_to, latch=self.latch
             )
+            takes_over, self.takes_over = (
+                self.takes_over,
+                False,
+            )  # who enables drives later is not known
             try:
-                identity = connection.open(press, takes_over=self.takes_over)
+                identity = connection.open(press, takes_over=takes_over)
             except BaseException:
                 connection.close()
                 raise
-            self._connection, self.takes_over = connection, False
+            self._connection = connection
             return identity
         finally:
             self._connecting, self._opening = False, None

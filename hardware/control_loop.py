@@ -321,7 +321,7 @@ class ControlLoop:
             self._beat()
         self._sampler.close()
         if self.watch.look(self.sample, self.commands, answered_late=self._sampler.answered_late):
-            self.latch.press()
+            self.latch.press(self.watch.astray)
             self._sender.stop_all(self.commands)
 
     def _drain(self) -> None:

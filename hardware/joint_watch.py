@@ -20,6 +20,8 @@ class JointWatch:
     allowed_counts
         By joint: how far a reading may seem to jump between two SYNCs by noise alone; empty: joints
         are not watched for it.
+    astray
+        The joint for which the arm was stopped before this began, and is stopped still.
 
     Attributes
     ----------
@@ -30,9 +32,11 @@ class JointWatch:
         All joints that went astray: their drives have no power any more.
     """
 
-    def __init__(self, allowed_counts: Sequence[float] = ()) -> None:
+    def __init__(
+        self, allowed_counts: Sequence[float] = (), *, astray: Astray | None = None
+    ) -> None:
         self.jump: Jump | None = None
-        self.astray: Astray | None = None
+        self.astray = astray
         self.switched_off: frozenset[int] = frozenset()
         self._strays: tuple[Following, Standing] = (Following(), Standing())
         self._looks_for_jumps = bool(allowed_counts)

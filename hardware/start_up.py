@@ -21,6 +21,7 @@ from hardware.cyclic import Sample, Setpoints
 from hardware.errors import (
     BusError,
     ControlDenied,
+    DriveAstray,
     DriveFault,
     HardwareError,
     Intruder,
@@ -129,7 +130,7 @@ class StartUp:
         if profile.supervisor is not None:
             token = access.read_unsigned(profile.supervisor, TOKEN)
         loop.begin_sync()
-        first = loop.run(steps.look_until_whole(loop), despite=(DriveFault, Stopped))
+        first = loop.run(steps.look_until_whole(loop), despite=(DriveFault, Stopped, DriveAstray))
         check_positions(access, profile, first.counts, self._scales)
         self._learn_of_trips(first)
         return Started(identity=identity, rated_torques_nm=rated_torques_nm, token=token)

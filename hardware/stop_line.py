@@ -5,25 +5,36 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Final
 
 import can
 
 from hardware.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.cyclic import JointFrames, Setpoint, Setpoints
 from hardware.errors import BusError
+from hardware.following import Astray
 from hardware.objects import CYCLIC_POSITION
 from hardware.wire import Wire
 
 
+class _Press:
+    """One press of STOP, and the joint that went astray, if that was why."""
+
+    def __init__(self, why: Astray | None) -> None:
+        self.why: Final = why
+
+
 class StopLatch:
     """Whether STOP is latched, and by which press: a reset lifts only the STOP it was asked for.
+
+    It outlives a connection, and so does why it was latched.
 
     Each side writes one name only, so that no press is lost between a look and a write; without a
     lock, since STOP waits for nothing.
     """
 
     def __init__(self) -> None:
-        self._pressed: object | None = None
+        self._pressed: _Press | None = None
         self._released: object | None = None
 
     @property
@@ -36,9 +47,15 @@ class StopLatch:
         """The latest press, for `release`; None before the first."""
         return self._pressed
 
-    def press(self) -> None:
-        """Latch. From any thread."""
-        self._pressed = object()
+    @property
+    def why(self) -> Astray | None:
+        """The joint that went astray, for which this is latched; None where a person pressed it, or it is not."""
+        pressed = self._pressed
+        return None if pressed is None or pressed is self._released else pressed.why
+
+    def press(self, why: Astray | None = None) -> None:
+        """Latch, for a joint that went `why` astray. From any thread; a second press keeps the first one's cause."""
+        self._pressed = _Press(self.why or why)
 
     def release(self, press: object | None) -> bool:
         """Lift the latch if nothing was pressed after `press`; whether it is lifted."""

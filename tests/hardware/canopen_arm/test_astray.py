@@ -181,6 +181,28 @@ def test_after_a_reset_a_drive_that_was_mended_goes_on(driven: CanopenArm, bus: 
     assert driven.move({5: 0.1}, speed_rad_per_s=0.5).reached
 
 
+def test_why_it_was_stopped_is_known_to_the_next_connection(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    go_astray(bus, 5)
+    with pytest.raises(DriveAstray) as told:
+        capture_for_ever(driven)
+    driven.stop()  # pressed as well, as anybody would
+    driven.close()
+    bus.drives[5].noise = lambda _sync: 0
+    driven.connect()
+    found = driven.snapshot()
+    assert (found.stopped, found.stopped_for) == (True, str(told.value))
+    with pytest.raises(DriveAstray):
+        driven.take_control()
+    driven.reset_stop()
+    driven.close()
+    driven.connect()
+    assert (driven.snapshot().stopped, driven.snapshot().stopped_for) == (False, "")
+    driven.stop()
+    assert driven.snapshot().stopped_for == ""
+
+
 def test_one_that_was_not_mended_is_stopped_again(driven: CanopenArm, bus: FakeArmBus) -> None:
     go_astray(bus, 5)
     with pytest.raises(DriveAstray):

@@ -9,12 +9,12 @@ import pytest
 
 from hardware.alarms import Seen, find_alarm
 from hardware.canopen_arm import CanopenArm
-from hardware.errors import CommandRefused, ControlDenied, Intruder, InUse
+from hardware.errors import CommandRefused, ControlDenied, Intruder, InUse, NodeMissing
 from hardware.node_watch import NodeWatch
 from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make
+from tests.hardware.on_fake_bus import capture_for_ever, make
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
 SDO_TIMEOUT_S = 0.5
@@ -158,6 +158,33 @@ def test_what_this_program_left_stopped_itself_it_connects_to_again(bus: Asked) 
     again.connect()
     assert bus.reads.count(STATUSWORD) == before + 7 * (1 + 10)
     again.close()
+
+
+def test_what_somebody_else_enabled_is_not_taken_for_left_behind(bus: Asked) -> None:
+    arm = real(bus)
+    arm.connect()
+    bus.drives[2].status = ENABLED
+    bus.say(0x202, bytes.fromhex("0f000500000008"))
+    with pytest.raises(Intruder, match="Somebody else commands this arm"):
+        capture_for_ever(arm)
+    arm.close()
+    resets = bus.resets
+    with pytest.raises(InUse):
+        arm.connect()
+    assert bus.resets == resets
+
+
+def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(bus: Asked) -> None:
+    arm = real(bus)
+    arm.take_over()
+    bus.dead = {3}
+    with pytest.raises(NodeMissing):
+        arm.connect()
+    bus.dead, resets = set(), bus.resets
+    bus.drives[2].status = ENABLED  # by whomever, meanwhile
+    with pytest.raises(InUse):
+        arm.connect()
+    assert bus.resets == resets
 
 
 def test_drives_that_were_stopped_are_somebodys_while_he_holds_the_token(bus: Asked) -> None:

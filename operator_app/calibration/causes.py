@@ -31,7 +31,8 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
 from solver.estimators.effects import Design
-from solver.judging.candidates import Candidate, Cause, Scene
+from solver.judging.candidate import Candidate, Cause
+from solver.judging.candidates import Scene
 from solver.judging.evidence import Evidence
 from solver.judging.larger import Larger
 

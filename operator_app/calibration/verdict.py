@@ -28,7 +28,7 @@ from operator_app.units.numbers import plural
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter
 from solver.estimators.estimate import Estimate
-from solver.judging.candidates import Candidate, Cause
+from solver.judging.candidate import Candidate, Cause
 from solver.judging.evidence import Evidence
 from solver.judging.trial import FALSE_ALARM, PRIORS, Test, Trial
 

@@ -36,7 +36,7 @@ from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import expected_fit
 from solver.estimators.variance_components import Calibrated
-from solver.judging.candidates import Cause
+from solver.judging.candidate import Cause
 from solver.judging.larger import larger_than_stated
 from solver.judging.ranges import Fault, RangeFinding
 from solver.judging.rvdt import RvdtVerdict, Soundness

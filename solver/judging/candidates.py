@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from enum import Enum
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensor_curve import SensorCurve
 from solver.chain.sensors import Encoder, Rvdt
 from solver.estimators.effects import Design, System
+from solver.judging.candidate import Candidate, Cause
 from solver.judging.steps import Suspect
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
@@ -32,109 +31,10 @@ MOST_COLUMNS = 600
 STILL_POSES = 4
 """So many readings in a row that agree within noise, while others move, may be a frozen sensor."""
 
-CERTAIN = 3.0
-"""Nothing is out of specification that is within so many of its own sigmas of it."""
-
 LENGTHS_SHARE = 0.1
 """Of the false alarms: a metal link hardly ever changes its length in mid-session."""
 
 MOVES_RAD = np.deg2rad(1.0)
-
-
-class Cause(Enum):
-    """What can be wrong."""
-
-    SLIPPED = "slipped"
-    LOST_COUNTS = "lost counts"
-    LENGTH_CHANGED = "length changed"
-    ODD_POSES = "odd poses"
-    FROZEN = "frozen"
-    READING = "reading"
-    SCATTER = "scatter of all readings"
-    DRIFT = "drift"
-    CURVE = "curve"
-    TURN_ERROR = "once-per-turn error"
-    SCALE = "scale of an encoder"
-    SAG = "sag"
-    LENGTH = "length"
-    TWIST = "twist"
-    GIVES = "gives"
-
-
-class Stray(NamedTuple):
-    """Largest deviation of a sensor over the poses, rad, its standard deviation, and what it is from."""
-
-    peak: float
-    sd: float
-    from_line: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Candidate:
-    """One possible cause.
-
-    Attributes
-    ----------
-    cause, subject
-        What and of which joint, entry or side.
-    columns, natural
-        Rates (m, r, c) of the misclosures and the natural size (c,) of each coefficient.
-    places
-        How many like it were looked through to find it (poses, say).
-    poses
-        Poses it is about, indices in the order of the fit; empty when about all.
-    most
-        Largest size, in units of the natural one, at which it is still this cause.
-    shapes, least
-        What it deviates by in every pose is ``shapes @ b`` (m,), or b itself; a cause is only what is
-        larger (rms) than `least`.
-    most_stated, beyond
-        Where the files state the largest deviation of all: a cause is only what exceeds that by
-        `CERTAIN` of its own sigmas, or whose amplitude a test has found `beyond` it.
-    lines
-        (m, 2), orthonormal: the straight lines that a sensor's offset and gain are.
-    entries
-        Names of the parameters that had another value before, one per column; empty where none had.
-    """
-
-    cause: Cause
-    subject: str
-    columns: FloatArray
-    natural: FloatArray
-    places: int = 1
-    poses: tuple[int, ...] = ()
-    most: float = 300.0
-    shapes: FloatArray | None = None
-    least: float = 0.0
-    most_stated: float = 0.0
-    beyond: bool = False
-    lines: FloatArray | None = None
-    entries: tuple[str, ...] = ()
-
-    def is_stated(self, b: FloatArray, covariance: FloatArray) -> bool:
-        """Whether coefficients b (c,) amount to no more than what the files state anyway."""
-        size = b if self.shapes is None else self.shapes @ b
-        if self.most_stated and not self.beyond:
-            stray = self.stray(b, covariance)
-            return stray.peak - CERTAIN * stray.sd < self.most_stated
-        return float(np.sqrt(np.mean(size**2))) < self.least
-
-    def stray(self, b: FloatArray, covariance: FloatArray) -> Stray:
-        """Largest deviation over the poses, gain and all or from its best line: the more certain one.
-
-        The loop sees how a sensor bends far better than its gain.
-        """
-        shapes = self.columns[:, 0] if self.shapes is None else self.shapes
-        kinds = [(False, shapes)]
-        if self.lines is not None:
-            kinds.append((True, shapes - self.lines @ (self.lines.T @ shapes)))
-        found = []
-        for of_line, columns in kinds:
-            size = np.abs(columns @ b)
-            k = int(np.argmax(size))
-            sd = float(np.sqrt(max(float(columns[k] @ covariance @ columns[k]), 0.0)))
-            found.append(Stray(peak=float(size[k]), sd=sd, from_line=of_line))
-        return max(found, key=lambda stray: (stray.peak - self.most_stated) / max(stray.sd, 1e-12))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

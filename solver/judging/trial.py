@@ -15,7 +15,8 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.estimators.linear_fit import LinearFit
-from solver.judging.candidates import Candidate, Cause, Scene
+from solver.judging.candidate import Candidate, Cause
+from solver.judging.candidates import Scene
 from solver.judging.evidence import (
     Evidence,
     evidence,

@@ -25,7 +25,7 @@ from operator_app.report.text import facts_text
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import estimate_with_errors
-from solver.judging.candidates import Candidate, Cause
+from solver.judging.candidate import Candidate, Cause
 from solver.judging.evidence import Evidence, evidence
 from solver.judging.ranges import ReadingsOutOfRangeError
 from solver.judging.trial import Explanation, Trial, judge

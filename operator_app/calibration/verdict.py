@@ -30,7 +30,8 @@ from solver.chain.parameters import Parameter
 from solver.estimators.estimate import Estimate
 from solver.judging.candidate import Candidate, Cause
 from solver.judging.evidence import Evidence
-from solver.judging.trial import FALSE_ALARM, PRIORS, Test, Trial
+from solver.judging.stated_tests import FALSE_ALARM, Test
+from solver.judging.trial import PRIORS, Trial
 
 IMPACT = 2.0
 """An explanation that moves a parameter by more of its sigmas than this shows that they do not hold."""

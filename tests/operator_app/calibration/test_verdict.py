@@ -28,8 +28,8 @@ from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.candidate import Candidate, Cause
 from solver.judging.evidence import Evidence, evidence
 from solver.judging.ranges import ReadingsOutOfRangeError
+from solver.judging.stated_tests import Test as Trying
 from solver.judging.trial import Explanation, Trial, judge
-from solver.judging.trial import Test as Trying
 from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
 from tests.oracles.shop_floor_faults import CASES, Case
 

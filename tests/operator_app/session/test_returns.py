@@ -26,7 +26,7 @@ from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.session import Session
 from operator_app.session.unreturned import NO_WAY_BACK, unreturned_notices
 from operator_app.session.workflow import take_poses
-from solver.judging import trial
+from solver.judging import stated_tests
 
 MakeSession = Callable[..., Session]
 
@@ -224,7 +224,7 @@ def of_scenario(name: str, poses: int = 20) -> Procedure:
     return replace(procedure, arm=scenario(name).arm(procedure.arm), capture=capture)
 
 
-def return_test(solution: Solution) -> trial.Test:
+def return_test(solution: Solution) -> stated_tests.Test:
     (found,) = (t for t in solution.judgement.tests if t.code.startswith("RETURN"))
     return found
 

@@ -15,7 +15,6 @@ from fixtures.base import Fixture
 from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
 from operator_app.calibration.branches import Branches, on_main_branch
 from operator_app.calibration.calibrated_arm import calibrated_arm, hand_accuracy, hand_errors
-from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.hand_error import tip_sigma
 from operator_app.calibration.held_offsets import offsets_not_sought, with_held
 from operator_app.calibration.judgement import (
@@ -31,7 +30,6 @@ from operator_app.calibration.judgement import (
     not_sought_notices,
     outlier_notices,
     range_notices,
-    range_text,
     reasons_against,
     rival_notices,
     rvdt_notices,
@@ -52,19 +50,23 @@ from operator_app.calibration.refusals import (
     require_identifiable,
 )
 from operator_app.calibration.repeats import Reread, repeats_of
-from operator_app.calibration.rivals import named_hinge, named_rivals
+from operator_app.calibration.rivals import named_rivals
 from operator_app.calibration.rvdt import judge_rvdts
 from operator_app.calibration.solution import Solution
-from operator_app.calibration.stuck import explained
 from operator_app.calibration.weighing import Known, weigh
+from operator_app.calibration.why_not import (
+    do_not_fit,
+    saturated_readings,
+    why_blind,
+    without_blind,
+)
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.units.figure import SIGMA_ORI, SIGMA_POS
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
+from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
-from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
-from solver.estimators.estimate import Estimate, require_enough_poses
+from solver.errors import PosesDoNotFitError, UnidentifiableError
+from solver.estimators.estimate import require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
@@ -72,16 +74,14 @@ from solver.estimators.variance_components import (
     Calibrated,
     VarianceComponents,
 )
-from solver.judging.dropping import drop_unidentifiable
 from solver.judging.identifiability import (
     Identifiability,
     condition_at_readings,
     identifiability,
     plainly_seen,
 )
-from solver.judging.ranges import Fault, RangeFinding, range_findings
+from solver.judging.ranges import range_findings
 from solver.judging.seen_by_fit import seen_by_fit
-from solver.loops.closure import ClosureModel
 from solver.search.global_start import global_start
 
 ESTIMATORS = ("implicit", "paper")
@@ -91,10 +91,6 @@ JUDGED = 2000
 
 OUTLIER_LEVEL = 0.01
 """Chance of naming any pose of a pose set in which all are sound."""
-
-
-NO_CLOSURE_M, NO_CLOSURE_RAD = 0.01, 0.03
-"""Closure error (rms) of loops that were not closed at all."""
 
 
 def calibrate(
@@ -155,7 +151,7 @@ def calibrate(
     require_enough_poses(model, len(q))
     sigma = arm.sigma_rad()
     x0 = None if found is None else found.x
-    model, blind = _without_blind(model, arm, x0, q, drop=drop)
+    model, blind = without_blind(model, arm, x0, q, drop=drop)
     if blind:
         require_enough_poses(model, len(q))
         if search:
@@ -175,8 +171,14 @@ def calibrate(
             require_identifiable(seen, hard, len(q))
         except UnidentifiableError as error:
             used = pick(poses, np.flatnonzero(kept))
-            raise _why_blind(
-                error, arm, fixture, used, unsensed_joints, paper, _saturated(out_of_range, poses)
+            raise why_blind(
+                error,
+                arm,
+                fixture,
+                used,
+                unsensed_joints,
+                paper,
+                saturated_readings(out_of_range, poses),
             ) from error
         return seen
 
@@ -217,7 +219,7 @@ def calibrate(
             scale=np.inf,
             dof=len(distinct) * hard.equations_per_pose - len(hard.parameters),
         )
-        raise _do_not_fit(rivals) from error
+        raise do_not_fit(rivals) from error
     components: VarianceComponents | None
     estimate, components = whole.estimate, whole.components
     if len(which) != len(distinct):
@@ -327,77 +329,6 @@ def calibrate(
         ),
         judgement=judgement,
         reasons=(*judgement.reasons, *reasons_against(estimate, limits)),
-    )
-
-
-def _without_blind(
-    model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
-) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Take out what the poses cannot see: on request, or because the arm's file says how well it is known."""
-    if not drop and arm.offset_tolerance_rad is None:
-        return model, ()
-    smaller, blind = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
-    known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in blind)
-    # Of others than offsets no file states anything: they are asked for and cannot be had.
-    return (smaller, blind) if drop or known else (model, ())
-
-
-def _why_blind(
-    error: UnidentifiableError,
-    arm: ArmModel,
-    fixture: Fixture,
-    used: PoseSet,
-    unsensed: tuple[int, ...],
-    paper: Estimate | None,
-    saturated: PosesDoNotFitError | None,
-) -> SolverError:
-    """Return the error with a stuck sensor named, or what else would make nothing close."""
-    stuck = explained(error, arm, fixture, used)
-    if stuck is not error:
-        return stuck
-    if saturated is not None:
-        return saturated
-    if hinge := named_hinge(arm, fixture, used, unsensed=unsensed):
-        return _do_not_fit(hinge)
-    if paper is None or _closes(paper):
-        return error
-    if error.note or any(d.immobile_joints for d in error.directions):
-        # Poses so few, or a joint that stands still: no parameter has to be believed for that.
-        return error
-    # Where nothing closes the solution is nowhere, and what it cannot see there says nothing.
-    rivals = named_rivals(arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof)
-    return _do_not_fit(rivals) if rivals else PosesDoNotFitError((_open_words(paper),))
-
-
-def _saturated(found: tuple[RangeFinding, ...], poses: PoseSet) -> PosesDoNotFitError | None:
-    """Readings at the end of full scale, as the reason why poses do not fit; None if there are none."""
-    known = [(f.joint, range_text(f, poses.label)) for f in found if f.fault is Fault.SATURATED]
-    if not known:
-        return None
-    return PosesDoNotFitError(
-        tuple(f"{text}: {remedy}" for _, (text, remedy) in known),
-        codes=tuple(f"SATURATED_{joint}" for joint, _ in known),
-    )
-
-
-def _closes(estimate: Estimate) -> bool:
-    after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
-    return after.position_m.rms < NO_CLOSURE_M and (turned is None or turned.rms < NO_CLOSURE_RAD)
-
-
-def _open_words(paper: Estimate) -> str:
-    """What is left of loops that no parameters close, and where to look."""
-    left, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
-    also = "" if turned is None else f" and {SIGMA_ORI(turned.rms).with_unit}"
-    return (
-        f"the loops stay open by {SIGMA_POS(left).with_unit}{also} (rms) whatever the parameters: look for readings "
-        "far noisier than the arm file states, an arm that moved while it was read, or poses of another arm"
-    )
-
-
-def _do_not_fit(rivals: tuple[NamedCause, ...]) -> PosesDoNotFitError:
-    return PosesDoNotFitError(
-        tuple(f"{c.text}: {c.remedy}" for c in rivals), codes=tuple(c.code for c in rivals)
     )
 
 

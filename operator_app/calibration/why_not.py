@@ -1,0 +1,101 @@
+"""Why there is no calibration: what nothing can see, readings at their end, loops that nothing closes.
+
+Knows estimates and the files' objects; computes no calibration. Asks for rivals only where nothing fits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.causes import NamedCause
+from operator_app.calibration.judgement import range_text
+from operator_app.calibration.rivals import named_hinge, named_rivals
+from operator_app.calibration.stuck import explained
+from operator_app.units.figure import SIGMA_ORI, SIGMA_POS
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhEntry, DhKind, is_entry
+from solver.chain.poses import PoseSet
+from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
+from solver.estimators.estimate import Estimate
+from solver.judging.dropping import drop_unidentifiable
+from solver.judging.ranges import Fault, RangeFinding
+from solver.loops.closure import ClosureModel
+
+NO_CLOSURE_M, NO_CLOSURE_RAD = 0.01, 0.03
+"""Closure error (rms) of loops that were not closed at all."""
+
+
+def without_blind(
+    model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
+) -> tuple[ClosureModel, tuple[str, ...]]:
+    """Take out what the poses cannot see: on request, or because the arm's file says how well it is known."""
+    if not drop and arm.offset_tolerance_rad is None:
+        return model, ()
+    smaller, blind = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
+    known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in blind)
+    # Of others than offsets no file states anything: they are asked for and cannot be had.
+    return (smaller, blind) if drop or known else (model, ())
+
+
+def why_blind(
+    error: UnidentifiableError,
+    arm: ArmModel,
+    fixture: Fixture,
+    used: PoseSet,
+    unsensed: tuple[int, ...],
+    paper: Estimate | None,
+    saturated: PosesDoNotFitError | None,
+) -> SolverError:
+    """Return the error with a stuck sensor named, or what else would make nothing close."""
+    stuck = explained(error, arm, fixture, used)
+    if stuck is not error:
+        return stuck
+    if saturated is not None:
+        return saturated
+    if hinge := named_hinge(arm, fixture, used, unsensed=unsensed):
+        return do_not_fit(hinge)
+    if paper is None or _closes(paper):
+        return error
+    if error.note or any(d.immobile_joints for d in error.directions):
+        # Poses so few, or a joint that stands still: no parameter has to be believed for that.
+        return error
+    # Where nothing closes the solution is nowhere, and what it cannot see there says nothing.
+    rivals = named_rivals(arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof)
+    return do_not_fit(rivals) if rivals else PosesDoNotFitError((_open_words(paper),))
+
+
+def saturated_readings(
+    found: tuple[RangeFinding, ...], poses: PoseSet
+) -> PosesDoNotFitError | None:
+    """Readings at the end of full scale, as the reason why poses do not fit; None if there are none."""
+    known = [(f.joint, range_text(f, poses.label)) for f in found if f.fault is Fault.SATURATED]
+    if not known:
+        return None
+    return PosesDoNotFitError(
+        tuple(f"{text}: {remedy}" for _, (text, remedy) in known),
+        codes=tuple(f"SATURATED_{joint}" for joint, _ in known),
+    )
+
+
+def _closes(estimate: Estimate) -> bool:
+    after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
+    return after.position_m.rms < NO_CLOSURE_M and (turned is None or turned.rms < NO_CLOSURE_RAD)
+
+
+def _open_words(paper: Estimate) -> str:
+    """What is left of loops that no parameters close, and where to look."""
+    left, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
+    also = "" if turned is None else f" and {SIGMA_ORI(turned.rms).with_unit}"
+    return (
+        f"the loops stay open by {SIGMA_POS(left).with_unit}{also} (rms) whatever the parameters: look for readings "
+        "far noisier than the arm file states, an arm that moved while it was read, or poses of another arm"
+    )
+
+
+def do_not_fit(rivals: tuple[NamedCause, ...]) -> PosesDoNotFitError:
+    """Say of causes that each of them would make these poses fit."""
+    return PosesDoNotFitError(
+        tuple(f"{c.text}: {c.remedy}" for c in rivals), codes=tuple(c.code for c in rivals)
+    )

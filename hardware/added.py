@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from hardware.errors import MappingDiffers, NotZeroed, SdoRefused
-from hardware.mapping import ABSENT, difference_words
+from hardware.errors import Difference, InProfile, MappingDiffers, NotZeroed, SdoRefused
+from hardware.mapping import ABSENT
 from hardware.objects import POSITION_OFFSET, TARGET_TORQUE, TORQUE_OFFSET
 from hardware.profile import BusProfile, JointProfile
 from hardware.sdo import ObjectAccess
@@ -47,7 +47,16 @@ def zero_added(access: ObjectAccess, profile: BusProfile) -> Iterator[str]:
     held = [found for joint in profile.joints for found in _held(access, joint)]
     if not profile.configures_pdos and held:
         raise MappingDiffers(
-            [difference_words(f.node, f.index, None, "0", str(f.value)) for f in held]
+            [
+                Difference(
+                    node=f.node,
+                    index=f.index,
+                    expected="0",
+                    found=str(f.value),
+                    in_profile=InProfile.AS_ZERO,
+                )
+                for f in held
+            ]
         )
     for found in held:
         who = profile.who(found.node)

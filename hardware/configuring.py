@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
-from hardware.errors import BusError, NotConfigured, SdoRefused
+from hardware.errors import BusError, Difference, NotConfigured, SdoRefused
 from hardware.mapping import (
     EVERY_SYNC,
     EXTENDED,
@@ -23,7 +23,6 @@ from hardware.mapping import (
     NOT_VALID,
     ON_RECEIPT,
     SYNC_START,
-    difference_words,
     in_the_way,
     inhibit_s,
     read_map,
@@ -155,7 +154,8 @@ class _Found:
         entries = read_map(access, node, mapping)
         for index, there in ((communication, cob_id), (mapping, entries)):
             if there is None:
-                return difference_words(node, index, None, "a PDO to set up", "no such object")
+                expected, found = "a PDO to set up", "no such object"
+                return str(Difference(node=node, index=index, expected=expected, found=found))
         return cls(
             node=node,
             communication=communication,

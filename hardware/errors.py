@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
 
 
 class HardwareError(Exception):
@@ -40,35 +42,69 @@ class WrongArm(HardwareError):
     """The arm on the bus is not the one the arm file describes."""
 
 
-_IN_NO_PROFILE = ("1005h", "1014h", "1016h", "1017h", "1019h", "6071h", "60B0h", "60B2h")
-"""Objects that a bus profile cannot say: this program needs them as it expects them."""
+class InProfile(Enum):
+    """How a bus profile can say that a drive has an object otherwise."""
+
+    AS_PDO = "describe it"
+    AS_PATIENCE = "heartbeat: slowest_ms"
+    AS_ZERO = "send 0 in a PDO, or write it"
+    NOT = "this program needs it as it expects it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """An object of a node (all of it, or a sub-index) that is not as it has to be."""
+
+    node: int
+    index: int
+    sub: int | None = None
+    expected: str
+    found: str
+    in_profile: InProfile = InProfile.AS_PDO
+
+    @property
+    def object(self) -> str:
+        """As messages name it."""
+        return f"{self.index:04X}h"
+
+    def __str__(self) -> str:
+        place = self.object if self.sub is None else f"{self.object} sub {self.sub}"
+        return f"node {self.node}, {place}: expected {self.expected}, found {self.found}"
 
 
 class MappingDiffers(HardwareError):
-    """Nodes that are set up otherwise: `differences` name node, object, expected and found."""
+    """Nodes that are set up otherwise: `differences` say node, object, expected and found, or who does not answer."""
 
-    def __init__(self, differences: Sequence[str]) -> None:
-        self.differences = tuple(differences)
-        fixed = [
-            index for index in _IN_NO_PROFILE if any(f", {index}" in text for text in differences)
-        ]
-        described = any(
-            not any(f", {index}" in text for index in _IN_NO_PROFILE) for text in differences
-        )
-        remedies = []
-        if fixed:
-            remedies.append(
-                f"Set {', '.join(fixed)} in these drives as expected, with their maker's tool: no bus profile can "
-                "say that"
-            )
-        if described:
-            remedies.append(
-                f"{'The rest: commission' if fixed else 'Commission'} them as expected, or describe them in a bus "
-                "profile (`sarcal probe --draft FILE` writes one)"
-            )
+    def __init__(self, found: Sequence[Difference], silent: Sequence[str] = ()) -> None:
+        self.found = tuple(found)
+        self.differences = (*map(str, found), *silent)
         super().__init__(
             "These nodes are not set up as this program drives them: "
-            f"{'; '.join(self.differences)}. Nothing was enabled. {'. '.join(remedies)}, then connect again."
+            f"{'; '.join(self.differences)}. Nothing was enabled. {'. '.join(_remedies(self.found))}, then connect "
+            "again."
+        )
+
+
+def _remedies(found: Sequence[Difference]) -> Iterator[str]:
+    """What to do about these, by how a bus profile can say it."""
+    for kind, otherwise in (
+        (InProfile.NOT, ": no bus profile can say that"),
+        (InProfile.AS_PATIENCE, ", or say in a bus profile how slow it is (heartbeat: slowest_ms)"),
+        (
+            InProfile.AS_ZERO,
+            ", or have a bus profile send it as 0 with the commands, or write 0 (pdo_maps: configured)",
+        ),
+    ):
+        objects = sorted({each.object for each in found if each.in_profile is kind})
+        if objects:
+            yield (
+                f"Set {', '.join(objects)} in these drives as expected, with their maker's tool{otherwise}"
+            )
+    described = [each for each in found if each.in_profile is InProfile.AS_PDO]
+    if described:
+        yield (
+            f"{'The rest: commission' if len(described) < len(found) else 'Commission'} them as expected, or "
+            "describe them in a bus profile (`sarcal probe --draft FILE` writes one)"
         )
 
 

@@ -8,8 +8,9 @@ then the first position that came by PDO is compared with the one that the objec
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
-from hardware.errors import MappingDiffers, SdoRefused
+from hardware.errors import Difference, InProfile, MappingDiffers, SdoRefused
 from hardware.objects import (
     COB_EMCY,
     COB_HEARTBEAT,
@@ -82,7 +83,7 @@ def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[in
         for text in differences(access, node, profile)
     ]
     if found:
-        raise MappingDiffers([*found, *(f"{profile.who(node)}: no answer" for node in absent)])
+        raise MappingDiffers(found, [f"{profile.who(node)}: no answer" for node in absent])
 
 
 def check_positions(
@@ -102,8 +103,12 @@ def check_positions(
         by_sdo = access.read_signed(node, POSITION_ACTUAL)
         if abs(by_pdo - by_sdo) > AGREES_RAD * scale.density + 1.0:
             found.append(
-                f"node {node}, {POSITION_ACTUAL:04X}h: expected the {by_sdo} counts that it holds, "
-                f"found {by_pdo} in {_carrier(profile, node)}"
+                Difference(
+                    node=node,
+                    index=POSITION_ACTUAL,
+                    expected=f"the {by_sdo} counts that it holds",
+                    found=f"{by_pdo} in {_carrier(profile, node)}",
+                )
             )
     if found:
         raise MappingDiffers(found)
@@ -121,16 +126,21 @@ def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
         raise MappingDiffers(found)
 
 
-def _communication(access: ObjectAccess, node: int) -> Iterator[str]:
-    yield from _cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=GENERATES_SYNC)
-    yield from _cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=NOT_VALID)
+def _communication(access: ObjectAccess, node: int) -> Iterator[Difference]:
+    found = [
+        *_cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=GENERATES_SYNC),
+        *_cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=NOT_VALID),
+    ]
     counter = read_number(access, node, _SYNC_COUNTER, 0)
     if counter:
-        yield difference_words(node, _SYNC_COUNTER, 0, "0 (a SYNC without counter)", f"{counter}")
+        expected = "0 (a SYNC without counter)"
+        found.append(_difference(node, _SYNC_COUNTER, 0, expected, f"{counter}"))
+    for each in found:
+        yield replace(each, in_profile=InProfile.NOT)
 
 
-def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[str]:
-    """What of a drive's PDOs is not as it has to be: node, object, expected and found, in words."""
+def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[Difference]:
+    """What of a drive's PDOs is not as it has to be."""
     yield from _communication(access, node)
     joint = profile.joints[profile.joint_of[node] - 1]
     for letter, communication, mapping, types, pdos in (
@@ -146,7 +156,7 @@ def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterato
             yield from _map(access, node, mapping + at, f"{letter}PDO{pdo.number}", pdo)
     for _, index, value in in_the_way(access, node, profile, joint):
         found = f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel"
-        yield difference_words(node, index, 1, "another identifier, or none", found)
+        yield _difference(node, index, 1, "another identifier, or none", found)
 
 
 def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:
@@ -186,17 +196,17 @@ def in_the_way(
                 yield number, communication + number - 1, value
 
 
-def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[str]:
+def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Difference]:
     """What a TPDO may have beside its type, that would keep it from following a SYNC."""
     inhibit = inhibit_s(access, node, index)
     if inhibit >= LONGEST_INHIBIT_S:
         limit = f"an inhibit time below {1e3 * LONGEST_INHIBIT_S:g} ms"
         found = f"{1e3 * inhibit:g} ms"
-        yield difference_words(node, index, INHIBIT, limit, found)
+        yield _difference(node, index, INHIBIT, limit, found)
     start = read_number(access, node, index, SYNC_START)
     if start:
         expected = "SYNC start value 0 (with the next SYNC)"
-        yield difference_words(node, index, SYNC_START, expected, f"{start}")
+        yield _difference(node, index, SYNC_START, expected, f"{start}")
 
 
 def inhibit_s(access: ObjectAccess, node: int, index: int) -> float:
@@ -214,17 +224,19 @@ def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] |
     )
 
 
-def _type(access: ObjectAccess, node: int, index: int, types: tuple[int, ...]) -> Iterator[str]:
+def _type(
+    access: ObjectAccess, node: int, index: int, types: tuple[int, ...]
+) -> Iterator[Difference]:
     kind = read_number(access, node, index, 2)
     if kind not in types:
         expected = " or ".join(map(str, types))
-        yield difference_words(node, index, 2, f"transmission type {expected}", _number(kind, "d"))
+        yield _difference(node, index, 2, f"transmission type {expected}", _number(kind, "d"))
 
 
-def _map(access: ObjectAccess, node: int, index: int, name: str, pdo: Pdo) -> Iterator[str]:
+def _map(access: ObjectAccess, node: int, index: int, name: str, pdo: Pdo) -> Iterator[Difference]:
     entries = read_map(access, node, index)
     if entries != pdo.entries:
-        yield difference_words(
+        yield _difference(
             node,
             index,
             None,
@@ -241,12 +253,12 @@ def _carrier(profile: BusProfile, node: int) -> str:
 
 def _cob_id(
     access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
-) -> Iterator[str]:
+) -> Iterator[Difference]:
     """Compare an identifier; `refused` is the bit that must not be set beside it."""
     value = read_number(access, node, index, sub)
     wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
     if wrong:
-        yield difference_words(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
+        yield _difference(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
 
 
 def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
@@ -270,7 +282,5 @@ def _number(value: int | None, digits: str) -> str:
     return f"{value:{digits}}" + ("h" if digits.endswith("X") else "")
 
 
-def difference_words(node: int, index: int, sub: int | None, expected: str, found: str) -> str:
-    """Say what of an object (all of it, or a sub-index) is not as it has to be."""
-    place = f"{index:04X}h" if sub is None else f"{index:04X}h sub {sub}"
-    return f"node {node}, {place}: expected {expected}, found {found}"
+def _difference(node: int, index: int, sub: int | None, expected: str, found: str) -> Difference:
+    return Difference(node=node, index=index, sub=sub, expected=expected, found=found)

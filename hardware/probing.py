@@ -244,7 +244,7 @@ def _look_at(
             name = _text(access, node, DEVICE_NAME)
             serial = _number(access, node, IDENTITY, IDENTITY_SERIAL)
             if drive and node in profile.drives:
-                problems += mapping.differences(access, node, profile)
+                problems += map(str, mapping.differences(access, node, profile))
             elif drive:
                 problems.append(
                     f"node {node}: a drive that the bus profile {profile.name} does not name"
@@ -253,7 +253,7 @@ def _look_at(
                 supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
             if drive:
                 watch = watch_differences(access, node)
-                problems += watch or ()
+                problems += map(str, watch or ())
                 if watch is None:
                     notes.append(NO_WATCH.format(node))
                 pdos = read_pdos(access, node)

@@ -35,6 +35,8 @@ LEFT_AT_ZERO: Final = frozenset({0x6071, 0x60B0, 0x60B1, 0x60B2, 0x60FF, *range(
 """What an RPDO may carry beside: target torque and velocity, their offsets, and dummies; all sent as 0."""
 FIELD_BITS: Final = (8, 16, 32, 64)
 """Widths of what is read or sent; whatever else is mapped may have any whole number of bytes."""
+LONGEST_HEARTBEAT_MS: Final = 10_000
+"""No profile may allow more."""
 SLOWEST_HEARTBEAT_MS: Final = 1000
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hardware.errors import MappingDiffers
-from hardware.mapping import difference_words, read_number
+from hardware.errors import Difference, InProfile, MappingDiffers
+from hardware.mapping import read_number
 from hardware.objects import (
     FOLLOWING_WINDOW,
     HEARTBEAT_CONSUMER,
@@ -14,7 +14,7 @@ from hardware.objects import (
     LONGEST_WATCH_S,
     OPERATOR_NODE,
 )
-from hardware.profile import BusProfile
+from hardware.profile import LONGEST_HEARTBEAT_MS, BusProfile
 from hardware.scale import JointScale
 from hardware.sdo import ObjectAccess
 
@@ -42,8 +42,17 @@ def patience_s(access: ObjectAccess, profile: BusProfile, least_s: float) -> flo
             continue
         longest_s = max(longest_s, 1e-3 * period_ms)
         if not 0 < period_ms <= profile.slowest_heartbeat_ms:
-            expected = f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms"
-            found.append(difference_words(node, HEARTBEAT_PRODUCER, 0, expected, f"{period_ms} ms"))
+            sayable = 0 < period_ms <= LONGEST_HEARTBEAT_MS
+            found.append(
+                Difference(
+                    node=node,
+                    index=HEARTBEAT_PRODUCER,
+                    sub=0,
+                    expected=f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms",
+                    found=f"{period_ms} ms",
+                    in_profile=InProfile.AS_PATIENCE if sayable else InProfile.NOT,
+                )
+            )
     if found:
         raise MappingDiffers(found)
     return max(least_s, HEARTBEATS * longest_s)
@@ -68,7 +77,7 @@ def check_watch(access: ObjectAccess, profile: BusProfile) -> tuple[int, ...]:
     return tuple(profile.joint_of[node] for node, texts in found.items() if texts is None)
 
 
-def watch_differences(access: ObjectAccess, node: int) -> tuple[str, ...] | None:
+def watch_differences(access: ObjectAccess, node: int) -> tuple[Difference, ...] | None:
     """What of a drive's watch over the operator's heartbeat is not as it has to be; None without 1016h."""
     entries = read_number(access, node, HEARTBEAT_CONSUMER, 0)
     if entries is None:
@@ -85,7 +94,15 @@ def watch_differences(access: ObjectAccess, node: int) -> tuple[str, ...] | None
     expected = (
         f"node {OPERATOR_NODE}'s heartbeat watched, for {1e3 * LONGEST_WATCH_S:.0f} ms at the most"
     )
-    return (difference_words(node, HEARTBEAT_CONSUMER, None, expected, seen),)
+    return (
+        Difference(
+            node=node,
+            index=HEARTBEAT_CONSUMER,
+            expected=expected,
+            found=seen,
+            in_profile=InProfile.NOT,
+        ),
+    )
 
 
 def following_windows_counts(

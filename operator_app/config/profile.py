@@ -21,7 +21,14 @@ from hardware.objects import (
     MAX_JOINTS,
     OPERATOR_NODE,
 )
-from hardware.profile import SLOWEST_HEARTBEAT_MS, BusProfile, Entry, JointProfile, Pdo
+from hardware.profile import (
+    LONGEST_HEARTBEAT_MS,
+    SLOWEST_HEARTBEAT_MS,
+    BusProfile,
+    Entry,
+    JointProfile,
+    Pdo,
+)
 from operator_app.config.quantities import Count, Integer, Name, PositiveNumber, Text, refuse
 from operator_app.config.schema import StrictRecord
 
@@ -119,7 +126,7 @@ class ModeCodes(StrictRecord):
 class Patience(StrictRecord):
     """How slow heartbeats may be, and after what silence a node is lost."""
 
-    slowest_ms: Annotated[Count, Field(le=10_000)] = SLOWEST_HEARTBEAT_MS
+    slowest_ms: Annotated[Count, Field(le=LONGEST_HEARTBEAT_MS)] = SLOWEST_HEARTBEAT_MS
     silent_after_s: Annotated[PositiveNumber, Field(ge=0.2, le=60.0)] | None = None
 
 

@@ -103,3 +103,27 @@ def test_a_drive_that_takes_hundreds_of_degrees_does_not_switch_the_watch_off(to
 def test_no_window_is_as_small_as_noise(told: int) -> None:
     scale = JointScale(counts_per_rad=400_000 / (2 * math.pi))
     assert following_windows_counts(Windows(told), sarcos(1), [scale]) == (10.0,)
+
+
+@pytest.mark.parametrize(("period_ms", "sayable"), [(5000, True), (10_001, False), (0, False)])
+def test_a_slow_heartbeat_may_be_set_or_said_in_a_profile(period_ms: int, sayable: bool) -> None:
+    bus = FakeArmBus()
+    bus.objects[3, 0x1017, 0] = struct.pack("<H", period_ms)
+    with pytest.raises(MappingDiffers, match="node 3, 1017h sub 0") as refused:
+        make(bus).connect()
+    said = str(refused.value)
+    assert "Set 1017h in these drives as expected, with their maker's tool" in said
+    assert ("heartbeat: slowest_ms" in said) is sayable
+    assert ("no bus profile can say that" in said) is not sayable
+    assert "probe --draft" not in said
+
+
+def test_every_difference_has_its_own_remedy() -> None:
+    bus = FakeArmBus()
+    bus.objects[3, 0x1005, 0] = struct.pack("<L", 0x81)
+    bus.objects[4, 0x1A00, 2] = struct.pack("<L", 0x606C0020)
+    with pytest.raises(MappingDiffers) as refused:
+        make(bus).connect()
+    said = str(refused.value)
+    assert "Set 1005h in these drives as expected, with their maker's tool: no bus profile" in said
+    assert "The rest: commission them as expected, or describe them in a bus profile" in said

@@ -138,13 +138,21 @@ def _return_to_first(
     """Read the first pose that counts once more: what slipped since shows in it, whatever the model.
 
     An explored session's poses lie in a box that the drives cross straight; a planned one's may have a
-    fold between them, so that its plan has to know the way. A pose that cannot be reached is said and
-    recorded; the capture goes on without.
+    fold between them, so that its plan has to know the way. From outside the box, where somebody moved the
+    arm meanwhile, nobody has spoken for the way: that takes an agreement. A pose that cannot be reached is
+    said and recorded; the capture goes on without.
 
     Returns
     -------
     The way a planned session came.
+
+    Raises
+    ------
+    GuardError
+        An explored session's arm stands outside its box, or pose and reading tell that something slipped.
     """
+    if planned is None:
+        require_in_box(session)
     first = session.state.poses_here[0]
     listener.told(f"Back to pose {first.number}: to read it once more shows what slipped since.")
     listener.going(None)

@@ -210,13 +210,16 @@ class Session(Logbook):
             return
         here = self.arm.capture(self.procedure.capture.samples_per_pose)
         check_counters(self.model, here.mean_counts)
-        if not self.state.poses_here:
-            check_first_standing(self.procedure, here)
-        else:
+        few = True
+        if self.state.poses_here:
             what = f"standing {self.state.captured}"
             endpoint = self._reader.endpoint(what, here, self.cancelled)
             found = check_standing(self.state, self.procedure, here, endpoint)
             self.record("standing", {"told": found.told, "probability": found.probability})
+            few = found.probability is None
+        if few:
+            # Of one or two poses nothing is known yet but what the files say.
+            check_first_standing(self.procedure, here)
         self._same = True
 
     @property

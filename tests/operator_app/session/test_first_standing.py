@@ -15,7 +15,7 @@ from hardware.virtual.scenarios import scenario, scenario_of
 from operator_app.calibration.standing import standing_loop
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
-from operator_app.errors import GuardError
+from operator_app.errors import Cancelled, GuardError
 from operator_app.session.first_standing import check_first_standing
 from operator_app.session.listener import Listener
 from operator_app.session.workflow import take_poses
@@ -100,6 +100,65 @@ def test_a_zero_that_is_far_off_is_named_and_nothing_is_enabled(
     assert f"it would with joint {joint} near" in said
     assert "go-home" not in said
     assert arm.before_end == (0, 0)
+
+
+def left_after(folder: Path, poses: int) -> tuple[WrongZero, Procedure]:
+    """A session that was left after so many poses; the arm stands where it took the last."""
+    procedure = procedure_of()
+    procedure = replace(procedure, capture=replace(procedure.capture, poses=40))
+    arm = WrongZero(procedure)
+    session = opened(folder, arm, procedure)
+    session.connect()
+    session.cancelled = lambda: len(session.state.poses) == poses
+    with pytest.raises(Cancelled):
+        take_poses(session, Listener(), (1, 5))
+    session.close("left")
+    return arm, procedure
+
+
+def goes_on(folder: Path, arm: WrongZero, procedure: Procedure) -> str:
+    """Why the session was refused; what was enabled and moved since is in `before_end`."""
+    session = opened(folder, arm, procedure, resumed=True)
+    session.connect()
+    arm.enabled = arm.moved = 0
+    with pytest.raises(GuardError) as found:
+        take_poses(session, Listener(), (1, 5), homing=True)
+    arm.before_end = arm.enabled, arm.moved
+    session.close("refused")
+    return str(found.value)
+
+
+@pytest.mark.parametrize("poses", [1, 2])
+def test_with_too_few_poses_to_tell_a_counter_at_zero_is_named_all_the_same(
+    tmp_path: Path, poses: int
+) -> None:
+    arm, procedure = left_after(tmp_path / "s", poses)
+    arm.begin_anew(1)
+    assert "the counter of joint 1 stands at zero" in goes_on(tmp_path / "s", arm, procedure)
+    assert arm.before_end == (0, 0)
+
+
+@pytest.mark.parametrize("poses", [1, 2])
+@pytest.mark.parametrize("joint", [1, 2, 3, 4])
+@pytest.mark.parametrize("degrees", [-60.0, 60.0])
+def test_with_too_few_poses_to_tell_a_zero_that_is_far_off_is_named_all_the_same(
+    tmp_path: Path, poses: int, joint: int, degrees: float
+) -> None:
+    arm, procedure = left_after(tmp_path / "s", poses)
+    arm.off_rad[joint - 1] = np.deg2rad(degrees)
+    assert "cannot close where the arm stands" in goes_on(tmp_path / "s", arm, procedure)
+    assert arm.before_end == (0, 0)
+
+
+def test_a_sound_arm_with_too_few_poses_to_tell_goes_on(tmp_path: Path) -> None:
+    arm, procedure = left_after(tmp_path / "s", 2)
+    session = opened(tmp_path / "s", arm, procedure, resumed=True)
+    session.connect()
+    session.cancelled = lambda: len(session.state.poses) == 3
+    with pytest.raises(Cancelled):
+        take_poses(session, Listener(), (1, 5))
+    assert len(session.state.poses) == 3
+    session.close("left")
 
 
 def test_a_direction_that_is_wrong_is_named(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ class StandingFit:
     chi2
         Of what that takes; infinite where it does not close at all.
     dof
-        Equations of the pose.
+        Equations of the pose, less the readings of which nothing is believed.
     q_rad
         (n,) joint angles with which it closes.
     """
@@ -80,13 +80,12 @@ class StandingLoop:
             j for j in range(1, len(self.reading_rad) + 1) if j not in self.model.unsensed_joints
         )
 
-    def fit(self, disbelieved: int = 0) -> StandingFit:
-        """Close it; `disbelieved` is a joint (1-based) of whose reading nothing is believed, 0 none."""
+    def fit(self, *disbelieved: int) -> StandingFit:
+        """Close it; of the readings of `disbelieved` joints (1-based) nothing is believed."""
         model, x0, q0 = self.model, nominal_vector(self.model.parameters), self.reading_rad
         S, Q = self.x_sd**2, self.reading_sd_rad**2
-        if disbelieved:
-            Q = Q.copy()
-            Q[disbelieved - 1] = UNKNOWN_RAD**2
+        unknown = [j - 1 for j in disbelieved]
+        Q[unknown] = UNKNOWN_RAD**2
         x, q = x0.copy(), q0.copy()
         u = model.initial_unsensed(x, q[None])
         dof, size, moved = 0, np.inf, np.inf
@@ -110,10 +109,9 @@ class StandingLoop:
             return StandingFit(chi2=math.inf, dof=dof, q_rad=q)
         by_files = ((x - x0)[S > 0.0] ** 2 / S[S > 0.0]).sum()
         by_readings = np.where(Q > 0.0, (q - q0) ** 2 / np.where(Q > 0.0, Q, 1.0), 0.0)
-        if disbelieved:
-            by_readings[disbelieved - 1] = 0.0
-            dof -= 1
-        return StandingFit(chi2=float(by_files + by_readings.sum()), dof=dof, q_rad=q)
+        by_readings[unknown] = 0.0
+        left = max(dof - len(unknown), 0)
+        return StandingFit(chi2=float(by_files + by_readings.sum()), dof=left, q_rad=q)
 
 
 def standing_loop(

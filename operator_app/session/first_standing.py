@@ -28,10 +28,16 @@ So small, as arms are about whose files are wrong in everything: offsets off by 
 """
 
 IMPROBABLE_AT_ZERO = 1e-2
-"""The same where a counter stands at zero: by chance one stands there in one of 30,000 places."""
+"""Chance of what believing a counter costs, below which one that stands at zero began anew.
+
+By chance a joint stands there in one of 30,000 places: little else need speak against it.
+"""
 
 EXPECTED_AT_ZERO_RAD = float(np.deg2rad(5.0))
 """A joint whose home is as near to zero as this stands there often."""
+
+IMPROBABLE_AT_HOME = 1e-6
+"""The same of joints that are expected at zero."""
 
 EXPLAINS = 1e-2
 """Chance of what is left, above which a joint alone explains why the loop does not close."""
@@ -63,29 +69,64 @@ def check_first_standing(procedure: Procedure, reading: Reading) -> None:
         arm, procedure.fixture.fixture, reading.mean_rad, unsensed_joints=procedure.unsensed_joints
     )
     found = loop.fit()
-    chance = _chance(found)
-    if chance >= IMPROBABLE_AT_ZERO:
-        return
-    zeros = [
-        j
-        for j in at_zero(arm, reading.mean_counts)
-        if j in loop.joints and abs(arm.home_rad[j - 1]) > EXPECTED_AT_ZERO_RAD
-    ]
-    if chance >= IMPROBABLE and not zeros:
+    anew = _begun_anew(arm, loop, found, at_zero(arm, reading.mean_counts))
+    if anew:
+        raise GuardError(_at_zero_words(anew), _at_zero_remedy(list(anew)))
+    if _chance(found) >= IMPROBABLE:
         return
     alone = _alone(loop)
-    begun_anew = [j for j in zeros if j in alone]
-    if begun_anew:
-        joint = begun_anew[0]
-        raise GuardError(
-            f"the counter of joint {joint} stands at zero, and with it the loop does not close where the arm "
-            f"stands: it would with that joint near {_near(alone[joint], joint)}. Its counter began anew, as "
-            "after a loss of power",
-            f"home joint {joint}, then connect again; moved by this reading it would go elsewhere",
-        )
-    if chance >= IMPROBABLE:
-        return
     raise GuardError(_does_not_close(alone), _remedy(alone))
+
+
+def _begun_anew(
+    arm: ArmModel, loop: StandingLoop, found: StandingFit, zeros: tuple[int, ...]
+) -> dict[int, float]:
+    """Joints whose counters began anew, and where they are instead (rad); empty where nothing says so.
+
+    By how much chi2 falls when no counter at zero is believed is what believing them costs: an arm whose files
+    are wrong elsewhere has a large chi2 with and without them.
+    """
+    from scipy.special import chdtrc
+
+    zeros = tuple(j for j in zeros if j in loop.joints)
+    if not zeros:
+        return {}
+    expected = all(abs(arm.home_rad[j - 1]) <= EXPECTED_AT_ZERO_RAD for j in zeros)
+    without = loop.fit(*zeros)
+    if not np.isfinite(without.chi2):
+        return {}
+    at_most = IMPROBABLE_AT_HOME if expected else IMPROBABLE_AT_ZERO
+    freed = found.dof - without.dof
+    if chdtrc(freed, found.chi2 - without.chi2) >= at_most:
+        return {}
+    for joint, alone in sorted(_fits(loop, zeros).items(), key=lambda item: item[1].chi2):
+        more = alone.dof - without.dof
+        if more == 0 or chdtrc(more, max(alone.chi2 - without.chi2, 0.0)) >= EXPLAINS:
+            return {joint: float(alone.q_rad[joint - 1])}
+    return {j: float(without.q_rad[j - 1]) for j in zeros}
+
+
+def _at_zero_words(anew: dict[int, float]) -> str:
+    if len(anew) == 1:
+        ((joint, near),) = anew.items()
+        return (
+            f"the counter of joint {joint} stands at zero, and with it the loop does not close where the arm "
+            f"stands: it would with that joint near {REACH(near).with_unit}. Its counter began anew, as "
+            "after a loss of power"
+        )
+    where = " and ".join(f"joint {j} near {REACH(near).with_unit}" for j, near in anew.items())
+    return (
+        f"the counters of joints {' and '.join(map(str, anew))} stand at zero, and with them the loop does not "
+        f"close where the arm stands: it would with {where}. They began anew, as after a loss of power"
+    )
+
+
+def _at_zero_remedy(joints: list[int]) -> str:
+    named = f"joint {' and '.join(map(str, joints))}"
+    return (
+        f"home {named}, then connect again; moved by this reading it would go elsewhere. If it really stands "
+        "at zero, bring it some degrees away by hand while its drives are off"
+    )
 
 
 def _does_not_close(alone: dict[int, StandingFit]) -> str:
@@ -118,9 +159,13 @@ def _near(fit: StandingFit, joint: int) -> str:
 
 def _alone(loop: StandingLoop) -> dict[int, StandingFit]:
     """Joints that alone explain it, the likeliest first."""
-    fits = {j: loop.fit(j) for j in loop.joints}
-    explain = {j: f for j, f in fits.items() if _chance(f) >= EXPLAINS}
+    explain = {j: f for j, f in _fits(loop, loop.joints).items() if _chance(f) >= EXPLAINS}
     return dict(sorted(explain.items(), key=lambda item: item[1].chi2))
+
+
+def _fits(loop: StandingLoop, joints: tuple[int, ...]) -> dict[int, StandingFit]:
+    """Close it without each of these joints' readings in turn."""
+    return {j: loop.fit(j) for j in joints}
 
 
 def _chance(found: StandingFit) -> float:

@@ -106,8 +106,7 @@ def _unusable(pdo: FoundPdo) -> str:
 def _lacks(node: FoundNode) -> Iterator[str]:
     """What keeps a drive from being driven."""
     if not node.pdos:
-        told = next(iter(node.problems), "its PDOs could not be read")
-        yield told if told.startswith(f"node {node.node}") else f"node {node.node}: {told}"
+        yield _unread(node)
         return
     for wanted, sent in ((COMMANDED, False), (ANSWERED, True)):
         carried = {i for pdo in _chosen(node.pdos, wanted, sent=sent) for i in _carried(pdo)}
@@ -122,6 +121,12 @@ def _lacks(node: FoundNode) -> Iterator[str]:
             ]
             because = f" ({'; '.join(why)})" if why else ""
             yield f"node {node.node}: no {kind} carries {index:04X}h as it is needed{because}"
+
+
+def _unread(node: FoundNode) -> str:
+    """Why nothing is known of a drive's PDOs."""
+    told = node.unread or next(iter(node.problems), "its PDOs could not be read")
+    return told if told.lower().startswith(f"node {node.node}") else f"node {node.node}: {told}"
 
 
 def _pdos(found: Iterable[FoundPdo]) -> tuple[Pdo, ...]:
@@ -153,11 +158,16 @@ def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
 
 def _has_no_room(node: FoundNode) -> Iterator[str]:
     """What keeps a drive's PDOs from being set up."""
+    if not node.room.bits:
+        yield _unread(node)
+        return
     bits = dict(node.room.bits)
     absent = [index for index in (*COMMANDED, *ANSWERED) if bits.get(index) not in FIELD_BITS]
     yield from (f"node {node.node}: {index:04X}h cannot be read" for index in absent)
+    if absent:  # how many frames are needed is not known
+        return
     for numbers, sent in ((node.room.taken, False), (node.room.sent, True)):
         needed = len(_frames(node, sent=sent))
-        if not absent and len(numbers) < needed:
+        if len(numbers) < needed:
             kind = "TPDO" if sent else "RPDO"
             yield f"node {node.node}: {needed} {kind}s are needed, and it has {len(numbers)}"

@@ -73,6 +73,8 @@ class FoundNode:
         Whether it sent a heartbeat while it was listened to.
     problems
         What is not as this program drives it, in words.
+    unread
+        Why it was not looked at to the end, in words: one of the problems.
     notes
         What it does not say and somebody should know, in words.
     pdos
@@ -98,6 +100,7 @@ class FoundNode:
     supervises: bool = False
     room: PdoRoom = NO_ROOM
     notes: tuple[str, ...] = ()
+    unread: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -236,9 +239,10 @@ def _look_at(
     problems, name, serial, position = list[str](), "", None, None
     supervises, notes = False, list[str]()
     pdos, described, room = tuple[FoundPdo, ...](), tuple[int, ...](), NO_ROOM
+    unread = ""
     if answers > 1:
         # Nothing that it says can be told from what the other one says.
-        problems.append(f"two devices answer as node {node}: give one of them another number")
+        unread = f"two devices answer as node {node}: give one of them another number"
     else:
         try:
             name = _text(access, node, DEVICE_NAME)
@@ -261,7 +265,9 @@ def _look_at(
                 room = read_room(access, node)
                 position = access.read_signed(node, POSITION_ACTUAL)
         except HardwareError as error:
-            problems.append(str(error))
+            unread = str(error)
+    if unread:
+        problems.append(unread)
     if not heard:
         problems.append(f"node {node}: no heartbeat was heard in {LISTEN_S:g} s")
     return FoundNode(
@@ -278,6 +284,7 @@ def _look_at(
         supervises=supervises,
         room=room,
         notes=tuple(notes),
+        unread=unread,
     )
 
 

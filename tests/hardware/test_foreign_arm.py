@@ -236,6 +236,34 @@ def test_drives_without_room_for_what_is_needed_are_named(
     )
 
 
+@pytest.mark.parametrize("index", [0x6040, 0x6041])
+def test_a_drive_whose_first_object_cannot_be_read_is_named(
+    settings: BusSettings, foreign: ForeignArm, index: int
+) -> None:
+    del foreign.nodes[2].object_dictionary[index]
+    with pytest.raises(NoDraft) as none:
+        drafted(settings, configure=True)
+    assert none.value.reasons == (f"node 3: {index:04X}h cannot be read",)
+
+
+def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(
+    settings: BusSettings, foreign: ForeignArm
+) -> None:
+    """Its number is one that the profile compared with knows as well: that it differs there is not why."""
+    server = foreign.nodes[1].sdo
+
+    def answer_to_1018h_and_no_further(cob_id: int, data: bytearray, stamp: float) -> None:
+        if data[1:3] in (b"\x00\x10", b"\x08\x10", b"\x18\x10"):
+            server.on_request(cob_id, data, stamp)
+
+    foreign.network.unsubscribe(0x602)
+    foreign.network.subscribe(0x602, answer_to_1018h_and_no_further)
+    with pytest.raises(NoDraft) as silent:
+        drafted(settings, configure=True)
+    (reason,) = silent.value.reasons
+    assert reason.startswith("Node 2 does not answer when asked for")
+
+
 def test_a_map_changed_behind_the_profiles_back_is_refused(
     settings: BusSettings, foreign: ForeignArm
 ) -> None:

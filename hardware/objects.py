@@ -66,6 +66,8 @@ HEARTBEAT_PERIOD_S: Final = 0.1
 HEARTBEAT_TIMEOUT_S: Final = 0.5
 LONGEST_WATCH_S: Final = 10.0
 """A drive that notices later than this that its operator is gone does not watch."""
+LONGEST_GUARD_S: Final = 2.0
+"""Later than this is late beside people: a run goes on with such a drive, and `sarcal arm-check` says it."""
 CONTROL_PERIOD_S: Final = 0.01
 """The plant moves on by this much with every SYNC (60C2h)."""
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from hardware.arm import Arm, ArmIdentity, DriveState, JointMode
+from hardware.arm import Arm, ArmIdentity, JointMode
 from hardware.bench import clauses, motion, on_can
 from hardware.bench.clauses import STOPS_WITHIN_S
 from hardware.bench.finding import (
@@ -25,7 +25,6 @@ from hardware.bench.finding import (
     Stage,
     declined,
     deg,
-    joints_words,
 )
 from hardware.canopen_arm import CanopenArm
 from hardware.description import ArmDescription
@@ -133,12 +132,7 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     yield from clauses.names_itself(identity, bench.description.model, n)
     if isinstance(arm, CanopenArm):
         yield from on_can.told(arm.drive_facts())
-    on = [j.joint for j in arm.snapshot().joints if j.drive is DriveState.OPERATION_ENABLED]
-    yield Clause(
-        name="drives off",
-        passed=not on,
-        text=f"{joints_words(on)} is enabled" if on else "no drive is enabled",
-    )
+    yield clauses.drives_off(arm)
     yield from clauses.is_pictured(arm, n)
     yield from clauses.goes_on(arm)
     if isinstance(arm, CanopenArm):

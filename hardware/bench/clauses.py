@@ -221,15 +221,15 @@ def keeps_its_document(arm: Arm) -> Iterator[Clause]:
         "document", "what is no parameter document", _uploading(arm), kind=HardwareError
     )
     after = arm.active_parameters()
-    if after != before and before:
-        arm.upload_parameters(before)
-    yield Clause(
-        name="keeps",
-        passed=after == before,
-        text=f"its document of {len(before)} bytes is as it was"
-        if after == before
-        else f"it kept {len(after)} bytes of that in the place of {len(before)}, which were uploaded again",
-    )
+    text = f"its document of {len(before)} bytes is as it was"
+    if after != before:
+        text = f"it kept {len(after)} bytes of that in the place of "
+        if before:
+            arm.upload_parameters(before)
+            text += f"{len(before)}, which were uploaded again"
+        else:
+            text += "none: whatever reads its parameters takes it for one; export a document to it"
+    yield Clause(name="keeps", passed=after == before, text=text)
 
 
 def _uploading(arm: Arm) -> Callable[[], object]:
@@ -294,12 +294,14 @@ def leaves_and_returns(arm: Arm, identity: ArmIdentity) -> Iterator[Clause]:
         else f"it connects again as {again}, and was {identity}",
     )
     # Between the two a person may have unbolted the hand.
+    yield drives_off(arm)
+
+
+def drives_off(arm: Arm) -> Clause:
+    """No drive is enabled."""
     on = [j.joint for j in arm.snapshot().joints if j.drive is DriveState.OPERATION_ENABLED]
-    yield Clause(
-        name="drives off",
-        passed=not on,
-        text=f"{joints_words(on)} is enabled" if on else "no drive is enabled",
-    )
+    text = f"{joints_words(on)} is enabled" if on else "no drive is enabled"
+    return Clause(name="drives off", passed=not on, text=text)
 
 
 def is_still(name: str, before: FloatArray, after: FloatArray, bounds: Bounds) -> Iterator[Clause]:

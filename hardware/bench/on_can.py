@@ -13,10 +13,10 @@ from hardware.bench.finding import Ask, Bounds, Clause, declined, joints_words
 from hardware.canopen_arm import CanopenArm
 from hardware.drive_facts import DriveFacts
 from hardware.errors import BusError, ControlDenied, HardwareError, Intruder
+from hardware.objects import LONGEST_GUARD_S, LONGEST_WATCH_S
 
 HOLDS_AFTER_STOP: Final = 5
 """605Ah from here on: the drive stays in *quick stop active*; below, it lets the joint go."""
-LONGEST_GUARD_S: Final = 2.0
 PERIOD_SHARE: Final = 0.2
 """By how much SYNC may be off its period on the average."""
 
@@ -44,15 +44,30 @@ def told(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
             "quick stop",
             joint=drive.joint,
         )
-        guard = drive.misses_operator_after_s
-        yield Clause(
-            name="guard",
-            passed=guard is not None and guard <= LONGEST_GUARD_S,
-            text="1016h: it does not watch for the operator's heartbeat, and goes on when this program dies"
-            if guard is None
-            else f"1016h: it misses the operator after {guard:.2f} s",
-            joint=drive.joint,
+        yield _guard(drive)
+
+
+def _guard(drive: DriveFacts) -> Clause:
+    """Whether a drive watches for the operator: what a run refuses fails, what it puts up with is said."""
+    guard = drive.misses_operator_after_s
+    if guard is None:
+        passed, text = (
+            False,
+            "1016h: it does not watch for the operator's heartbeat, and goes on when this program dies",
         )
+    else:
+        passed, text = True, f"1016h: it misses the operator after {guard:.2f} s"
+        if guard > LONGEST_WATCH_S:
+            passed, text = (
+                False,
+                f"{text}, and no run is begun with more than {LONGEST_WATCH_S:g} s",
+            )
+        elif guard > LONGEST_GUARD_S:
+            passed, text = (
+                None,
+                f"{text}: for so long it goes on when this program dies; up to {LONGEST_GUARD_S:g} s would be safer",
+            )
+    return Clause(name="guard", passed=passed, text=text, joint=drive.joint)
 
 
 def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:

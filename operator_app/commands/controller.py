@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hardware.objects import HEARTBEAT_TIMEOUT_S, LONGEST_WATCH_S
+from hardware.objects import HEARTBEAT_TIMEOUT_S, LONGEST_GUARD_S, LONGEST_WATCH_S
 from hardware.virtual.fault_words import FAULTS
 from operator_app.commands.options import (
     a_path,
@@ -70,7 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_patience_s,
         metavar="S",
         help="how long the drives go without the operator's heartbeat before they trip (1016h), in s: default "
-        f"{HEARTBEAT_TIMEOUT_S:g}, at most {LONGEST_WATCH_S:g}; for a machine that both programs share with others",
+        f"{HEARTBEAT_TIMEOUT_S:g}, at most {LONGEST_WATCH_S:g}; for a machine that both programs share with "
+        f"others. `sarcal arm-check` passes no more than {LONGEST_GUARD_S:g}",
     )
     faults = parser.add_argument_group("faults, to see what an operator sees of them")
     faults.add_argument(

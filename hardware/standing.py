@@ -7,6 +7,7 @@ once it has had time to come to rest is what it is held to. A drive whose quick 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -18,7 +19,11 @@ from hardware.following import AWAY_SYNCS, Astray
 from hardware.objects import CYCLIC_POSITION
 
 REST_SYNCS: Final = 30
-"""0.3 s: by then a joint that was stopped stands, from any speed that an arm file allows."""
+"""0.3 s: a joint that was stopped has this to come to rest, however it goes."""
+LONGEST_REST_SYNCS: Final = 200
+"""2 s: and this for as long as it becomes slower. How steep its drive brakes (6085h) is its maker's affair."""
+STRETCH_SYNCS: Final = 10
+"""Whether it does is looked at from one such stretch to the next. One that creeps on does not."""
 
 _STATE: Final = 0x6F
 _STOPPED: Final = STATE_BITS[DriveState.QUICK_STOP_ACTIVE]
@@ -26,11 +31,30 @@ _STOPPED: Final = STATE_BITS[DriveState.QUICK_STOP_ACTIVE]
 
 @dataclass(slots=True)
 class _Joint:
-    """How long it has been stopped, what it stood at then, and since how many SYNCs it is elsewhere."""
+    """How long it has been stopped, what it stands at, and since how many SYNCs it is elsewhere.
+
+    Until it `stands`: where the present stretch of SYNCs began, and how far it went in the one before.
+    """
 
     stopped: int = 0
     stood_at: int = 0
     away: int = 0
+    stands: bool = False
+    began_at: int = 0
+    went: float = math.inf
+
+    def come_to_rest(self, counts: int) -> None:
+        """Take in where it is on its way to rest; what it stands at is known when it does not brake any more."""
+        if self.stopped == 0:
+            self.stands, self.began_at, self.went = False, counts, math.inf
+        self.stopped += 1
+        self.stood_at = counts
+        if self.stopped % STRETCH_SYNCS:
+            return
+        went = abs(counts - self.began_at)
+        brakes = 0 < went < self.went and self.stopped < LONGEST_REST_SYNCS
+        self.stands = self.stopped >= REST_SYNCS and not brakes
+        self.began_at, self.went = counts, went
 
 
 class Standing:
@@ -59,9 +83,8 @@ class Standing:
             if at + 1 in sample.missing:
                 continue
             counts = sample.counts[at]
-            joint.stopped += 1
-            if joint.stopped <= REST_SYNCS:
-                joint.stood_at = counts
+            if joint.stopped == 0 or not joint.stands:
+                joint.come_to_rest(counts)
                 continue
             moved = counts - joint.stood_at
             joint.away = joint.away + 1 if abs(moved) > window else 0

@@ -4,7 +4,7 @@ import pytest
 
 from hardware.cyclic import Sample, Setpoint
 from hardware.following import AWAY_SYNCS, Astray
-from hardware.standing import REST_SYNCS, Standing
+from hardware.standing import LONGEST_REST_SYNCS, REST_SYNCS, Standing
 
 STOPPED, ENABLED, OFF, FAULT = 0x1607, 0x1627, 0x0640, 0x1608
 CSP, CST = 8, 10
@@ -43,6 +43,34 @@ def test_a_joint_that_goes_on_is_named_with_how_far_and_since_when(away: int) ->
 def test_coming_to_rest_is_no_motion() -> None:
     braking = [20_000 - 3 * k * k for k in range(REST_SYNCS, 0, -1)]
     assert set(watched(*braking, *[20_000] * 40)) == {None}
+
+
+@pytest.mark.parametrize("ramp_syncs", [50, 100, 190])
+@pytest.mark.parametrize("steepness", [1, 7])
+def test_a_drive_with_a_slow_quick_stop_is_let_come_to_rest(
+    ramp_syncs: int, steepness: int
+) -> None:
+    """Its 6085h: with power taken away while it brakes, a joint without a brake would sink."""
+    braking = [90_000 - steepness * k * k for k in range(ramp_syncs, 0, -1)]
+    assert set(watched(*braking, *[90_000] * 60)) == {None}
+    # And what it came to rest at is what it is held to.
+    found = watched(*braking, *[90_000] * 40, *[90_000 + WINDOW + 1] * AWAY_SYNCS)[-1]
+    assert found is not None
+    assert found.counts == WINDOW + 1
+
+
+@pytest.mark.parametrize("speed", [1, 5, 40])
+def test_one_that_creeps_on_as_fast_as_before_is_not_waited_for(speed: int) -> None:
+    creeping = [500 + speed * k for k in range(500)]
+    said = watched(*creeping)
+    told = next(k for k, found in enumerate(said) if found)
+    assert told <= REST_SYNCS + WINDOW // speed + AWAY_SYNCS
+
+
+def test_one_that_seems_to_brake_for_ever_is_waited_for_2_s() -> None:
+    slowing = [round(-2e5 * 0.997**k) for k in range(600)]
+    told = next(k for k, found in enumerate(watched(*slowing)) if found)
+    assert LONGEST_REST_SYNCS < told < LONGEST_REST_SYNCS + 20
 
 
 def test_on_the_edge_of_its_window_it_stands_and_once_back_it_begins_anew() -> None:

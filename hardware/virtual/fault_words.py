@@ -22,7 +22,8 @@ class Arm(StrEnum):
     TRIPS = "that drive blocks its valve or holds, all others stop and hold"
     BLOCKS = "all valves are blocked"
     STOPPED = (
-        "is stopped by the program at once: that drive is switched off, all others stop and hold"
+        "is stopped by the program at once where that joint is seen astray: its drive is switched off, all others "
+        "stop and hold; after other words it goes nowhere, its drives held, tripped or off"
     )
 
 
@@ -81,8 +82,18 @@ _CABLE = (
 _RECONNECT = "Find out why, then connect again: the arm is compared with its poses first."
 _COMMISSION = "Commission the drive as the message says, then connect again; nothing was enabled."
 _ASTRAY = (
-    "Nothing need be pressed. Mend that drive, or end whoever else leads it; then reset (R, or `sarcal reset`) "
-    "and go on: the first pose is read again before anything else."
+    "Where the arm has been stopped nothing need be pressed; else press STOP. Mend that drive, or end whoever else "
+    "leads it; then reset (R, or `sarcal reset`) and go on: the first pose is read again before anything else."
+)
+_SLIPPED = ("joint {joint} jumped", "joint {joint} has shifted by")
+"""The second when the first pose is read again: a drive that leads its joint makes up for what its sensor lost."""
+_SLIPPED_KEPT = (
+    f"{POSES}; of a joint that is led, told at the end only, none since then: the verdict refuses "
+    "to mix them"
+)
+_SLIPPED_REMEDY = (
+    "Retake what is marked; after words at the end only, start a new session. Look at the encoder's coupling and its "
+    "cable."
 )
 _SENSOR = "Retake what is marked; look at the encoder's coupling and its cable."
 
@@ -212,7 +223,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
         ),
         "restart-node": FaultWords(
             broken="a joint's drive restarts, its counter at zero",
-            says=("has left operation", "has restarted", "reads 0.000 deg"),
+            says=("has left operation", "has restarted", "reads 0.000 deg", "stands at zero"),
             remedy="Find out why it lost its power; reference its counter, then connect again.",
             kept=f"{POSES}; not the zero of that drive's counter",
         ),
@@ -239,15 +250,18 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
         ),
         "lost-counts-500": FaultWords(
             broken="an encoder loses 500 counts",
-            says=("joint {joint} jumped",),
+            says=_SLIPPED,
             goes_on=True,
-            remedy=_SENSOR,
+            remedy=_SLIPPED_REMEDY,
+            kept=_SLIPPED_KEPT,
         ),
         "sensor-jump": FaultWords(
             broken="a sensor, encoder or RVDT, reads 2 deg more from one SYNC to the next",
-            says=("joint {joint} jumped",),
+            # Of a joint that is led: its drive makes up for it, which is a jerk of all joints.
+            says=(*_SLIPPED, "overspeed"),
             goes_on=True,
-            remedy=_SENSOR,
+            remedy=_SLIPPED_REMEDY,
+            kept=_SLIPPED_KEPT,
         ),
         "ripple": FaultWords(
             broken="a sensor has noise of ten counts, as of an unsteady supply",

@@ -17,7 +17,7 @@ from fixtures.measured import Measured
 from hardware.arm import ArmIdentity, Reading
 from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.placed import as_calibrated, as_seen
-from operator_app.calibration.repeats import compare_readings
+from operator_app.calibration.repeats import Repeat, compare_readings
 from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
@@ -40,6 +40,9 @@ IMPROBABLE = 1e-4
 
 WORSE = 4.0
 """Times the worst chi2 of the session's own poses: where the model is wrong, theirs is large as well."""
+
+SURE = 100.0
+"""Times likelier than the fixture, a joint is named where nobody is asked to do anything about it first."""
 
 _START_ANEW = "find out what was changed; poses before and after it do not belong together: start a new session"
 
@@ -179,11 +182,66 @@ def check_return(state: SessionState, procedure: Procedure) -> str:
     GuardError
         Something slipped in between: named with its size.
     """
-    from scipy.special import chdtri
-
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
         return _check_seen_again(state, procedure)
+    found = _reread(state, procedure)
+    if found is None:
+        return ""
+    pose = state.returns[-1].first.number
+    if found.joint_odds > 1.0:
+        raise GuardError(
+            f"pose {pose} does not read as it did: joint {found.joint} has shifted by "
+            f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit})",
+            f"look at the coupling and the counter of joint {found.joint}; {_START_ANEW}",
+        )
+    if found.shifted_m > REMOUNTED_M or found.turned_rad > REMOUNTED_RAD:
+        raise GuardError(
+            f"pose {pose} does not read as it did: the fixture has moved by about "
+            f"{SHIFTED(found.shifted_m).with_unit} and {TURNED(found.turned_rad).with_unit}",
+            _START_ANEW,
+        )
+    return _bent(pose, found)
+
+
+def return_words(state: SessionState, procedure: Procedure) -> str:
+    """What the last reading of an old pose says, where nothing was interrupted; "" where it reads as it did.
+
+    Nothing is refused for it: all poses are taken by then, and the verdict judges them by both readings.
+    """
+    state = state.here
+    if not procedure.fixture.fixture.holds_hand:
+        try:
+            return _check_seen_again(state, procedure)
+        except GuardError as error:
+            return f"{error.happened[0].upper()}{error.happened[1:]}. The calibration will be judged by it."
+    found = _reread(state, procedure)
+    if found is None:
+        return ""
+    pose = state.returns[-1].first.number
+    if found.joint_odds < SURE:
+        return _bent(pose, found)
+    return (
+        f"Pose {pose} does not read as it did: joint {found.joint} has shifted by "
+        f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit}) since, and poses "
+        "before and after that do not belong together. The calibration will be judged by it: look at the coupling "
+        f"and the counter of joint {found.joint}, and start a new session."
+    )
+
+
+def _bent(pose: int, found: Repeat) -> str:
+    """Say that a fixture gives, or was moved by a little."""
+    return (
+        f"Pose {pose} does not read as it did, as if the fixture had moved by about "
+        f"{SHIFTED(found.shifted_m).with_unit}: it was remounted, or gives more than its file states. The "
+        "calibration will be judged by it."
+    )
+
+
+def _reread(state: SessionState, procedure: Procedure) -> Repeat | None:
+    """What the last return says, where that is more than noise, play and the fixture's give."""
+    from scipy.special import chdtri
+
     last = state.returns[-1]
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
@@ -201,25 +259,8 @@ def check_return(state: SessionState, procedure: Procedure) -> str:
         give=fixture.give,
     )
     if found.chi2 <= float(chdtri(found.dof, IMPROBABLE)):
-        return ""
-    pose = last.first.number
-    if found.joint_odds > 1.0:
-        raise GuardError(
-            f"pose {pose} does not read as it did: joint {found.joint} has shifted by "
-            f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit})",
-            f"look at the coupling and the counter of joint {found.joint}; {_START_ANEW}",
-        )
-    if found.shifted_m > REMOUNTED_M or found.turned_rad > REMOUNTED_RAD:
-        raise GuardError(
-            f"pose {pose} does not read as it did: the fixture has moved by about "
-            f"{SHIFTED(found.shifted_m).with_unit} and {TURNED(found.turned_rad).with_unit}",
-            _START_ANEW,
-        )
-    return (
-        f"Pose {pose} does not read as it did, as if the fixture had moved by about "
-        f"{SHIFTED(found.shifted_m).with_unit}: it was remounted, or gives more than its file states. The "
-        "calibration will be judged by it."
-    )
+        return None
+    return found
 
 
 def _check_seen_again(state: SessionState, procedure: Procedure) -> str:

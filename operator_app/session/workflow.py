@@ -23,7 +23,7 @@ from operator_app.session.going_home import away_from_box, go_home, require_in_b
 from operator_app.session.instrument import TargetLostError
 from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, Stop
-from operator_app.session.sameness import check_return
+from operator_app.session.sameness import check_return, return_words
 from operator_app.session.session import Session
 from operator_app.session.state import pose_set_of
 from operator_app.session.waypoints import verification_waypoints
@@ -173,7 +173,10 @@ def _return_to_first(
             session.record("return_missed", {"of": first.number, "reason": lost.happened})
             listener.told(f"Pose {first.number} could not be read once more: {lost.happened}.")
             return way
-        told = _require_same_return(session) if resumed else ""
+        if resumed:
+            told = _require_same_return(session)
+        else:
+            told = return_words(session.state, session.procedure)
         if told:
             listener.told(told)
     return way

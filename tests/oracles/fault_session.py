@@ -57,7 +57,8 @@ class Outcome:
 
     `reaction_s` is the CPU time of this process, virtual arm and all, from the fault to the words; 0 without.
     `moved_deg` is how far any true angle went in the 1.5 s after the words, nobody commanding, and `then` what
-    each drive was at when they were said; `ended` what it does once the session is closed.
+    each drive was at when they were said; `ended` what it does once the session is closed. `told` are sentences
+    that ended nothing.
     """
 
     kind: str
@@ -69,6 +70,18 @@ class Outcome:
     moved_deg: float
     then: tuple[tuple[DriveState, JointMode | None], ...]
     ended: tuple[JointMode | None, ...]
+    told: tuple[str, ...]
+
+
+class Hearing(Listener):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.heard: list[str] = []
+
+    def told(self, text: str) -> None:
+        """Keep it."""
+        self.heard.append(text)
 
 
 def loop_error(q_rad: np.ndarray) -> float:
@@ -160,7 +173,7 @@ def session_with(
         capture=replace(procedure.capture, poses=poses, samples_per_pose=8),
     )
     settings = BusSettings(channel=f"campaign-{os.getpid()}-{next(_channels)}")
-    said = error = ""
+    said, error, hearing = "", "", Hearing()
     with run_controller(
         procedure.arm,
         chosen,
@@ -189,7 +202,7 @@ def session_with(
         try:
             connect(session, Listener())
             session.require_fixture()
-            take_poses(session, Listener(), (1, 5))
+            take_poses(session, hearing, (1, 5))
         except EXPECTED as found:
             said, error = str(found), type(found).__name__
             reaction_s = time.process_time() - begun_s[0] if begun_s else 0.0
@@ -211,4 +224,5 @@ def session_with(
         moved_deg=moved_deg,
         then=then,
         ended=ended,
+        told=tuple(hearing.heard),
     )

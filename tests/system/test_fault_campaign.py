@@ -141,6 +141,35 @@ def test_a_sensor_that_stands_still_in_a_joint_that_is_led_leaves_no_wrong_pose(
     assert len(found.poses) == 2
 
 
+LED = [
+    pytest.param("lost-counts-500", 5, 640),
+    pytest.param("lost-counts-500", 5, 700, marks=pytest.mark.campaign),
+    pytest.param("lost-counts-500", 1, 450, marks=pytest.mark.campaign),
+    pytest.param("sensor-jump", 5, 640, marks=pytest.mark.campaign),
+    pytest.param("sensor-jump", 1, 450, marks=pytest.mark.campaign),
+]
+
+
+@pytest.mark.parametrize(("kind", "joint", "at_sync"), LED)
+def test_a_slip_in_a_joint_that_is_led_is_told_at_the_latest_when_the_first_pose_is_read_again(
+    tmp_path: Path, kind: str, joint: int, at_sync: int
+) -> None:
+    """Its drive makes up for it at once: all joints move, and nothing jumps alone. No pose before it is wrong."""
+    found = session_with(kind, tmp_path / "s", joint=joint, at_sync=at_sync)
+    ended_sync = {
+        event.data["number"]: event.data["first_sync"] + event.data["samples"]
+        for event in read_journal(tmp_path / "s").events
+        if event.name == "pose"
+    }
+    wrong = found.wrong
+    if found.said:
+        assert any(part.format(joint=joint) in found.said for part in FAULTS[kind].says), found.said
+        assert not wrong
+        return
+    assert any(f"joint {joint} has shifted by" in text for text in found.told), found.told
+    assert all(ended_sync[number] >= at_sync for number in wrong)
+
+
 def test_every_fault_has_its_row() -> None:
     assert list(FAULTS) == list(FAULT_KINDS)
     for words in FAULTS.values():
@@ -150,6 +179,7 @@ def test_every_fault_has_its_row() -> None:
 def test_without_a_fault_every_pose_is_right(tmp_path: Path) -> None:
     found = session_with("", tmp_path / "s", joint=4, at_sync=0)
     assert (found.said, len(found.poses), found.wrong) == ("", 6, ())
+    assert not any("does not read as it did" in text for text in found.told)
 
 
 def test_a_wall_clock_that_is_set_back_and_forth_costs_no_pose(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from operator_app.calibration.loop import pick
 from operator_app.calibration.other_basins import other_basin
 from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeats import Repeat, Reread
+from operator_app.calibration.returned import return_tests
 from operator_app.calibration.rivals import named_hinge, named_rivals, named_shift
 from operator_app.calibration.unsteady import unsteady
 from operator_app.calibration.verdict import (
@@ -25,7 +26,6 @@ from operator_app.calibration.verdict import (
     little_motion,
     of_the_fit,
     paper_test,
-    return_tests,
     too_few,
 )
 from solver.arrays import IntArray

@@ -5,11 +5,10 @@ Only for misfits that no linear explanation can reach. Knows arms, fixtures and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations
 from time import thread_time
-from typing import TypeVar
 
 import numpy as np
 
@@ -22,25 +21,25 @@ from operator_app.calibration.causes import (
     shift_in_words,
     wrong_reading,
 )
-from operator_app.calibration.loop import in_order, loop_of_poses, pick
-from operator_app.calibration.noise import error_model, noise_model, soften
-from operator_app.calibration.other_basins import far_from_nominal
+from operator_app.calibration.loop import pick
 from operator_app.calibration.other_fixtures import hinge_instead, instead
+from operator_app.calibration.rival import (
+    MANY,
+    Rival,
+    closes,
+    cost_of,
+    is_near,
+    solved,
+    tried,
+    without_readings,
+)
 from operator_app.calibration.shifted import shift_of
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
-from solver.errors import SolverError
-from solver.estimators.implicit import ImplicitFit, fit_implicit
-from solver.estimators.least_squares import solve_damped
-from solver.estimators.mixed_fit import fit_mixed
-from solver.estimators.paper import ClosureProblem
 from solver.judging.candidates import still_runs
 from solver.judging.evidence import LEAST_SCALE, probabilities
 from solver.judging.ranges import makes_sense, mistakes
-
-_T = TypeVar("_T")
 
 FITS = 3.0
 """chi2/dof at stated variances up to which a rival is an explanation."""
@@ -54,12 +53,6 @@ PROMISING = 0.3
 PER_FREEDOM = 4.6
 """What an equation that a rival does without counts against it: log of 100."""
 
-CLOSED_M, MANY = 2e-3, 20
-"""Loops of so many poses that close to this (rms) close as those of the fixture they are thought to be."""
-
-TILTS = 30.0
-"""And so many times less is left of the closure (rms, m and rad alike) than in the fixture of the file."""
-
 LEAST_M = 2e-3
 """Lengths that differ by less are exchanged within what a tolerance may be."""
 
@@ -69,23 +62,8 @@ LEAST_RAD = np.deg2rad(0.05)
 TRIED = 3
 """How many of the most promising are solved to the end."""
 
-ITERATIONS = 15
-"""A rival that is right is near its solution by then."""
-
 SECONDS = 4.0
 """Of CPU time of this thread: nobody waits longer for an explanation, and what runs beside takes none."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rival:
-    """A mistake that may have been made: what the poses, the fixture and the sensors would then be."""
-
-    words: Words
-    poses: PoseSet
-    fixture: Fixture
-    unsensed: tuple[int, ...] = ()
-    arm: ArmModel | None = None
-    """Another than the file's, where that is the mistake."""
 
 
 def named_rivals(
@@ -115,7 +93,7 @@ def named_rivals(
     as_it_is = np.inf
     if not near and not unsensed:
         plain = Rival(words=Words("", "", ""), poses=poses, fixture=fixture)
-        as_it_is = _cost(arm, plain)
+        as_it_is = cost_of(arm, plain)
     found: list[tuple[Rival, float]] = []
     families = (
         (_same_loop(fixture, poses, arm, unsensed),)
@@ -128,12 +106,12 @@ def named_rivals(
     )
     for family in families:
         for rival in _screened(arm, family, deadline, below=PROMISING * as_it_is):
-            if near and not _is_near(arm, rival):
+            if near and not is_near(arm, rival):
                 continue
             if thread_time() > deadline:
                 break
-            ratio, left = _solved(arm, rival)
-            if rival.fixture is not fixture and _closes(arm, rival, far=as_it_is):
+            ratio, left = solved(arm, rival)
+            if rival.fixture is not fixture and closes(arm, rival, far=as_it_is):
                 # So few equations close by chance nowhere, however good the statements are.
                 ratio = min(ratio, 0.99 * FITS)
             if ratio < FITS and (near or BETTER * ratio < scale):
@@ -160,7 +138,7 @@ def named_hinge(
         return ()
     other = hinge_instead(arm, fixture, poses)
     rival = Rival(words=other.words, poses=poses, fixture=other.fixture, unsensed=unsensed)
-    ratio, left = _solved(arm, rival)
+    ratio, left = solved(arm, rival)
     return _named([(rival, _weight(ratio, left, left))]) if ratio < FITS else ()
 
 
@@ -284,11 +262,11 @@ def _shifted(
     q = blind.poses.q_rad
 
     def angle() -> FloatArray | None:
-        fit = _without_readings(arm, blind)
+        fit = without_readings(arm, blind)
         first = fit.unsensed.shape[-1] - len(blind.unsensed)
         return fit.unsensed[:, first + sorted(blind.unsensed).index(joint)]
 
-    measured = _tried(angle, None)
+    measured = tried(angle, None)
     shift = None if measured is None else shift_of(q[:, joint - 1], measured)
     if shift is None:
         return []
@@ -300,7 +278,7 @@ def _shifted(
         fixture=blind.fixture,
         unsensed=unsensed,
     )
-    return [(rival, *_solved(arm, rival))]
+    return [(rival, *solved(arm, rival))]
 
 
 def _screened(
@@ -311,92 +289,6 @@ def _screened(
     for number, rival in enumerate(rivals):
         if thread_time() > deadline:
             break
-        costs.append((_cost(arm, rival), number, rival))
+        costs.append((cost_of(arm, rival), number, rival))
     costs.sort(key=lambda cost: cost[:2])
     return [rival for cost, _, rival in costs[:TRIED] if np.isfinite(cost) and cost <= below]
-
-
-def _start(arm: ArmModel, rival: Rival) -> tuple[FloatArray, float]:
-    """Parameters of a rival's loop and the mean square of what is left of the closure."""
-    arm, q = rival.arm or arm, rival.poses.q_rad
-    if not rival.unsensed:
-        model = loop_of_poses(arm, rival.fixture, rival.poses)
-        problem = ClosureProblem.of(model, q)
-        found = solve_damped(problem, nominal_vector(model.parameters), max_iterations=ITERATIONS)
-        return found.x, 2.0 * found.cost / len(q)
-    fit = _without_readings(arm, rival)
-    return fit.x, float((fit.corrections**2).mean())
-
-
-def _without_readings(arm: ArmModel, rival: Rival) -> ImplicitFit:
-    """Loops of a rival that does without some readings, closed."""
-    q, unsensed = rival.poses.q_rad, tuple(sorted(rival.unsensed))
-    model = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
-    noise = noise_model(arm, rival.fixture, rival.poses, np.ones(len(q), dtype=np.bool_))
-    floor = np.maximum(noise.joint_variance, 1e-8)
-    return fit_implicit(
-        model,
-        q,
-        replace(noise, joint_variance=floor),
-        nominal_vector(model.parameters),
-        max_iterations=ITERATIONS,
-    )
-
-
-def _is_near(arm: ArmModel, rival: Rival) -> bool:
-    """Whether a rival's loop closes near its nominal values."""
-
-    def near() -> bool:
-        model = loop_of_poses(rival.arm or arm, rival.fixture, rival.poses)
-        return not far_from_nominal(model.parameters, _start(arm, rival)[0])
-
-    return _tried(near, otherwise=False)
-
-
-def _closes(arm: ArmModel, rival: Rival, *, far: float) -> bool:
-    """Whether a loop closes in another fixture, by far more than noise of the readings explains.
-
-    `far` is the mean square of what is left of it in the fixture of the file: noise leaves a few times
-    more where rotations count as well, a hand that tilts a hundred times more.
-    """
-    cost = _cost(arm, rival)
-    return len(rival.poses) >= MANY and cost < CLOSED_M**2 and cost * TILTS**2 < far
-
-
-def _cost(arm: ArmModel, rival: Rival) -> float:
-    return _tried(lambda: _start(arm, rival)[1], np.inf)
-
-
-def _solved(arm: ArmModel, rival: Rival) -> tuple[float, int]:
-    """chi2/dof of a rival at stated variances, and its degrees of freedom."""
-    arm = rival.arm or arm
-
-    def solve() -> tuple[float, int]:
-        x, _ = _start(arm, rival)
-        kept = np.ones(len(rival.poses), dtype=np.bool_)
-        unsensed = tuple(sorted(rival.unsensed))
-        hard = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
-        model, tolerance = soften(hard, arm)
-        errors = error_model(
-            arm, rival.fixture, rival.poses, kept, unsensed_joints=unsensed, tolerance=tolerance
-        )
-        fit = fit_mixed(
-            model,
-            rival.poses.q_rad,
-            errors,
-            in_order(model, hard, x),
-            group=rival.poses.placement,
-            estimate=False,
-        ).fit
-        return fit.chi2 / max(fit.dof, 1), fit.dof
-
-    return _tried(solve, (np.inf, 0))
-
-
-def _tried(work: Callable[[], _T], otherwise: _T) -> _T:
-    """Return what `work` gives; a rival that cannot be solved is none."""
-    try:
-        with np.errstate(all="ignore"):
-            return work()
-    except (SolverError, np.linalg.LinAlgError, ValueError, FloatingPointError):
-        return otherwise

@@ -7,41 +7,15 @@ app all call it. Knows no file, no bus and no screen.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
-from operator_app.calibration.branches import Branches, on_main_branch
-from operator_app.calibration.calibrated_arm import calibrated_arm, hand_accuracy, hand_errors
 from operator_app.calibration.hand_error import tip_sigma
-from operator_app.calibration.held_offsets import offsets_not_sought, with_held
-from operator_app.calibration.judgement import (
-    alike_notices,
-    as_stated_notices,
-    cause_notices,
-    condition_notices,
-    endpoint_notices,
-    flexure_notices,
-    flipped_notices,
-    held_notices,
-    noise_notices,
-    not_sought_notices,
-    outlier_notices,
-    range_notices,
-    reasons_against,
-    rival_notices,
-    rvdt_notices,
-    setup_notices,
-)
 from operator_app.calibration.loop import in_order, loop_of_poses, pick
 from operator_app.calibration.mounted_twice import alike
-from operator_app.calibration.noise import (
-    error_model,
-    first_of_each,
-    soften,
-)
+from operator_app.calibration.noise import error_model, first_of_each, soften
 from operator_app.calibration.other_basins import best_about_nominal
 from operator_app.calibration.placed import as_seen
 from operator_app.calibration.refusals import (
@@ -52,14 +26,15 @@ from operator_app.calibration.refusals import (
 from operator_app.calibration.repeats import Reread, repeats_of
 from operator_app.calibration.rivals import named_rivals
 from operator_app.calibration.rvdt import judge_rvdts
+from operator_app.calibration.seen_loops import seen_loops
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.weighing import Known, weigh
 from operator_app.calibration.why_not import (
     do_not_fit,
     saturated_readings,
     why_blind,
-    without_blind,
 )
+from operator_app.calibration.with_notices import with_notices
 from operator_app.config.procedure import AcceptanceLimits
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
@@ -69,11 +44,7 @@ from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.estimate import require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress
-from solver.estimators.paper import estimate_paper
-from solver.estimators.variance_components import (
-    Calibrated,
-    VarianceComponents,
-)
+from solver.estimators.variance_components import Calibrated, VarianceComponents
 from solver.judging.identifiability import (
     Identifiability,
     condition_at_readings,
@@ -82,7 +53,6 @@ from solver.judging.identifiability import (
 )
 from solver.judging.ranges import range_findings
 from solver.judging.seen_by_fit import seen_by_fit
-from solver.search.global_start import global_start
 
 ESTIMATORS = ("implicit", "paper")
 
@@ -140,31 +110,12 @@ def calibrate(
     out_of_range = range_findings(arm, poses, unsensed_joints=unsensed_joints)
     refuse_placement(fixture, arm, model, unsensed_joints)
 
-    found = global_start(model, poses.q_rad, progress=progress) if search else None
-    branches = (
-        on_main_branch(model, poses.q_rad)
-        if found is None
-        else Branches.without(found.set_aside, len(poses))
+    loops = seen_loops(
+        model, arm, poses, sensed=not unsensed_joints, search=search, drop=drop, progress=progress
     )
-    kept, flipped = branches.kept, branches.flipped
-    model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
-    require_enough_poses(model, len(q))
-    sigma = arm.sigma_rad()
-    x0 = None if found is None else found.x
-    model, blind = without_blind(model, arm, x0, q, drop=drop)
-    if blind:
-        require_enough_poses(model, len(q))
-        if search:
-            # What is held now has other values than in the search: it is done again without it.
-            found = global_start(model, q, progress=progress)
-        x0 = None if found is None else found.x
-    held = blind if drop else ()
-    paper = None
-    if not unsensed_joints:
-        made = branches.paper if x0 is None and not blind else None
-        paper = made or estimate_paper(model, q, x0=x0)
-
-    hard = model
+    hard, q, paper, found = loops.model, loops.q, loops.paper, loops.search
+    kept, flipped, blind = loops.kept, loops.flipped, loops.blind
+    sigma, held = arm.sigma_rad(), loops.blind if drop else ()
 
     def require(seen: Identifiability) -> Identifiability:
         try:
@@ -185,7 +136,7 @@ def calibrate(
     # Before anything is weighted: an estimate along a blind direction is worth nothing.
     if paper is not None and (estimator == "paper" or not plainly_seen(hard, paper.x, q)):
         seen = require(identifiability(hard, paper.x, q, sigma_rad=sigma))
-    x0 = x0 if paper is None else paper.x
+    x0 = loops.x0 if paper is None else paper.x
     # The paper's estimate is judged by what weighing every reading by its noise gives beside it.
     model, tolerance = soften(hard, arm, length_tolerance_m=length_tolerance_m, held=held)
     there = np.flatnonzero(kept)
@@ -257,6 +208,16 @@ def calibrate(
         if closes
         else ()
     )
+    known = Known(
+        out_of_range=out_of_range,
+        flipped=flipped,
+        checks=checks,
+        search=found,
+        rvdt=rvdt,
+        returned=repeats_of(
+            rereads, arm, model, estimate.x, tuple(poses.label[k] for k in there), fixture.give
+        ),
+    )
     judgement = weigh(
         judged,
         arm,
@@ -264,16 +225,7 @@ def calibrate(
         poses,
         distinct[some],
         judged=unknowns,
-        known=Known(
-            out_of_range=out_of_range,
-            flipped=flipped,
-            checks=checks,
-            search=found,
-            rvdt=rvdt,
-            returned=repeats_of(
-                rereads, arm, model, estimate.x, tuple(poses.label[k] for k in there), fixture.give
-            ),
-        ),
+        known=known,
         paper=judged_paper,
     )
     nominal = nominal_vector(model.parameters)
@@ -300,35 +252,18 @@ def calibrate(
         warnings=(),
         reasons=(),
     )
-    found_arm = calibrated_arm(solution, arm)
-    errors_there = hand_errors(found_arm, arm)
-    accuracy = with_held(
-        hand_accuracy(errors_there), errors_there.after_m, found_arm, arm, judged.linear
-    )
-    # What was dropped on request has its own words.
-    not_sought = tuple(j for j in offsets_not_sought(model, arm) if f"theta_off_{j}" not in held)
-    return replace(
+    return with_notices(
         solution,
-        accuracy=accuracy,
-        warnings=(
-            *noise_notices(whole.linear.stated.chi2, whole.linear.dof),
-            *range_notices(out_of_range, poses.label),
-            *endpoint_notices(fixture, poses),
-            *setup_notices(checks),
-            *flipped_notices(flipped, poses.label),
-            *held_notices(held, accuracy),
-            *not_sought_notices(not_sought, accuracy, arm),
-            *as_stated_notices(() if drop else blind, arm),
-            *rival_notices(found),
-            *flexure_notices(components, tuple(tolerance)),
-            *alike_notices(same),
-            *outlier_notices(solution.outliers),
-            *rvdt_notices(solution.rvdt),
-            *cause_notices(judgement.causes),
-            *condition_notices(seen, limits),
-        ),
+        arm,
+        fixture,
+        poses,
+        whole=whole,
+        judged=judged,
+        known=known,
+        same=same,
+        as_stated=() if drop else blind,
         judgement=judgement,
-        reasons=(*judgement.reasons, *reasons_against(estimate, limits)),
+        limits=limits,
     )
 
 

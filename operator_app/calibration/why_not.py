@@ -13,30 +13,14 @@ from operator_app.calibration.judgement import range_text
 from operator_app.calibration.rivals import named_hinge, named_rivals
 from operator_app.calibration.stuck import explained
 from operator_app.units.figure import SIGMA_ORI, SIGMA_POS
-from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import DhEntry, DhKind, is_entry
 from solver.chain.poses import PoseSet
 from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate
-from solver.judging.dropping import drop_unidentifiable
 from solver.judging.ranges import Fault, RangeFinding
-from solver.loops.closure import ClosureModel
 
 NO_CLOSURE_M, NO_CLOSURE_RAD = 0.01, 0.03
 """Closure error (rms) of loops that were not closed at all."""
-
-
-def without_blind(
-    model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
-) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Take out what the poses cannot see: on request, or because the arm's file says how well it is known."""
-    if not drop and arm.offset_tolerance_rad is None:
-        return model, ()
-    smaller, blind = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
-    known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in blind)
-    # Of others than offsets no file states anything: they are asked for and cannot be had.
-    return (smaller, blind) if drop or known else (model, ())
 
 
 def why_blind(

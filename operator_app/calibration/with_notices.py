@@ -1,0 +1,91 @@
+"""A calibration with all that is said of it: how well the hand is known, the verdict, every notice in its order.
+
+Knows solutions and judgements; decides nothing and knows no screen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from fixtures.base import Fixture
+from operator_app.calibration.calibrated_arm import calibrated_arm, hand_accuracy, hand_errors
+from operator_app.calibration.held_offsets import offsets_not_sought, with_held
+from operator_app.calibration.judgement import (
+    alike_notices,
+    as_stated_notices,
+    cause_notices,
+    condition_notices,
+    endpoint_notices,
+    flexure_notices,
+    flipped_notices,
+    held_notices,
+    noise_notices,
+    not_sought_notices,
+    outlier_notices,
+    range_notices,
+    reasons_against,
+    rival_notices,
+    rvdt_notices,
+    setup_notices,
+)
+from operator_app.calibration.mounted_twice import Alike
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.verdict import Judgement
+from operator_app.calibration.weighing import Known
+from operator_app.config.procedure import AcceptanceLimits
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.estimators.variance_components import Calibrated
+
+
+def with_notices(
+    solution: Solution,
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    *,
+    whole: Calibrated,
+    judged: Calibrated,
+    known: Known,
+    same: tuple[Alike, ...],
+    as_stated: tuple[str, ...],
+    judgement: Judgement,
+    limits: AcceptanceLimits,
+) -> Solution:
+    """Add how well the hand is known, the verdict, and every notice in its order.
+
+    `whole` is the fit of all poses, `judged` that of those the tests saw; `as_stated` was held because the arm's
+    file says how well it is known.
+    """
+    found_arm = calibrated_arm(solution, arm)
+    errors_there = hand_errors(found_arm, arm)
+    accuracy = with_held(
+        hand_accuracy(errors_there), errors_there.after_m, found_arm, arm, judged.linear
+    )
+    # What was dropped on request has its own words.
+    not_sought = tuple(
+        j for j in offsets_not_sought(solution.model, arm) if f"theta_off_{j}" not in solution.held
+    )
+    return replace(
+        solution,
+        accuracy=accuracy,
+        warnings=(
+            *noise_notices(whole.linear.stated.chi2, whole.linear.dof),
+            *range_notices(known.out_of_range, poses.label),
+            *endpoint_notices(fixture, poses),
+            *setup_notices(known.checks),
+            *flipped_notices(solution.dropped_flipped, poses.label),
+            *held_notices(solution.held, accuracy),
+            *not_sought_notices(not_sought, accuracy, arm),
+            *as_stated_notices(as_stated, arm),
+            *rival_notices(solution.search),
+            *flexure_notices(solution.components, solution.tolerated),
+            *alike_notices(same),
+            *outlier_notices(solution.outliers),
+            *rvdt_notices(solution.rvdt),
+            *cause_notices(judgement.causes),
+            *condition_notices(solution.seen, limits),
+        ),
+        judgement=judgement,
+        reasons=(*judgement.reasons, *reasons_against(solution.estimate, limits)),
+    )

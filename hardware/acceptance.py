@@ -36,10 +36,19 @@ def keep_out(bus: can.BusABC, filters: list[CanFilter]) -> None:
     python-can's own filter will not do: a `recv` that is not to wait says of a frame which it throws away that
     there was none, and whoever empties a queue stops there, with answers behind it. On the bus inside this
     process nobody else is, and what is kept out need not be looked at.
+
+    Adapters that have room for fewer filters (Kvaser, SYSTEC and Vector for one) leave all of it to python-can,
+    and say so in `_is_filtered`: they are left without.
     """
-    nothing = can.BusABC._apply_filters  # noqa: SLF001 - the hook for adapters that can
-    if isinstance(bus, VirtualBus) or getattr(type(bus), "_apply_filters", nothing) is not nothing:
+    if isinstance(bus, VirtualBus):
         bus.set_filters(filters)
+        return
+    nothing = can.BusABC._apply_filters  # noqa: SLF001 - the hook for adapters that can
+    if getattr(type(bus), "_apply_filters", nothing) is nothing:
+        return
+    bus.set_filters(filters)
+    if not getattr(bus, "_is_filtered", True):  # those without the flag, as ETAS's, have room
+        bus.set_filters(None)
 
 
 def operator_filters(profile: BusProfile) -> list[CanFilter]:

@@ -276,6 +276,7 @@ class LoopbackBus(can.BusABC):
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
         """Let the kernel keep out what no filter matches; python-can looks again in any case."""
+        self._is_filtered = False  # python-can's own name for it
         if not _IS_LINUX:
             return
         with contextlib.suppress(OSError):  # too many for it, or not allowed: python-can's will do
@@ -286,6 +287,7 @@ class LoopbackBus(can.BusABC):
             kept = ctypes.create_string_buffer(program, len(program))
             sock_fprog = struct.pack("@HP", len(program) // _BPF.size, ctypes.addressof(kept))
             self._receiver.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, sock_fprog)
+            self._is_filtered = True
 
     def fileno(self) -> int:
         """Descriptor that becomes readable when a frame has arrived; -1 when shut down."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import uuid
+from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack
 
 import can
 import pytest
+from can.typechecking import CanFilters
 
 from hardware.acceptance import controller_filters, keep_out
 from hardware.loopback import LoopbackBus
@@ -16,7 +18,42 @@ from hardware.wire import Wire
 FOREIGN, SYNC, NMT = 0x123, 0x080, 0x000
 
 
+class Plain(can.BusABC):
+    """An adapter that takes in every frame: its other end is itself."""
+
+    def __init__(self) -> None:
+        self.queue: deque[can.Message] = deque()
+        super().__init__(channel="plain")
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self.queue.append(msg)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return (self.queue.popleft() if self.queue else None), self._filters_itself()
+
+    def _filters_itself(self) -> bool:
+        return False
+
+
+class RoomForOne(Plain):
+    """Shaped like python-can's Kvaser and Vector: one filter in the adapter, or all of them in python-can."""
+
+    def __init__(self) -> None:
+        self._is_filtered = False
+        super().__init__()
+
+    def _apply_filters(self, filters: CanFilters | None) -> None:
+        self._is_filtered = filters is not None and len(filters) == 1
+
+    def _filters_itself(self) -> bool:
+        return self._is_filtered
+
+
 def pair(interface: str, stack: ExitStack) -> tuple[can.BusABC, can.BusABC]:
+    if interface in ("plain", "room for one"):
+        bus = Plain() if interface == "plain" else RoomForOne()
+        stack.callback(bus.shutdown)
+        return bus, bus
     channel = f"keep-{uuid.uuid4().hex[:8]}"
     one, other = (
         LoopbackBus(channel) if interface == "loopback" else can.Bus(channel, interface="virtual")
@@ -27,7 +64,7 @@ def pair(interface: str, stack: ExitStack) -> tuple[can.BusABC, can.BusABC]:
     return one, other
 
 
-@pytest.fixture(params=["loopback"])
+@pytest.fixture(params=["loopback", "plain", "room for one"])
 def buses(request: pytest.FixtureRequest) -> Iterator[tuple[can.BusABC, can.BusABC]]:
     with ExitStack() as stack:
         yield pair(request.param, stack)

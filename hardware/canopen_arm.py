@@ -169,6 +169,7 @@ class CanopenArm:
                 deaf,
                 JointMode.POSITION.value,
                 "it, but not that it follows its target (6041h, bit 12)",
+                deaf=True,
             )
 
     def _set_modes(

@@ -164,13 +164,18 @@ class ControlDenied(HardwareError):
 
 
 class ModeNotReached(HardwareError):
-    """A drive did not report the mode it was asked for."""
+    """A drive did not report the mode it was asked for, or (`deaf`) not that it follows its target in it."""
 
-    def __init__(self, joint: int, wanted: str, actual: str) -> None:
+    def __init__(self, joint: int, wanted: str, actual: str, *, deaf: bool = False) -> None:
         self.joint, self.wanted, self.actual = joint, wanted, actual
+        remedy = (
+            "have the drive set that bit, with its maker's tool: without it nobody sees whether the joint goes where "
+            "it is told"
+            if deaf
+            else "`sarcal arm-check --through look` shows which modes its drive has"
+        )
         super().__init__(
-            f"joint {joint} was asked for {wanted} mode and reports {actual}; `sarcal arm-check --through look` "
-            "shows which modes its drive has"
+            f"joint {joint} was asked for {wanted} mode and reports {actual}; {remedy}"
         )
 
 

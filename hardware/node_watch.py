@@ -59,7 +59,7 @@ class NodeWatch:
     restarted
         Nodes that booted without being told to.
     given_up
-        Whether nobody wants any more what is waited for.
+        Whether nobody wants any more what is waited for, or nobody listens for it.
     intrusion
         What somebody else commands on this bus, in words; empty if nobody was seen to.
     """

@@ -90,6 +90,7 @@ class StartUp:
         self._listen_s, self._boot_timeout_s = listen_s, boot_timeout_s
         self._configured: tuple[str, ...] = ()
         self._zeroed: list[str] = []
+        self._pressed: Callable[[], bool] = lambda: False
 
     def run(self, press: object | None, *, takes_over: bool) -> Started:
         """Find the nodes, check them, start heartbeat and SYNC; a STOP newer than `press` ends this.
@@ -97,7 +98,8 @@ class StartUp:
         `takes_over`: see `in_use.require_unused`.
         """
         loop, access, profile = self._loop, self._access, self._profile
-        loop.nodes.given_up = lambda: loop.latch.last is not press
+        self._pressed = lambda: loop.latch.last is not press
+        loop.nodes.given_up = lambda: self._pressed() or loop.failure is not None
         loop.start()
         self._listen(self._listen_s)
         if self._shared:
@@ -187,8 +189,11 @@ class StartUp:
         return replace(identity, unwatching=unwatching), rated_torques_nm
 
     def go_on(self) -> None:
-        """Raise if STOP was pressed since this began: nothing was enabled, and nothing will be."""
-        if self._loop.nodes.given_up():
+        """Raise if STOP was pressed since this began, or nobody listens any more: nothing was, or will be, enabled."""
+        failure = self._loop.failure
+        if failure is not None:
+            raise failure
+        if self._pressed():
             raise Stopped(
                 "STOP was pressed while connecting, and stays latched: nothing was enabled, and the connection "
                 "is closed. Connect again first"

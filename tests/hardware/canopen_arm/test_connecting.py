@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 
+import can
 import pytest
 
 from hardware.arm import Arm, DriveState
@@ -122,6 +123,19 @@ def test_missing_nodes_are_named(bus: FakeArmBus) -> None:
     with pytest.raises(NodeMissing) as missing:
         make(bus).connect()
     assert missing.value.nodes == (3, 16)
+
+
+def test_a_bus_that_breaks_while_the_nodes_boot_is_said_and_nobody_waits_for_them() -> None:
+    class Breaking(FakeArmBus):
+        """Cannot be read any more once the first node was reset."""
+
+        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+            if (0x000, b"\x82\x01") in self.sent:
+                raise can.CanOperationError("adapter gone")
+            return super()._recv_internal(timeout)
+
+    with pytest.raises(BusError, match="cannot be read any more: adapter gone"):
+        make(Breaking()).connect()
 
 
 def test_another_arm_is_named_with_everything_that_differs(bus: FakeArmBus) -> None:

@@ -86,5 +86,7 @@ def test_a_drive_that_never_says_that_it_follows_its_target_is_not_moved_unwatch
     with pytest.raises(ModeNotReached, match=r"joint 2 .* position .* bit 12") as deaf:
         arm.set_modes(TWO_DRIVEN)
     assert deaf.value.joint == 2
+    assert "have the drive set that bit" in str(deaf.value)
+    assert "arm-check" not in str(deaf.value)
     arm.hold()  # holding asks for less
     assert {drive.mode for drive in bus.drives.values()} == {8}

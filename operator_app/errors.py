@@ -31,6 +31,10 @@ class GuardError(SessionError):
     """A step was asked for before its conditions hold; nothing was done."""
 
 
+class ConnectAgainError(GuardError):
+    """What the arm reads cannot be: that is mended at the arm, which is then connected again."""
+
+
 class Cancelled(SessionError):
     """The operator ended what was under way; the arm has come to rest."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from hardware.arm import Reading
 from operator_app.calibration.standing import StandingFit, StandingLoop, standing_loop
 from operator_app.config.procedure import Procedure
-from operator_app.errors import GuardError
+from operator_app.errors import ConnectAgainError, GuardError
 from operator_app.units.figure import REACH
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -71,7 +71,7 @@ def check_first_standing(procedure: Procedure, reading: Reading) -> None:
     found = loop.fit()
     anew = _begun_anew(arm, loop, found, at_zero(arm, reading.mean_counts))
     if anew:
-        raise GuardError(_at_zero_words(anew), _at_zero_remedy(list(anew)))
+        raise ConnectAgainError(_at_zero_words(anew), _at_zero_remedy(list(anew)))
     if _chance(found) >= IMPROBABLE:
         return
     alone = _alone(loop)

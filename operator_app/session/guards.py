@@ -12,7 +12,7 @@ from fixtures.base import Severity
 from hardware.arm import DriveState, JointMode
 from operator_app.config.procedure import MOST_PLACEMENTS
 from operator_app.planning import mode_rule
-from operator_app.session.snapshot import STALE_S, DataState, SessionSnapshot, Task
+from operator_app.session.snapshot import STALE_S, DataState, SessionSnapshot, Task, TaskKind
 from operator_app.session.steps import Step
 from operator_app.session.wording import drive_words
 from operator_app.units.figure import DATA_AGE, SILENCE
@@ -122,8 +122,9 @@ def idle(s: SessionSnapshot) -> Missing:
 
 
 def may_connect(s: SessionSnapshot) -> Missing:
-    """Connect once; again only when the data are lost."""
-    if s.connected and s.data is not DataState.LOST:
+    """Connect once; again when the data are lost, or an alarm stands that this may resolve."""
+    asked = any(TaskKind.CONNECT in alarm.until for alarm in s.alarms)
+    if s.connected and s.data is not DataState.LOST and not asked:
         return ("the arm is connected already",)
     return idle(s)
 

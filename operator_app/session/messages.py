@@ -17,6 +17,13 @@ ARM_AGAIN: Final = frozenset({TaskKind.RESET, TaskKind.CONNECT})
 """What resolves an alarm about the arm."""
 
 
+def asks_to_connect_again(s: SessionSnapshot) -> bool:
+    """Whether an alarm stands that only connecting again resolves."""
+    return any(
+        TaskKind.CONNECT in alarm.until and TaskKind.RESET not in alarm.until for alarm in s.alarms
+    )
+
+
 def told(
     s: SessionSnapshot,
     level: Level,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fixtures.base import Severity
 from hardware.arm import DriveState, JointState
 from operator_app.session.guards import missing_for, modes_problem, moves_metal
+from operator_app.session.messages import asks_to_connect_again
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
 
@@ -90,6 +91,12 @@ def _connect(s: SessionSnapshot) -> NextThing:
             label="Stop tested",
             hint="press the hardware stop, see every drive drop out, release it; then Enter",
         )
+    if asks_to_connect_again(s):
+        return NextThing(
+            action="connect",
+            label="Connect again",
+            hint="mend what the alarm says, then Enter connects again",
+        )
     return _next(Step.FIXTURE, "the arm is connected and checked")
 
 
@@ -124,6 +131,12 @@ def _modes(s: SessionSnapshot) -> NextThing:
         return _next(Step.CAPTURE, "the modes are set and read back")
     if problem:
         return NextThing(action="suggest", label="Best pair", hint=problem[0])
+    if asks_to_connect_again(s):
+        return NextThing(
+            action="step_1",
+            label="To Connect",
+            hint="mend what the alarm says; then Enter goes to step 1, to connect again",
+        )
     names = " and ".join(f"J{k}" for k in marked)
     return NextThing(
         action="apply_modes",

@@ -18,7 +18,7 @@ from datetime import UTC
 
 from hardware.arm import ArmSnapshot
 from hardware.errors import HardwareError
-from operator_app.errors import Cancelled
+from operator_app.errors import Cancelled, ConnectAgainError
 from operator_app.session.journal import Clock, utc_now
 from operator_app.session.messages import ARM_AGAIN, acknowledged, resolved_by, told
 from operator_app.session.motion import MotionWatch
@@ -304,6 +304,8 @@ class Runner:
         except EXPECTED as error:
             said = words(error)
             over = ARM_AGAIN if isinstance(error, HardwareError) else frozenset()
+            if isinstance(error, ConnectAgainError):
+                over = frozenset({TaskKind.CONNECT})
             self.say(Level.ALARM, f"{said.happened}. {said.remedy}", over | {job.kind})
             self._recover()
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise

@@ -20,7 +20,7 @@ from operator_app.calibration.placed import as_calibrated, as_seen
 from operator_app.calibration.repeats import Repeat, compare_readings
 from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
-from operator_app.errors import GuardError
+from operator_app.errors import ConnectAgainError, GuardError
 from operator_app.session.calibrated import Calibrated, recorded
 from operator_app.session.first_standing import at_zero
 from operator_app.session.state import CheckReading, SessionState, pose_set_of
@@ -107,7 +107,7 @@ def check_counters(arm: ArmModel, counts: FloatArray) -> None:
         if not (joint := arm.joints[number - 1]).lower_rad <= 0.0 <= joint.upper_rad
     ]
     if fresh:
-        raise GuardError(
+        raise ConnectAgainError(
             f"{_together(fresh)}: its counter began anew, as after a loss of power",
             "home the joint, then connect again",
         )

@@ -92,6 +92,9 @@ class Log(Lines, can_focus=False):
                 break
             if message.number not in standing:
                 rows += _rows(message, width, message.text)
+        if len(rows) > height > 0:
+            # More was said than there is room for.
+            rows[height - 1] = clip((*rows[height - 1], (" " * width, "dim")), width)
         return [clip(row, width) for row in rows[:height]]
 
 

@@ -9,7 +9,8 @@ import pytest
 from fixtures.base import SetupCheck, Severity
 from hardware.arm import JointMode
 from operator_app.session import guards
-from operator_app.session.snapshot import SessionSnapshot, TaskKind
+from operator_app.session.messages import ARM_AGAIN, told
+from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
 from oracles.story import busy, lost, real, stale, stopped, story, tripped
 
@@ -184,6 +185,15 @@ def test_too_few_and_too_many_position_joints_are_explained(joints, words):
     assert (missing == ()) if words is None else words in missing[0]
     wanted = replace(story()["ticked"], wanted_joints=joints)
     assert bool(guards.may_apply_modes(wanted)) == (words is not None)
+
+
+@pytest.mark.parametrize(
+    ("until", "open_"), [({TaskKind.CONNECT}, True), (ARM_AGAIN, True), ({TaskKind.MODES}, False)]
+)
+def test_what_an_alarm_asks_for_is_not_refused(until, open_):
+    """It says: connect again."""
+    s = told(story()["modes"], Level.ALARM, "why", time="12:00:00", until=frozenset(until))
+    assert (guards.may_connect(s) == ()) is open_
 
 
 def test_a_mode_that_a_drive_does_not_report_closes_capture():

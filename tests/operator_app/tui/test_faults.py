@@ -8,6 +8,7 @@ import threading
 import pytest
 
 from hardware.errors import BusError, ControlDenied, DriveAstray, NodeMissing, WrongArm
+from operator_app.errors import ConnectAgainError
 from operator_app.session.journal import read_journal
 from operator_app.session.snapshot import DataState, Level, TaskKind
 from operator_app.session.steps import Step
@@ -200,6 +201,34 @@ async def test_an_alarm_too_long_for_the_screen_is_marked_and_shown_before_it_is
         assert [a.text for a in d.s.alarms] == [text]
         await d.press("y")
         await d.until(lambda: d.s.alarms == (), "acknowledged")
+
+
+async def test_a_counter_that_began_anew_is_led_to_connecting_again(drive, source, monkeypatch):
+    """The alarm says so: Enter did the same again, which was refused again."""
+    began_anew = ["joint 3 reads 0.000 deg: its counter began anew"]
+
+    def check(*_: object) -> None:
+        if began_anew:
+            raise ConnectAgainError(began_anew[0], "home the joint, then connect again")
+
+    monkeypatch.setattr("operator_app.session.session.check_first_standing", check)
+    async with drive(size=(80, 24)) as d:
+        await d.to_step(Step.MODES)
+        await d.press("enter", "y")
+        await d.idle()
+        await d.until(lambda: "then connect again (A acknowledges)" in d.words("#log"), "alarm")
+        assert "Enter goes to step 1" in d.hint
+        began_anew.clear()  # the joint was homed
+        await d.press("enter")
+        assert d.app.step is Step.CONNECT
+        assert "Enter connects again" in d.hint
+        connected = source.arm.closed
+        await d.press("enter")
+        await d.idle()
+        assert source.arm.closed == connected + 1
+        assert d.s.alarms == ()
+        await d.to_step(Step.CAPTURE)
+        assert d.s.drives_ready
 
 
 async def test_a_stop_that_cannot_be_sent_is_an_alarm_with_the_hardware_stop_in_it(drive, source):

@@ -9,6 +9,7 @@ from operator_app.report.verification import verified_words
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
+from operator_app.session.wording import REACHES_NOTHING
 from operator_app.units.figure import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE
 
 
@@ -60,7 +61,9 @@ def _fixture(s: SessionSnapshot) -> list[str]:
         f"Check {words[c.severity]}: {c.text}" + (f": {c.remedy}" if c.remedy else "")
         for c in s.checks
     ]
-    if s.forecast is not None:
+    if s.forecast is not None and s.forecast.reaches_nothing:
+        lines.append(f"Warning: {REACHES_NOTHING}.")
+    elif s.forecast is not None:
         predicted = CONDITION(s.forecast.scaled_condition_number).shown
         lines.append(f"Predicted condition number {predicted}.")
     left = len(s.procedure.fixture.checklist) - len(s.ticked)

@@ -41,8 +41,16 @@ class Forecast:
     reachable: BoolArray
     scaled_condition_number: float
 
+    @property
+    def reaches_nothing(self) -> bool:
+        """Whether no pose can be reached: the arm does not stand where its readings have it, most often."""
+        return not bool(self.reachable.any())
+
     def span_rad(self, joint: int, poses: int) -> tuple[float, float]:
-        """Lowest and highest angle of a joint (1-based) over the first reachable `poses`."""
+        """Lowest and highest angle of a joint (1-based) over the first reachable `poses`.
+
+        ValueError where it `reaches_nothing`.
+        """
         column = self.q_rad[self.reachable][:poses, joint - 1]
         return float(column.min()), float(column.max())
 

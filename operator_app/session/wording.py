@@ -41,6 +41,12 @@ def words(error: BaseException) -> SessionError:
     return SessionError(_capital(str(error)), _remedy(error))
 
 
+REACHES_NOTHING = (
+    "from where the arm stands by its readings, no pose of the plan can be reached: a joint's counter, its range "
+    "or this fixture's file is not what it should be. Look at the joints' positions (step 3)"
+)
+
+
 def stopped_words(why: str) -> str:
     """Return what the arm was stopped for, nobody having pressed STOP, and what to do now."""
     return f"{_capital(why)}. {_REMEDIES[DriveAstray]}"

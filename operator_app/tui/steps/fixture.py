@@ -12,6 +12,7 @@ from fixtures.base import Severity
 from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
+from operator_app.session.wording import REACHES_NOTHING
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView
@@ -103,7 +104,9 @@ class ChecksPanel(Lines):
             rows += wrapped(text, width, role, "   ")
         if not rows:
             rows.append(line((" not checked yet", "dim")))
-        if s.forecast is not None:
+        if s.forecast is not None and s.forecast.reaches_nothing:
+            rows += wrapped(f" ▲ {REACHES_NOTHING}", width, "warn", "   ")
+        elif s.forecast is not None:
             rows.append(
                 line(
                     " ◌ ",

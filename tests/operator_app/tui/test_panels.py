@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import datetime, timedelta
 
+import numpy as np
 import pytest
 
 from operator_app.calibration.verdict import Verdict
+from operator_app.headless.plain_words import describe
 from operator_app.report.screen import facts_on
 from operator_app.session.snapshot import TaskKind
+from operator_app.session.steps import Step
 from operator_app.tui.steps.capture import ProgressPanel, QualityPanel
+from operator_app.tui.steps.fixture import ChecksPanel
 from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import VerdictPanel
 from oracles.story import busy, story
@@ -38,6 +42,19 @@ def test_the_verdict_says_what_the_calibration_brings(width):
     assert before == pytest.approx(figures["before"]["rms"], rel=0.01)
     assert after == pytest.approx(figures["after"]["rms"], rel=0.01)
     assert len(row) <= width
+
+
+def test_a_plan_of_which_nothing_can_be_reached_is_said():
+    """A counter at zero stands outside its range, and so does every pose: the app ended by that."""
+    s = story()["connected"]
+    nothing = replace(s.forecast, reachable=np.zeros_like(s.forecast.reachable))
+    s = replace(s, forecast=nothing)
+    rows = " ".join(" ".join(said(ChecksPanel(), s, 40, 30)).split())
+    assert "no pose of the plan can be reached" in rows
+    assert "predicted" not in rows
+    plain = " ".join(describe(Step.FIXTURE, s))
+    assert "no pose of the plan can be reached" in plain
+    assert "condition number" not in plain
 
 
 @pytest.mark.parametrize("height", [9, 14, 30, 60])

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from hardware.mapping import EVERY_SYNC, ON_RECEIPT
+from hardware.objects import COB_NEXT_PDO, COB_RPDO1, COB_TPDO1
 from hardware.pdo_reading import FoundPdo
 from hardware.probing import FoundNode
 from hardware.profile import (
@@ -148,10 +149,10 @@ def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
 
 
 def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
-    base, numbers = (0x180, node.room.sent) if sent else (0x200, node.room.taken)
+    base, numbers = (COB_TPDO1, node.room.sent) if sent else (COB_RPDO1, node.room.taken)
     frames = _frames(node, sent=sent)
     return tuple(
-        Pdo(number=number, cob_id=base + 0x100 * at + node.node, entries=entries)
+        Pdo(number=number, cob_id=base + COB_NEXT_PDO * at + node.node, entries=entries)
         for at, (number, entries) in enumerate(zip(numbers, frames, strict=False))
     )
 

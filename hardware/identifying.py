@@ -9,6 +9,7 @@ from hardware.arm import ArmIdentity, NodeIdentity
 from hardware.description import ArmDescription, EncoderDescription, JointDescription
 from hardware.errors import SdoRefused, WrongArm
 from hardware.limits import JointLimits, joint_limits
+from hardware.mapping import ABSENT
 from hardware.objects import (
     ARM,
     ARM_JOINTS,
@@ -29,14 +30,11 @@ from hardware.objects import (
     SENSOR_BITS,
     SENSOR_FULL_SCALE,
     SENSOR_KIND,
-    Abort,
     SensorKind,
 )
 from hardware.profile import BusProfile, JointProfile
 from hardware.scale import JointScale
 from hardware.sdo import ObjectAccess
-
-_ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 
 
 def read_identity(
@@ -99,7 +97,7 @@ def check_arm(
                 )
             ]
         except SdoRefused as refusal:
-            if refusal.code not in _ABSENT:
+            if refusal.code not in ABSENT:
                 raise
             found.append(
                 f"joint {joint} does not describe itself in {refusal.index:04X}h, which the bus "
@@ -252,7 +250,7 @@ def _text(access: ObjectAccess, node: int, index: int) -> str:
     try:
         return access.read_text(node, index)
     except SdoRefused as refusal:
-        if refusal.code in _ABSENT:
+        if refusal.code in ABSENT:
             return ""
         raise
 
@@ -262,6 +260,6 @@ def _optional(access: ObjectAccess, node: int, subindex: int) -> int:
     try:
         return access.read_unsigned(node, IDENTITY, subindex)
     except SdoRefused as refusal:
-        if refusal.code in _ABSENT:
+        if refusal.code in ABSENT:
             return 0
         raise

@@ -6,7 +6,9 @@ from typing import Final
 
 from hardware.objects import (
     COB_HEARTBEAT,
+    COB_NEXT_PDO,
     COB_NMT,
+    COB_RPDO1,
     COB_SDO_TO_SERVER,
     COB_SYNC,
     OPERATOR_NODE,
@@ -14,9 +16,9 @@ from hardware.objects import (
 )
 from hardware.profile import BusProfile
 
-_RPDOS: Final = (0x200, 0x300, 0x400, 0x500)
+_RPDOS: Final = tuple(COB_RPDO1 + at * COB_NEXT_PDO for at in range(4))
 """Bases of what nodes are told, in CiA 301's predefined connection set."""
-_VERBS: Final = {1: "a write to", 2: "a read of", 5: "a read of", 6: "a write to"}
+_WRITES: Final = {1: True, 2: False, 5: False, 6: True}
 """By the client command specifier of an SDO that begins: whole or in segments, then in blocks."""
 _LATER_IN_BLOCK: Final = {5: 0x03, 6: 0x01}
 """Bits of a block transfer that goes on."""
@@ -55,8 +57,17 @@ def _nmt_words(data: bytes) -> str:
     return f"NMT, {known.get(data[0], f'command {data[0]}')} to {whom}"
 
 
-def _sdo_words(data: bytes) -> str:
+def begun_transfer(data: bytes) -> tuple[bool, int] | None:
+    """Whether an SDO to a node begins to write, and which object; None where it begins nothing."""
     kind = data[0] >> 5 if len(data) == 8 else None
-    if kind not in _VERBS or data[0] & _LATER_IN_BLOCK.get(kind, 0):
+    if kind not in _WRITES or data[0] & _LATER_IN_BLOCK.get(kind, 0):
+        return None
+    return _WRITES[kind], int.from_bytes(data[1:3], "little")
+
+
+def _sdo_words(data: bytes) -> str:
+    begun = begun_transfer(data)
+    if begun is None:
         return "an SDO transfer with"
-    return f"{_VERBS[kind]} {int.from_bytes(data[1:3], 'little'):04X}h of"
+    writes, index = begun
+    return f"{'a write to' if writes else 'a read of'} {index:04X}h of"

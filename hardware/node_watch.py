@@ -13,6 +13,7 @@ from collections.abc import Callable
 from hardware.arm import Fault
 from hardware.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.cyclic import frames_of, unpack_emergency
+from hardware.masters import begun_transfer
 from hardware.objects import (
     COB_EMCY,
     COB_HEARTBEAT,
@@ -26,8 +27,6 @@ from hardware.objects import (
 )
 from hardware.profile import BusProfile
 
-_DOWNLOAD, _BLOCK_DOWNLOAD, _BLOCK_END = 1, 6, 0x01
-"""Client command specifiers of an SDO that writes, and the bit by which a block's end differs from its start."""
 _GIVEN_UP_S = 0.05
 """How soon a wait notices that it was given up."""
 _LATEST = 5
@@ -218,13 +217,5 @@ class NodeWatch:
                 return ""  # our own STOP, which has a handle of its own, or somebody else's: both are good
             return f"a command to joint {joint} ({identifier:03X}h)"
         node = identifier - COB_SDO_TO_SERVER
-        if node in self.nodes and len(data) == 8 and _begins_to_write(data[0]):
-            index = int.from_bytes(data[1:3], "little")
-            return f"a write to {index:04X}h of node {node}"
-        return ""
-
-
-def _begins_to_write(command: int) -> bool:
-    """Whether an SDO's first byte is that of a download, whole, by segments or by blocks."""
-    kind = command >> 5
-    return kind == _DOWNLOAD or (kind == _BLOCK_DOWNLOAD and not command & _BLOCK_END)
+        writes, index = begun_transfer(data) or (False, 0)
+        return f"a write to {index:04X}h of node {node}" if writes and node in self.nodes else ""

@@ -40,6 +40,8 @@ COB_SDO_FROM_SERVER: Final = 0x580
 COB_SDO_TO_SERVER: Final = 0x600
 COB_HEARTBEAT: Final = 0x700
 """All but NMT and SYNC are bases: add the node number."""
+COB_NEXT_PDO: Final = 0x100
+"""From a PDO of the predefined connection set to the next one."""
 
 
 # ---- NMT and heartbeat -------------------------------------------------------------------------

@@ -31,7 +31,21 @@ class GuardError(SessionError):
     """A step was asked for before its conditions hold; nothing was done."""
 
 
-class ConnectAgainError(GuardError):
+class StandingRefusedError(GuardError):
+    """Where the arm stands, what it reads cannot be; no drive was enabled.
+
+    Attributes
+    ----------
+    probability
+        Chance of readings that fit worse in an arm that is as known; None where another thing told.
+    """
+
+    def __init__(self, happened: str, remedy: str, *, probability: float | None = None) -> None:
+        super().__init__(happened, remedy)
+        self.probability = probability
+
+
+class ConnectAgainError(StandingRefusedError):
     """What the arm reads cannot be: that is mended at the arm, which is then connected again."""
 
 

@@ -260,7 +260,11 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     "sensor_fault": {"joint": joint, "text": text},
     "late": {"times": COUNT, "last_s": SECONDS, "longest_s": SECONDS},
     "return_holds": {"of?": whole(0)},
-    "standing": {"told?": text, "probability?": nothing_or(number(0.0, 1.0))},
+    "standing": {
+        "told?": text,
+        "probability?": nothing_or(number(0.0, 1.0)),
+        "refused?": yes_or_no,
+    },
     "control": {"start_rad": ANGLES, "home_rad?": ANGLES},
     "modes": {"modes": of_joints(one_of("position", "free"))},
     "remounting": {"placement": whole(2)},

@@ -12,7 +12,7 @@ import numpy as np
 from hardware.arm import Reading
 from operator_app.calibration.standing import StandingFit, StandingLoop, standing_loop
 from operator_app.config.procedure import Procedure
-from operator_app.errors import ConnectAgainError, GuardError
+from operator_app.errors import ConnectAgainError, StandingRefusedError
 from operator_app.units.figure import REACH
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -54,28 +54,34 @@ def at_zero(arm: ArmModel, counts: FloatArray) -> tuple[int, ...]:
     )
 
 
-def check_first_standing(procedure: Procedure, reading: Reading) -> None:
+def check_first_standing(procedure: Procedure, reading: Reading) -> float | None:
     """Refuse readings with which the loop cannot close where the arm stands.
+
+    Returns
+    -------
+    Chance of readings that fit worse; None where nothing holds the hand, and no loop is closed.
 
     Raises
     ------
-    GuardError
+    StandingRefusedError
         Names the joint that alone would close it, if there is one.
     """
     if not procedure.fixture.fixture.holds_hand:
-        return
+        return None
     arm = procedure.arm
     loop = standing_loop(
         arm, procedure.fixture.fixture, reading.mean_rad, unsensed_joints=procedure.unsensed_joints
     )
     found = loop.fit()
+    chance = _chance(found)
     anew = _begun_anew(arm, loop, found, at_zero(arm, reading.mean_counts))
     if anew:
-        raise ConnectAgainError(_at_zero_words(anew), _at_zero_remedy(list(anew)))
-    if _chance(found) >= IMPROBABLE:
-        return
+        remedy = _at_zero_remedy(list(anew))
+        raise ConnectAgainError(_at_zero_words(anew), remedy, probability=chance)
+    if chance >= IMPROBABLE:
+        return chance
     alone = _alone(loop)
-    raise GuardError(_does_not_close(alone), _remedy(alone))
+    raise StandingRefusedError(_does_not_close(alone), _remedy(alone), probability=chance)
 
 
 def _begun_anew(

@@ -20,7 +20,7 @@ from operator_app.calibration.placed import as_calibrated, as_seen
 from operator_app.calibration.repeats import Repeat, compare_readings
 from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
-from operator_app.errors import ConnectAgainError, GuardError
+from operator_app.errors import ConnectAgainError, GuardError, StandingRefusedError
 from operator_app.session.calibrated import Calibrated, recorded
 from operator_app.session.first_standing import at_zero
 from operator_app.session.state import CheckReading, SessionState, pose_set_of
@@ -98,7 +98,7 @@ def check_counters(arm: ArmModel, counts: FloatArray) -> None:
 
     Raises
     ------
-    GuardError
+    StandingRefusedError
     """
     fresh = [
         f"joint {number} reads 0.000 deg, outside its range "
@@ -110,6 +110,7 @@ def check_counters(arm: ArmModel, counts: FloatArray) -> None:
         raise ConnectAgainError(
             f"{_together(fresh)}: its counter began anew, as after a loss of power",
             "home the joint, then connect again",
+            probability=None,
         )
 
 
@@ -123,7 +124,7 @@ def check_standing(
 
     Raises
     ------
-    GuardError
+    StandingRefusedError
         It does not close there: something is another than it was.
     """
     state = state.here
@@ -155,22 +156,25 @@ def check_standing(
         )
     zeros = [str(j) for j in at_zero(arm, reading.mean_counts)]
     if zeros:
-        raise GuardError(
+        raise StandingRefusedError(
             f"the counter of joint {' and '.join(zeros)} stands at zero, and with it the loop does not "
             "close where the arm stands: it began anew, as after a loss of power",
             f"home the joint; {_START_ANEW}",
+            probability=probability,
         )
     off = "" if not closes else f" (chance {probability:.0e})"
     if not fixture.holds_hand:
-        raise GuardError(
+        raise StandingRefusedError(
             f"the target is not seen where this session's {len(state.used_poses)} poses have it{off}: a "
             "joint's zero, the target or the tracker is not what it was",
             _START_ANEW,
+            probability=probability,
         )
-    raise GuardError(
+    raise StandingRefusedError(
         f"the loop does not close where the arm stands, by this session's {len(state.used_poses)} "
         f"poses{off}: a joint's zero or the fixture is not what it was",
         _START_ANEW,
+        probability=probability,
     )
 
 

@@ -31,7 +31,7 @@ from operator_app.errors import Cancelled, GuardError, JournalError, JournalLost
 from operator_app.planning.exploration import range_watch
 from operator_app.planning.held import held_checks
 from operator_app.planning.mode_rule import modes_problem
-from operator_app.session.first_standing import check_first_standing
+from operator_app.session.before_enabling import require_standing
 from operator_app.session.instrument import Instrument
 from operator_app.session.journal import Clock, Journal, utc_now
 from operator_app.session.lateness import LatenessLog
@@ -39,11 +39,7 @@ from operator_app.session.logbook import Logbook
 from operator_app.session.mounting import require_mounted
 from operator_app.session.parting import Parting
 from operator_app.session.pose_reading import PoseReader
-from operator_app.session.sameness import (
-    check_counters,
-    check_identity,
-    check_standing,
-)
+from operator_app.session.sameness import check_identity
 from operator_app.session.sensor_faults import SensorFaults
 from operator_app.session.state import CapturedPose, CheckReading
 from operator_app.session.wording import by_hand_words
@@ -209,17 +205,8 @@ class Session(Logbook):
         if self._same:
             return
         here = self.arm.capture(self.procedure.capture.samples_per_pose)
-        check_counters(self.model, here.mean_counts)
-        few = True
-        if self.state.poses_here:
-            what = f"standing {self.state.captured}"
-            endpoint = self._reader.endpoint(what, here, self.cancelled)
-            found = check_standing(self.state, self.procedure, here, endpoint)
-            self.record("standing", {"told": found.told, "probability": found.probability})
-            few = found.probability is None
-        if few:
-            # Of one or two poses nothing is known yet but what the files say.
-            check_first_standing(self.procedure, here)
+        what = f"standing {self.state.captured}"
+        require_standing(self, here, lambda: self._reader.endpoint(what, here, self.cancelled))
         self._same = True
 
     @property

@@ -18,7 +18,9 @@ from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.first_standing import check_first_standing
+from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
+from operator_app.session.replay import session_state
 from operator_app.session.workflow import take_poses
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm
@@ -162,6 +164,51 @@ def test_a_sound_arm_with_too_few_poses_to_tell_goes_on(tmp_path: Path) -> None:
         take_poses(session, Listener(), (1, 5))
     assert len(session.state.poses) == 3
     session.close("left")
+
+
+def _standings(folder: Path) -> list[dict[str, object]]:
+    return [dict(e.data) for e in read_journal(folder).events if e.name == "standing"]
+
+
+@pytest.mark.parametrize("poses", [0, 1, 20])
+def test_why_it_was_refused_is_in_the_journal_and_that_it_passed(
+    tmp_path: Path, poses: int
+) -> None:
+    folder = tmp_path / "s"
+    procedure = procedure_of()
+    procedure = replace(procedure, capture=replace(procedure.capture, poses=40))
+    arm = WrongZero(procedure)
+    if poses:
+        arm, procedure = left_after(folder, poses)
+        # The files alone let it pass before the first pose.
+        (passed,) = _standings(folder)
+        assert passed["refused"] is False
+        assert 1e-12 < float(str(passed["probability"])) <= 1.0
+        assert "within what its files leave open" in str(passed["told"])
+    else:
+        opened(folder, arm, procedure).close("left")
+    before = len(_standings(folder))
+    arm.off_rad[1] = np.deg2rad(60.0)
+    said = goes_on(folder, arm, procedure)
+    *_, last = found = _standings(folder)
+    # With one pose: that it is too few to tell, then what the files say.
+    assert len(found) == before + (2 if poses == 1 else 1)
+    assert last["refused"] is True
+    assert str(last["told"]) in said
+    assert float(str(last["probability"])) < 1e-4
+    # Whoever reads the journal takes it.
+    assert session_state(read_journal(folder)).captured == poses
+
+
+def test_a_counter_out_of_its_range_is_in_the_journal_as_well(tmp_path: Path) -> None:
+    procedure = procedure_of()
+    arm = WrongZero(procedure)
+    arm.begin_anew(2)
+    said = refused(tmp_path / "s", arm, procedure, homing=False)
+    (last,) = _standings(tmp_path / "s")
+    assert last["refused"] is True
+    assert last["probability"] is None
+    assert str(last["told"]) in said
 
 
 def test_a_direction_that_is_wrong_is_named(tmp_path: Path) -> None:

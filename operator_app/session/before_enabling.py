@@ -1,0 +1,57 @@
+"""What is asked of an arm's readings before its drives are enabled; whatever comes of it is in the journal.
+
+Of several that ask: a counter at zero out of its range, the poses so far, and where these tell nothing, the
+files. Moves nothing; knows no bus and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from hardware.arm import Reading
+from operator_app.errors import StandingRefusedError
+from operator_app.session.first_standing import check_first_standing
+from operator_app.session.logbook import Logbook
+from operator_app.session.sameness import Standing, check_counters, check_standing
+from solver.arrays import FloatArray
+
+
+def require_standing(
+    session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
+) -> None:
+    """Refuse readings that cannot be true where the arm stands; passed or refused, the journal keeps it and why.
+
+    `endpoint` is asked where an instrument sees the hand, if there are poses to compare it with.
+
+    Raises
+    ------
+    StandingRefusedError
+        Names the joint, where one joint explains it.
+    """
+    try:
+        check_counters(session.model, reading.mean_counts)
+        for found in _judged(session, reading, endpoint):
+            kept = {"told": found.told, "probability": found.probability, "refused": False}
+            session.record("standing", kept)
+    except StandingRefusedError as refused:
+        why = {"told": refused.happened, "probability": refused.probability, "refused": True}
+        session.record("standing", why)
+        raise
+
+
+def _judged(
+    session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
+) -> Iterator[Standing]:
+    procedure = session.procedure
+    if session.state.poses_here:
+        found = check_standing(session.state, procedure, reading, endpoint())
+        yield found
+        if found.probability is not None:
+            return
+    # Of one or two poses nothing is known yet but what the files say.
+    chance = check_first_standing(procedure, reading)
+    if chance is not None:
+        yield Standing(
+            told="The loop closes where the arm stands, within what its files leave open.",
+            probability=chance,
+        )

@@ -7,6 +7,7 @@ costs ten times as much. A test holds the two together to 1e-12.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
 
-class ChainPoint:
+class ChainPoint(ABC):
     """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; buffers are overwritten by every call.
 
     Attributes
@@ -52,9 +53,9 @@ class ChainPoint:
         self.error = np.zeros(components)
         self.jacobian = np.zeros((components, links))
 
+    @abstractmethod
     def at(self, theta_rad: FloatArray) -> None:
         """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
-        raise NotImplementedError
 
     def _place(self, theta_rad: FloatArray) -> FloatArray:
         """Put all frames where these angles (n + 1,) have them; the last one (4, 4)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from solver.loops.point import PointClosure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Truth:
+class Truth(ABC):
     """An arm and what holds its hand, as they really are.
 
     Attributes
@@ -46,13 +47,13 @@ class Truth:
             **{name: getattr(self.table, name)[1:] for name in DhTable.__dataclass_fields__}
         )
 
+    @abstractmethod
     def loop(self) -> ArmLoop:
         """Closure model with nothing unknown; its joint angles are sensor coordinates."""
-        raise NotImplementedError
 
+    @abstractmethod
     def point(self) -> ChainPoint:
         """The same for the plant's inner loop, one pose at a time."""
-        raise NotImplementedError
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
         """Nearest closed pose to a reading.

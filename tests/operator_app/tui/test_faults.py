@@ -211,7 +211,7 @@ async def test_a_counter_that_began_anew_is_led_to_connecting_again(drive, sourc
         if began_anew:
             raise ConnectAgainError(began_anew[0], "home the joint, then connect again")
 
-    monkeypatch.setattr("operator_app.session.session.check_first_standing", check)
+    monkeypatch.setattr("operator_app.session.before_enabling.check_first_standing", check)
     async with drive(size=(80, 24)) as d:
         await d.to_step(Step.MODES)
         await d.press("enter", "y")

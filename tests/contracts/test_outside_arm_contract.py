@@ -49,14 +49,11 @@ def test_arm_check_tries_it_as_well(bench: Bench) -> None:
         bounds=arm_contract.BOUNDS,
     )
     found = list(check(made, last=Stage.HOLD))
-    failed = {f.name: f.text for f in found if f.passed is False}
+    assert {f.name: f.text for f in found if f.passed is False} == {}
+    assert {f.stage for f in found} == {Stage.LOOK, Stage.HOLD}
     if isinstance(bench.arm, CanopenArm):
-        # The embedded arm waits 10 s for its operator: no bench should.
-        assert set(failed) == {"guard"}
-        assert {f.stage for f in found} == {Stage.LOOK}
-    else:
-        assert failed == {}
-        assert {f.stage for f in found} == {Stage.LOOK, Stage.HOLD}
+        # The embedded arm waits 10 s for its operator: runs put up with that, a bench is told.
+        assert {f.passed for f in found if f.name == "guard"} == {None}
 
 
 def test_what_was_not_found_out_is_no_pass_and_nothing_tried_is_a_failure() -> None:

@@ -82,10 +82,8 @@ class Connector:
             self._opening = connection = Connection(
                 self._on_bus, record_to=self._record_to, latch=self.latch
             )
-            takes_over, self.takes_over = (
-                self.takes_over,
-                False,
-            )  # who enables drives later is not known
+            # For this one alone: who enables drives later is not known.
+            takes_over, self.takes_over = self.takes_over, False
             try:
                 identity = connection.open(press, takes_over=takes_over)
             except BaseException:

@@ -21,6 +21,10 @@ class Arm(StrEnum):
     HOLDS = "all drives stop and hold by themselves"
     TRIPS = "that drive blocks its valve or holds, all others stop and hold"
     BLOCKS = "all valves are blocked"
+    UNHEARD = (
+        "goes where its servos were last told to, and no further; until the loop runs again only the hardware stop "
+        "reaches it"
+    )
     STOPPED = (
         "is stopped by the program at once where that joint is seen astray: its drive is switched off, all others "
         "stop and hold; after other words it goes nowhere, its drives held, tripped or off"
@@ -234,7 +238,9 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy=_RECONNECT,
             arm=Arm.BLOCKS,
         ),
-        "hang": FaultWords(broken="the control loop hangs", says=_GONE, remedy=_RECONNECT),
+        "hang": FaultWords(
+            broken="the control loop hangs", says=_GONE, arm=Arm.UNHEARD, remedy=_RECONNECT
+        ),
         "unwatched": FaultWords(
             broken="a drive does not watch the operator's heartbeat (1016h): it would go on without one",
             says=("'s heartbeat watched, for",),

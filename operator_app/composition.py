@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from importlib import import_module
 from itertools import count
 from pathlib import Path
 
@@ -45,13 +46,18 @@ SWITCH_INTERVAL_S = 0.0005
 RARELY = 100_000
 """Collections of middle-aged garbage before one of all."""
 
+COMPILED = ("scipy.linalg", "scipy.special", "scipy.sparse.csgraph", "scipy.spatial")
+"""What sessions compute with and nothing else wants: opening such a library keeps the interpreter for 10 to 40 ms."""
+
 _channels = count(1)
 
 
 @cache
 def be_punctual() -> None:
-    """Let nothing hold the interpreter for long; once a process."""
+    """Let nothing hold the interpreter for long; once a process, before an arm is live."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+    for library in COMPILED:
+        import_module(library)
     # To look through everything for garbage takes a tenth of a second, and more on a slow machine, in
     # which no SYNC is answered and no STOP sent. Young garbage is collected as ever; what grows old is
     # closed dialogs, 0.4 MB each, and a calibration leaves none.

@@ -23,7 +23,7 @@ from can.interfaces.socketcan import SocketcanBus
 from can.util import load_config, load_environment_config, load_file_config
 
 from hardware.arm_offers import offered_names
-from hardware.errors import BusError
+from hardware.errors import BusError, BusSettingsError
 from hardware.loopback import DEFAULT_CHANNEL, LoopbackBus
 
 # What these libraries log about a failed start comes to the caller as BusError, in better words.
@@ -88,7 +88,7 @@ def bus_settings(
 
     Raises
     ------
-    BusError
+    BusSettingsError
         If there is no such interface, a bitrate is not a number, or a channel is missing.
     """
     asked: dict[str, Any] = {}
@@ -108,8 +108,8 @@ def bus_settings(
                     channel or named.get("channel") or otherwise.channel or None,
                     bitrate or (None if "bitrate" in named else otherwise.bitrate),
                 )
-            except BusError as error:
-                raise BusError(f"{error}{_named_in(otherwise)}") from error
+            except BusSettingsError as error:
+                raise BusSettingsError(f"{error}{_named_in(otherwise)}") from error
             return replace(usual, named_in=otherwise.named_in)
         if chosen_name is None:
             asked["interface"] = DEFAULT_INTERFACE
@@ -125,9 +125,9 @@ def bus_settings(
         known = ", ".join(sorted(can.VALID_INTERFACES))
         arms = ", ".join(offered_names())
         offered = f" Arms that installed packages offer: {arms}." if arms else ""
-        raise BusError(f"{error}. Use one of: {known}.{offered}") from error
+        raise BusSettingsError(f"{error}. Use one of: {known}.{offered}") from error
     except (ValueError, TypeError) as error:
-        raise BusError(
+        raise BusSettingsError(
             f"The bus settings cannot be read: {error}. Look at can.conf and at the environment "
             "variables that start with CAN_."
         ) from error
@@ -137,14 +137,16 @@ def bus_settings(
         found.pop("bitrate", None),
     )
     if where is None and chosen not in _OWN_CHANNEL:
-        raise BusError(
+        raise BusSettingsError(
             f"No channel is given for interface {chosen}. Say which one, for example "
             f"-i {chosen} -c {'can0' if chosen == 'socketcan' else '0'}."
         )
     if rate is not None and not (isinstance(rate, int) and rate > 0):
-        raise BusError(f"The bitrate {rate!r} is not a number of bits a second, such as 1000000.")
+        raise BusSettingsError(
+            f"The bitrate {rate!r} is not a number of bits a second, such as 1000000."
+        )
     if where is not None and not str(where).isprintable():
-        raise BusError(
+        raise BusSettingsError(
             f"The channel name {str(where)!a} has characters that no channel is named with."
         )
     return BusSettings(

@@ -26,6 +26,10 @@ class BusError(HardwareError):
     """The bus cannot be opened or has gone silent."""
 
 
+class BusSettingsError(BusError):
+    """No such bus can be meant: what names it is wrong, and nothing was opened."""
+
+
 class NodeMissing(HardwareError):
     """Nodes that should answer do not."""
 

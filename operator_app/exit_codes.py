@@ -7,7 +7,7 @@ from enum import IntEnum
 from types import MappingProxyType
 
 from fixtures.errors import FixtureError
-from hardware.errors import HardwareError
+from hardware.errors import BusSettingsError, HardwareError
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.errors import SessionError
 from solver.errors import SolverError, UnidentifiableError
@@ -56,6 +56,8 @@ EXPECTED_ERRORS = (
 def exit_code(error: BaseException) -> ExitCode:
     """Return the code for one of `EXPECTED_ERRORS`."""
     match error:
+        case BusSettingsError():
+            return ExitCode.BAD_INPUT
         case HardwareError():
             return ExitCode.ARM_FAULT
         case UnidentifiableError() | FixtureError():

@@ -37,6 +37,8 @@ CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
     "channel": (lambda _: ["run", "hinge", "-i", "loopback", "-c", "a\x1bb"], "printable"),
     "long channel": (lambda _: ["run", "hinge", "-i", "loopback", "-c", "a" * 300], "255"),
     "half a channel": (lambda _: ["run", "hinge", "-i", "socketcan", "-c", "\udcff"], "printable"),
+    "no interface": (lambda _: ["run", "hinge", "-i", "nonsense"], "Use one of"),
+    "no channel": (lambda _: ["probe", "-i", "socketcan"], "No channel is given"),
     "nobody's home": (lambda _: ["run", "~nosuchuser/x"], "~nosuchuser/x: there is no such file"),
     "nobody's poses": (lambda _: ["solve", "~nosuchuser/x", *ARM], "there is no such file"),
     "nobody's session": (lambda _: ["report", "~nosuchuser/x"], "~nosuchuser/x is no session"),

@@ -227,7 +227,14 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
         ),
         "restart-node": FaultWords(
             broken="a joint's drive restarts, its counter at zero",
-            says=("has left operation", "has restarted", "reads 0.000 deg", "stands at zero"),
+            # Near zero where the arm has sagged before anybody connects again.
+            says=(
+                "has left operation",
+                "has restarted",
+                "outside its range",
+                "at zero",
+                "near zero",
+            ),
             remedy="Find out why it lost its power; reference its counter, then connect again.",
             kept=f"{POSES}; not the zero of that drive's counter",
         ),

@@ -1,6 +1,6 @@
 """What is asked of an arm's readings before its drives are enabled; whatever comes of it is in the journal.
 
-Of several that ask: a counter at zero out of its range, the poses so far, and where these tell nothing, the
+Of several that ask: a counter near zero out of its range, the poses so far, and where these tell nothing, the
 files. Moves nothing; knows no bus and no screen.
 """
 
@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterator
 
 from hardware.arm import Reading
 from operator_app.errors import StandingRefusedError
+from operator_app.session.begun_anew import check_counters
 from operator_app.session.first_standing import check_first_standing
 from operator_app.session.logbook import Logbook
-from operator_app.session.sameness import Standing, check_counters, check_standing
+from operator_app.session.sameness import Standing, check_standing
 from solver.arrays import FloatArray
 
 
@@ -29,7 +30,7 @@ def require_standing(
         Names the joint, where one joint explains it.
     """
     try:
-        check_counters(session.model, reading.mean_counts)
+        check_counters(session.model, reading.mean_rad)
         for found in _judged(session, reading, endpoint):
             kept = {"told": found.told, "probability": found.probability, "refused": False}
             session.record("standing", kept)

@@ -13,13 +13,9 @@ from hardware.arm import Reading
 from operator_app.calibration.standing import StandingFit, StandingLoop, standing_loop
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ConnectAgainError, StandingRefusedError
-from operator_app.units.figure import REACH
-from solver.arrays import FloatArray
+from operator_app.session.begun_anew import SAGGED_RAD, from_zero, where_near
+from operator_app.units.figure import REACH, WHOLE_DEGREES
 from solver.chain.arm_model import ArmModel
-from solver.chain.sensors import Encoder
-
-AT_ZERO_COUNTS = 2.5
-"""A counter that has just begun anew, and the noise of its last bit."""
 
 IMPROBABLE = 1e-12
 """Chance of refusing an arm that is as its files state, their tolerances being three standard deviations.
@@ -30,7 +26,8 @@ So small, as arms are about whose files are wrong in everything: offsets off by 
 IMPROBABLE_AT_ZERO = 1e-2
 """Chance of what believing a counter costs, below which one that stands at zero began anew.
 
-By chance a joint stands there in one of 30,000 places: little else need speak against it.
+By chance a joint stands there in one of 30,000 places: little else need speak against it. As near as ten times
+that it stands ten times as often, and ten times as much has to.
 """
 
 EXPECTED_AT_ZERO_RAD = float(np.deg2rad(5.0))
@@ -43,15 +40,6 @@ EXPLAINS = 1e-2
 """Chance of what is left, above which a joint alone explains why the loop does not close."""
 
 AT_MOST_NAMED = 3
-
-
-def at_zero(arm: ArmModel, counts: FloatArray) -> tuple[int, ...]:
-    """Joints (1-based) whose counter stands at zero."""
-    return tuple(
-        j
-        for j, (joint, count) in enumerate(zip(arm.joints, counts, strict=True), 1)
-        if isinstance(joint.sensor, Encoder) and abs(count) <= AT_ZERO_COUNTS
-    )
 
 
 def check_first_standing(procedure: Procedure, reading: Reading) -> float | None:
@@ -70,38 +58,53 @@ def check_first_standing(procedure: Procedure, reading: Reading) -> float | None
         return None
     arm = procedure.arm
     loop = standing_loop(
-        arm, procedure.fixture.fixture, reading.mean_rad, unsensed_joints=procedure.unsensed_joints
+        arm,
+        procedure.fixture.fixture,
+        reading.mean_rad,
+        unsensed_joints=procedure.unsensed_joints,
     )
     found = loop.fit()
     chance = _chance(found)
-    anew = _begun_anew(arm, loop, found, at_zero(arm, reading.mean_counts))
+    anew = _begun_anew(arm, loop, found)
     if anew:
-        remedy = _at_zero_remedy(list(anew))
-        raise ConnectAgainError(_at_zero_words(anew), remedy, probability=chance)
+        where = where_near(arm, reading.mean_rad, list(anew))
+        remedy = _at_zero_remedy(list(anew), where)
+        raise ConnectAgainError(_at_zero_words(anew, where), remedy, probability=chance)
     if chance >= IMPROBABLE:
         return chance
     alone = _alone(loop)
     raise StandingRefusedError(_does_not_close(alone), _remedy(alone), probability=chance)
 
 
-def _begun_anew(
-    arm: ArmModel, loop: StandingLoop, found: StandingFit, zeros: tuple[int, ...]
-) -> dict[int, float]:
+def _begun_anew(arm: ArmModel, loop: StandingLoop, found: StandingFit) -> dict[int, float]:
     """Joints whose counters began anew, and where they are instead (rad); empty where nothing says so.
 
-    By how much chi2 falls when no counter at zero is believed is what believing them costs: an arm whose files
-    are wrong elsewhere has a large chi2 with and without them.
+    Of those near zero the nearest by themselves, then with the next one, and so on.
+    """
+    times = {j: t for j, t in from_zero(arm, loop.reading_rad).items() if j in loop.joints}
+    for farthest in dict.fromkeys(times.values()):
+        near = tuple(j for j, t in times.items() if t <= farthest)
+        anew = _disbelieved(arm, loop, found, near, IMPROBABLE_AT_ZERO / farthest)
+        if anew:
+            return anew
+    return {}
+
+
+def _disbelieved(
+    arm: ArmModel, loop: StandingLoop, found: StandingFit, zeros: tuple[int, ...], at_most: float
+) -> dict[int, float]:
+    """Those of `zeros` that began anew if believing them costs more than is likely by chance `at_most`.
+
+    By how much chi2 falls when none of them is believed is what believing them costs: an arm whose files are
+    wrong elsewhere has a large chi2 with and without them.
     """
     from scipy.special import chdtrc
 
-    zeros = tuple(j for j in zeros if j in loop.joints)
-    if not zeros:
-        return {}
-    expected = all(abs(arm.home_rad[j - 1]) <= EXPECTED_AT_ZERO_RAD for j in zeros)
+    if all(abs(arm.home_rad[j - 1]) <= EXPECTED_AT_ZERO_RAD for j in zeros):
+        at_most = min(at_most, IMPROBABLE_AT_HOME)
     without = loop.fit(*zeros)
     if not np.isfinite(without.chi2):
         return {}
-    at_most = IMPROBABLE_AT_HOME if expected else IMPROBABLE_AT_ZERO
     freed = found.dof - without.dof
     if chdtrc(freed, found.chi2 - without.chi2) >= at_most:
         return {}
@@ -112,26 +115,26 @@ def _begun_anew(
     return {j: float(without.q_rad[j - 1]) for j in zeros}
 
 
-def _at_zero_words(anew: dict[int, float]) -> str:
+def _at_zero_words(anew: dict[int, float], where: str) -> str:
     if len(anew) == 1:
         ((joint, near),) = anew.items()
         return (
-            f"the counter of joint {joint} stands at zero, and with it the loop does not close where the arm "
+            f"the counter of joint {joint} stands {where}, and with it the loop does not close where the arm "
             f"stands: it would with that joint near {REACH(near).with_unit}. Its counter began anew, as "
             "after a loss of power"
         )
-    where = " and ".join(f"joint {j} near {REACH(near).with_unit}" for j, near in anew.items())
+    instead = " and ".join(f"joint {j} near {REACH(near).with_unit}" for j, near in anew.items())
     return (
-        f"the counters of joints {' and '.join(map(str, anew))} stand at zero, and with them the loop does not "
-        f"close where the arm stands: it would with {where}. They began anew, as after a loss of power"
+        f"the counters of joints {' and '.join(map(str, anew))} stand {where}, and with them the loop does not "
+        f"close where the arm stands: it would with {instead}. They began anew, as after a loss of power"
     )
 
 
-def _at_zero_remedy(joints: list[int]) -> str:
+def _at_zero_remedy(joints: list[int], where: str) -> str:
     named = f"joint {' and '.join(map(str, joints))}"
     return (
         f"home {named}, then connect again; moved by this reading it would go elsewhere. If it really stands "
-        "at zero, bring it some degrees away by hand while its drives are off"
+        f"{where}, bring it {WHOLE_DEGREES(2.0 * SAGGED_RAD).with_unit} away by hand while its drives are off"
     )
 
 

@@ -20,11 +20,11 @@ from operator_app.calibration.placed import as_calibrated, as_seen
 from operator_app.calibration.repeats import Repeat, compare_readings
 from operator_app.calibration.verify import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
-from operator_app.errors import ConnectAgainError, GuardError, StandingRefusedError
+from operator_app.errors import GuardError, StandingRefusedError
+from operator_app.session.begun_anew import from_zero, where_near
 from operator_app.session.calibrated import Calibrated, recorded
-from operator_app.session.first_standing import at_zero
 from operator_app.session.state import CheckReading, SessionState, pose_set_of
-from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, SPAN, TURNED
+from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, TURNED
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.rotations import rotation_matrix
@@ -40,6 +40,12 @@ IMPROBABLE = 1e-4
 
 WORSE = 4.0
 """Times the worst chi2 of the session's own poses: where the model is wrong, theirs is large as well."""
+
+NEAR_ENOUGH = 100.0
+"""Times as far from zero as a counter that has just begun anew: where something is wrong, it is that one.
+
+A joint stands there in one of 300 places.
+"""
 
 SURE = 100.0
 """Times likelier than the fixture, a joint is named where nobody is asked to do anything about it first."""
@@ -93,27 +99,6 @@ def check_identity(state: SessionState, identity: ArmIdentity) -> None:
         )
 
 
-def check_counters(arm: ArmModel, counts: FloatArray) -> None:
-    """Refuse joints whose counter stands at zero where the joint cannot be.
-
-    Raises
-    ------
-    StandingRefusedError
-    """
-    fresh = [
-        f"joint {number} reads 0.000 deg, outside its range "
-        f"{SPAN(joint.lower_rad).shown} .. {SPAN(joint.upper_rad).with_unit}"
-        for number in at_zero(arm, counts)
-        if not (joint := arm.joints[number - 1]).lower_rad <= 0.0 <= joint.upper_rad
-    ]
-    if fresh:
-        raise ConnectAgainError(
-            f"{_together(fresh)}: its counter began anew, as after a loss of power",
-            "home the joint, then connect again",
-            probability=None,
-        )
-
-
 def check_standing(
     state: SessionState,
     procedure: Procedure,
@@ -154,11 +139,12 @@ def check_standing(
             told="The loop closes where the arm stands, by the poses so far.",
             probability=probability,
         )
-    zeros = [str(j) for j in at_zero(arm, reading.mean_counts)]
+    near = from_zero(arm, reading.mean_rad)
+    zeros = sorted(j for j, times in near.items() if times <= NEAR_ENOUGH)
     if zeros:
         raise StandingRefusedError(
-            f"the counter of joint {' and '.join(zeros)} stands at zero, and with it the loop does not "
-            "close where the arm stands: it began anew, as after a loss of power",
+            f"the counter of joint {' and '.join(map(str, zeros))} stands {where_near(arm, reading.mean_rad, zeros)}, "
+            "and with it the loop does not close where the arm stands: it began anew, as after a loss of power",
             f"home the joint; {_START_ANEW}",
             probability=probability,
         )

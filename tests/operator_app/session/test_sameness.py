@@ -28,6 +28,7 @@ class Changed(PlantArm):
         super().__init__(procedure, scenario(name, seed=3))
         self.slip_rad = np.zeros(self.model.joint_count)
         self.zeroed = 0
+        self.sagged_rad = 0.0
         self.serials = {j: 100 + j for j in range(1, 8)}
         self.enabled = 0
 
@@ -49,7 +50,7 @@ class Changed(PlantArm):
     def _off(self, q_rad: np.ndarray) -> np.ndarray:
         found = q_rad + self.slip_rad
         if self.zeroed:
-            found[self.zeroed - 1] = 0.0
+            found[self.zeroed - 1] = self.sagged_rad
         return found
 
     def snapshot(self) -> ArmSnapshot:
@@ -144,25 +145,32 @@ def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(
     session.close("failed")
 
 
-def test_a_counter_at_zero_is_named(left: tuple[Path, Procedure]) -> None:
+@pytest.mark.parametrize(("counts", "where"), [(0, "at zero"), (36, "near zero")])
+def test_a_counter_at_zero_is_named(left: tuple[Path, Procedure], counts: int, where: str) -> None:
     folder, procedure = left
     arm = Changed(procedure, "datasheet")
-    arm.zeroed = 1
+    arm.zeroed, arm.sagged_rad = 1, counts * 2.0 * np.pi / 400_000
     session = resumed(folder, procedure, arm)
     session.connect()
-    with pytest.raises(GuardError, match="counter of joint 1 stands at zero"):
+    with pytest.raises(GuardError, match=f"counter of joint 1 stands {where}"):
         session.set_modes((1, 5))
     assert arm.enabled == 0
     session.close("failed")
 
 
-def test_a_counter_at_zero_out_of_range_is_named_in_a_new_session_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("counts", "reads"), [(0, r"0\.000"), (36, r"\+0\.032"), (-600, r"-0\.540")]
+)
+def test_a_counter_near_zero_out_of_range_is_named_in_a_new_session_too(
+    tmp_path: Path, counts: int, reads: str
+) -> None:
+    """The arm sags after its counter began anew, until somebody connects."""
     procedure = procedure_of("datasheet", 6)
     arm = Changed(procedure, "datasheet")
-    arm.zeroed = 2
+    arm.zeroed, arm.sagged_rad = 2, counts * 2.0 * np.pi / 400_000
     session = opened(tmp_path / "s", arm, procedure)
     session.connect()
-    with pytest.raises(GuardError, match=r"joint 2 reads 0\.000 deg, outside its range"):
+    with pytest.raises(GuardError, match=rf"joint 2 reads {reads} deg, outside its range"):
         session.set_modes((1, 5))
     assert arm.enabled == 0
     session.close("failed")

@@ -1,6 +1,6 @@
 """Can the loop close where the arm stands, within what its files leave open? One reading, no pose yet.
 
-With sd the standard deviations of the unknowns phi and of the readings q, the most probable way to close is
+With S and Q the covariances of the unknowns phi and of the readings q, the most probable way to close is
 
     min (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading),   c(phi, q, u) = 0,
 
@@ -15,17 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import ROUGHLY_PLACED, Fixture
+from fixtures.base import Fixture
+from operator_app.calibration.believed import Belief, KnownArm, believed
 from operator_app.calibration.noise import soften
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import nominal_vector
 from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations, unsensed_step
 from solver.loops.closure import ClosureModel
-
-WITHIN = 3.0
-"""Standard deviations to a tolerance within which something is believed."""
 
 ROUNDS, LONGEST_STEP, CLOSED = 40, 0.5, 1e-6
 """Most steps, the longest of them (rad, m), and the error (rad, m) below which a loop is closed."""
@@ -62,14 +59,14 @@ class StandingLoop:
 
     Attributes
     ----------
-    model, x_sd
-        The loop, and the standard deviation (P,) of its unknowns.
+    model, belief
+        The loop, and what is believed of its unknowns.
     reading_rad, reading_sd_rad
         (n,) what was read, and how well it is believed.
     """
 
     model: ClosureModel
-    x_sd: FloatArray
+    belief: Belief
     reading_rad: FloatArray
     reading_sd_rad: FloatArray
 
@@ -82,13 +79,13 @@ class StandingLoop:
 
     def fit(self, *disbelieved: int) -> StandingFit:
         """Close it; of the readings of `disbelieved` joints (1-based) nothing is believed."""
-        model, x0, q0 = self.model, nominal_vector(self.model.parameters), self.reading_rad
-        S, Q = self.x_sd**2, self.reading_sd_rad**2
+        model, x0, q0 = self.model, self.belief.mean, self.reading_rad
+        S, Q = self.belief.covariance, self.reading_sd_rad**2
         unknown = [j - 1 for j in disbelieved]
         Q[unknown] = UNKNOWN_RAD**2
         x, q = x0.copy(), q0.copy()
         u = model.initial_unsensed(x, q[None])
-        dof, size, moved = 0, np.inf, np.inf
+        dof, size, moved, by_belief = 0, np.inf, np.inf, 0.0
         for _ in range(ROUNDS):
             error = model.loop(x, q[None], u)
             size = float(np.abs(error.residual).max())
@@ -97,9 +94,11 @@ class StandingLoop:
             reduced = reduced_equations(error)
             w, A, B = reduced.w[0], reduced.A[0], reduced.B[0]
             dof = len(w)
-            V = (A * S) @ A.T + (B * Q) @ B.T
+            of_x = A @ S @ A.T
+            V = of_x + (B * Q) @ B.T
             pull = np.linalg.lstsq(V, w - A @ (x - x0) - B @ (q - q0), rcond=1e-12)[0]
-            dx, dq = x0 - S * (A.T @ pull) - x, q0 - Q * (B.T @ pull) - q
+            dx, dq = x0 - S @ (A.T @ pull) - x, q0 - Q * (B.T @ pull) - q
+            by_belief = float(pull @ of_x @ pull)
             moved = max(float(np.abs(dx).max(initial=0.0)), float(np.abs(dq).max()))
             share = min(1.0, LONGEST_STEP / max(moved, 1e-300))
             dx, dq = share * dx, share * dq
@@ -107,11 +106,10 @@ class StandingLoop:
             x, q = x + dx, q + dq
         if not size < CLOSED:
             return StandingFit(chi2=math.inf, dof=dof, q_rad=q)
-        by_files = ((x - x0)[S > 0.0] ** 2 / S[S > 0.0]).sum()
         by_readings = np.where(Q > 0.0, (q - q0) ** 2 / np.where(Q > 0.0, Q, 1.0), 0.0)
         by_readings[unknown] = 0.0
         left = max(dof - len(unknown), 0)
-        return StandingFit(chi2=float(by_files + by_readings.sum()), dof=left, q_rad=q)
+        return StandingFit(chi2=by_belief + float(by_readings.sum()), dof=left, q_rad=q)
 
 
 def standing_loop(
@@ -120,26 +118,10 @@ def standing_loop(
     reading_rad: FloatArray,
     *,
     unsensed_joints: tuple[int, ...] = (),
+    known: KnownArm | None = None,
 ) -> StandingLoop:
-    """Return the loop at a reading (n,), as open as the files leave it.
-
-    Offsets are believed within what a protractor tells where the arm's file states nothing, or less: a
-    calibration is what begins here.
-    """
+    """Return the loop at a reading (n,), as open as its files leave it, and what is `known` of the arm besides."""
     model, stated = soften(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
-    offset = max(ROUGHLY_PLACED.orientation_rad / WITHIN, arm.offset_tolerance_rad or 0.0)
-    tolerance = fixture.tolerance
-    sides, sd = {*model.ground_side, *model.hand_side}, []
-    for p in model.parameters:
-        placed = (tolerance.orientation_rad if p.is_angle else tolerance.position_m) / WITHIN
-        if p.name.startswith("theta_off_"):
-            sd.append(max(offset, placed if p.name in sides else 0.0))
-        else:
-            sd.append(
-                max(placed, stated.get(p.name, 0.0))
-                if p.name in sides
-                else stated.get(p.name, placed)
-            )
     errors = np.stack(
         [
             arm.sigma_rad(),
@@ -154,7 +136,7 @@ def standing_loop(
     unsensed = [isinstance(j.sensor, NoSensor) for j in arm.joints]
     return StandingLoop(
         model=model,
-        x_sd=np.array(sd),
+        belief=believed(model, arm, fixture, stated, known),
         reading_rad=np.asarray(reading_rad, dtype=np.float64),
         reading_sd_rad=np.where(unsensed, 0.0, read),
     )

@@ -1,19 +1,23 @@
 """What is asked of an arm's readings before its drives are enabled; whatever comes of it is in the journal.
 
 Of several that ask: a counter near zero out of its range, the poses so far, and where these tell nothing, the
-files. Moves nothing; knows no bus and no screen.
+files with what earlier placements tell. Moves nothing; knows no bus and no screen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from hardware.arm import Reading
+from operator_app.calibration.believed import KnownArm, known_arm
+from operator_app.config.procedure import Procedure
 from operator_app.errors import StandingRefusedError
 from operator_app.session.begun_anew import check_counters
 from operator_app.session.first_standing import check_first_standing
 from operator_app.session.logbook import Logbook
 from operator_app.session.sameness import Standing, check_standing
+from operator_app.session.state import SessionState
 from solver.arrays import FloatArray
 
 
@@ -49,10 +53,25 @@ def _judged(
         yield found
         if found.probability is not None:
             return
-    # Of one or two poses nothing is known yet but what the files say.
-    chance = check_first_standing(procedure, reading)
+    # Of one or two poses nothing is known yet but what the files say, and earlier placements.
+    known = _known_by_earlier_placements(session.state, procedure)
+    chance = check_first_standing(procedure, reading, known)
     if chance is not None:
+        by = "" if known is None else "by the earlier placements and "
         yield Standing(
-            told="The loop closes where the arm stands, within what its files leave open.",
+            told=f"The loop closes where the arm stands, {by}within what its files leave open.",
             probability=chance,
         )
+
+
+def _known_by_earlier_placements(state: SessionState, procedure: Procedure) -> KnownArm | None:
+    """What they tell of the arm; None of the first one."""
+    earlier = tuple(p for p in state.used_poses if p.placement != state.placement)
+    if not earlier or not procedure.fixture.fixture.holds_hand:
+        return None
+    return known_arm(
+        procedure.arm,
+        procedure.fixture.fixture,
+        replace(state, poses=earlier).pose_set(),
+        unsensed_joints=procedure.unsensed_joints,
+    )

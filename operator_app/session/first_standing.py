@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from hardware.arm import Reading
+from operator_app.calibration.believed import KnownArm
 from operator_app.calibration.standing import StandingFit, StandingLoop, standing_loop
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ConnectAgainError, StandingRefusedError
@@ -22,6 +23,9 @@ IMPROBABLE = 1e-12
 
 So small, as arms are about whose files are wrong in everything: offsets off by 25 deg, hinges by 40 mm and 15 deg.
 """
+
+IMPROBABLE_OF_KNOWN = 1e-5
+"""The same of an arm that earlier placements know: they tell its offsets, and how far its hinge may be off."""
 
 IMPROBABLE_AT_ZERO = 1e-2
 """Chance of what believing a counter costs, below which one that stands at zero began anew.
@@ -42,8 +46,15 @@ EXPLAINS = 1e-2
 AT_MOST_NAMED = 3
 
 
-def check_first_standing(procedure: Procedure, reading: Reading) -> float | None:
+def check_first_standing(
+    procedure: Procedure, reading: Reading, known: KnownArm | None = None
+) -> float | None:
     """Refuse readings with which the loop cannot close where the arm stands.
+
+    Parameters
+    ----------
+    known
+        What poses in earlier placements of the fixture tell of the arm.
 
     Returns
     -------
@@ -62,6 +73,7 @@ def check_first_standing(procedure: Procedure, reading: Reading) -> float | None
         procedure.fixture.fixture,
         reading.mean_rad,
         unsensed_joints=procedure.unsensed_joints,
+        known=known,
     )
     found = loop.fit()
     chance = _chance(found)
@@ -70,7 +82,7 @@ def check_first_standing(procedure: Procedure, reading: Reading) -> float | None
         where = where_near(arm, reading.mean_rad, list(anew))
         remedy = _at_zero_remedy(list(anew), where)
         raise ConnectAgainError(_at_zero_words(anew, where), remedy, probability=chance)
-    if chance >= IMPROBABLE:
+    if chance >= (IMPROBABLE if known is None else IMPROBABLE_OF_KNOWN):
         return chance
     alone = _alone(loop)
     raise StandingRefusedError(_does_not_close(alone), _remedy(alone), probability=chance)

@@ -33,6 +33,17 @@ def clip(of: Line, width: int) -> Line:
     return (*out, ("…", "dim")) if width > 0 else ()
 
 
+def cut(rows: list[Line], width: int, height: int, more: str) -> list[Line]:
+    """Return at most `height` rows, the last of which says that there was more to read."""
+    if len(rows) <= height:
+        return rows
+    if height < 1:
+        return []
+    *kept, last = rows[:height]
+    text = "".join(text for text, _ in last)[: width - 1 - len(more)].rstrip()
+    return [*kept, ((text + more, last[-1][1]),)]
+
+
 def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list[Line]:
     """Wrap a sentence; continuation lines are indented."""
     rows = textwrap.wrap(text, max(width, 8), subsequent_indent=indent, break_long_words=True)

@@ -180,6 +180,9 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            help="Let the alarm that is shown go out of sight; the one before it shows then. What it is about "
            "stays as it is.",
            rows=works.standing_alarms, offered=lambda s: bool(s.alarms), work=works.acknowledge),
+    OnScreen(name="messages", keys=("l",), shown="l", label="Messages",
+             help="Everything that was said since this session was opened, newest first, in all its words.",
+             work=lambda f: f.show_messages()),
     Action(name="hold", keys=("H",), shown="H", label="Hold all",
            help="All joints to position mode where they are.", guard=guards.may_use_data,
            work=works.hold),

@@ -167,6 +167,10 @@ class FullScreen(Face, Protocol):
         """Find an action by name."""
         ...
 
+    def show_messages(self) -> None:
+        """Show all that was said, each message whole."""
+        ...
+
     def change_look(self) -> None:
         """Take the next theme."""
         ...

@@ -22,6 +22,7 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.fixture import FixtureView
 from operator_app.tui.steps.modes import ModesView
+from operator_app.tui.widgets.log import messages_text
 
 if TYPE_CHECKING:
     from operator_app.tui.app import SarcalApp
@@ -282,6 +283,13 @@ class ScreenFace:
         panel = self.app.focused if isinstance(self.app.focused, Lines) else None
         text = help_text(self.app.step, panel, min(86, self.app.size.width - 8))
         self.app.push_screen(Read(f"Help: {self.app.step.title}", text))
+
+    def show_messages(self) -> None:
+        """Show all that was said, each message whole."""
+        s = self.look()
+        if s is not None:
+            text = messages_text(s, min(86, self.app.size.width - 8))
+            self.app.push_screen(Read("Messages, newest first", text))
 
     def find(self) -> None:
         """Find an action by name."""

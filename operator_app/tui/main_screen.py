@@ -11,13 +11,11 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
-from operator_app.report.spans import Line, Span, clip, line, wrapped
+from operator_app.report.spans import Line, Span, cut, line, wrapped
 from operator_app.session import actions
-from operator_app.session.face import ShownAlarm
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.next_thing import next_thing
-from operator_app.session.snapshot import Level, SessionSnapshot
-from operator_app.session.snapshot import Message as Said
+from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.look import SMALLEST, is_compact
@@ -29,16 +27,15 @@ from operator_app.tui.steps.fixture import FixtureView
 from operator_app.tui.steps.modes import ModesView
 from operator_app.tui.steps.results import ResultsView
 from operator_app.tui.steps.view import StepView
+from operator_app.tui.widgets.log import Log
 from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
 from operator_app.tui.widgets.step_rail import StepRail, StepRow
 
 SELDOM = 4
 """What surrounds a step is repainted every so many times only, unless there is news."""
-ROWS = 4
-"""Rows of the log while an alarm stands, at least."""
-SHOWS_ALL = " … (A shows all of it)"
+HINT_ROWS, MOST_HINT_ROWS = 2, 4
+"""Rows kept for the next thing, and what a long refusal may take; the log has those that it leaves."""
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
-MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
 
 
 class Hint(Lines, can_focus=False):
@@ -47,70 +44,23 @@ class Hint(Lines, can_focus=False):
     step = Step.CONNECT
     refusal = ""
 
+    def rows_for(self, s: SessionSnapshot, width: int) -> int:
+        """Rows that the sentence needs."""
+        return min(len(self._rows(s, width)), MOST_HINT_ROWS)
+
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """One sentence, on two lines if it must."""
+        """One sentence, on as many lines as it must."""
         if self.app.screen is not self.screen:
             return []
+        return cut(self._rows(s, width), width, height, " …")
+
+    def _rows(self, s: SessionSnapshot, width: int) -> list[Line]:
         if self.refusal:
-            rows = wrapped(f" ▲ {self.refusal}", width - 1, "warn", "   ")
-        else:
-            head, *rest = wrapped(
-                f" Next {next_thing(self.step, s).hint}", width - 1, "text", " " * 6
-            )
-            text = head[0][0]
-            rows = [line((text[:6], "bold"), text[6:]), *rest]
-        return [*rows[: height - 1], *(clip(row, width) for row in rows[height - 1 : height])]
-
-
-class Log(Lines, can_focus=False):
-    """The newest alarm that stands, in all its words; then the last messages, newest first.
-
-    Attributes
-    ----------
-    alarm
-        The one on the screen.
-    """
-
-    alarm: ShownAlarm | None = None
-
-    def rows_for(self, s: SessionSnapshot, width: int, most: int) -> int:
-        """Rows that an alarm needs, and one for other messages: `ROWS` to `most`."""
-        return min(max(len(_alarm_rows(s, width)) + 1, ROWS), most)
-
-    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """As many lines as there are rows; an alarm that has no room says which key shows all of it."""
-        standing = {alarm.number for alarm in s.alarms}
-        rows = _alarm_rows(s, width)
-        whole = len(rows) <= height
-        if not whole:
-            rows = rows[:height]
-            text = "".join(text for text, _ in rows[-1])[: width - 1 - len(SHOWS_ALL)]
-            rows[-1] = ((text + SHOWS_ALL, rows[-1][-1][1]),)
-        self.alarm = ShownAlarm(number=s.alarms[-1].number, whole=whole) if rows else None
-        for message in s.messages[::-1]:
-            if len(rows) >= height:
-                break
-            if message.number not in standing:
-                rows += _rows(message, width, message.text)
-        if len(rows) > height > 0:
-            # More was said than there is room for.
-            rows[height - 1] = clip((*rows[height - 1], (" " * width, "dim")), width)
-        return [clip(row, width) for row in rows[:height]]
-
-
-def _alarm_rows(s: SessionSnapshot, width: int) -> list[Line]:
-    """The newest alarm; how many others wait behind it."""
-    if not s.alarms:
-        return []
-    count = len(s.alarms)
-    which = f"1 of {count}: " if count > 1 else ""
-    return _rows(s.alarms[-1], width, f"{which}{s.alarms[-1].text} (A acknowledges)")
-
-
-def _rows(message: Said, width: int, text: str) -> list[Line]:
-    glyph, role = MARKS[message.level]
-    pieces = wrapped(f" {message.time} {glyph}{text}", width - 1, role, " " * 10)
-    return [((" ", "text"), *piece) for piece in pieces]
+            return wrapped(f" ▲ {self.refusal}", width - 1, "warn", "   ")
+        said = f" Next {next_thing(self.step, s).hint}"
+        head, *rest = wrapped(said, width - 1, "text", " " * 6)
+        text = head[0][0]
+        return [line((text[:6], "bold"), text[6:]), *rest]
 
 
 class Footer(Lines, can_focus=False):
@@ -190,7 +140,7 @@ class MainScreen(Screen[None]):
         )  # fmt: skip
         self._shows = 0
         self._told: object = None
-        self._alarm_rows: int | None = None
+        self._rows = (0, 0)
 
     def on_mount(self) -> None:
         """Say so."""
@@ -241,12 +191,19 @@ class MainScreen(Screen[None]):
         self.view.show(s)
 
     def _make_room(self, s: SessionSnapshot) -> None:
-        """Give an alarm the rows it needs, up to a third of the screen: below that the joints stay in sight."""
+        """Give the next thing and an alarm the rows they need, the alarm up to a third of the screen.
+
+        Below that the joints stay in sight. A row that the next thing leaves is the log's: nothing else moves.
+        """
         width, height = self.size
-        rows = self.log_lines.rows_for(s, width, height // 3 - 1) if s.alarms else None
-        if rows != self._alarm_rows:
-            self._alarm_rows = rows
-            self.log_lines.styles.height = rows
+        hint = self.hint.rows_for(s, width)
+        log = 1 if is_compact(width, height) else 2
+        if s.alarms:
+            log = self.log_lines.rows_for(s, width, height // 3 - 1)
+        rows = hint, max(1, log + HINT_ROWS - hint)
+        if rows != self._rows:
+            self._rows = rows
+            self.hint.styles.height, self.log_lines.styles.height = rows
             self.call_after_refresh(self.forget)
 
     def _news(self, s: SessionSnapshot) -> object:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from textual import events
 
 from hardware.arm import DriveState, JointMode
-from operator_app.report.spans import Line, Span, clip
+from operator_app.report.spans import Line, Span, clip, length
 from operator_app.session.guards import ends_with_any_key
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.tui.lines import Clicked, Lines
@@ -32,15 +32,23 @@ class SafetyStrip(Lines, can_focus=False):
         cells: list[list[Span]] = [stop, _where(s, short=short)]
         cells += [_bus(s, short=short), _heartbeat(s, short=short), _data(s, short=short)]
         cells += [_modes(s, short=short), _drives(s, short=short)]
-        row: list[Span] = []
-        for k, cell in enumerate(cells):
-            row += [*([THIN if short else SEPARATOR] if k else []), *cell]
-        return [clip(tuple(row), width)]
+        row = _joined(cells, short=short)
+        if length(row) > width:
+            # The step shows the modes as well, and nothing else says what the drives do.
+            row = _joined([*cells[:-2], cells[-1]], short=short)
+        return [clip(row, width)]
 
     def on_click(self, event: events.Click) -> None:
         """A click on STOP is STOP."""
         if event.x < STOP_WIDTH:
             self.post_message(Clicked("stop"))
+
+
+def _joined(cells: Sequence[Sequence[Span]], *, short: bool) -> Line:
+    row: list[Span] = []
+    for k, cell in enumerate(cells):
+        row += [*([THIN if short else SEPARATOR] if k else []), *cell]
+    return tuple(row)
 
 
 class Banner(Lines, can_focus=False):
@@ -59,7 +67,8 @@ def _banner(s: SessionSnapshot) -> Line:
 def _status(s: SessionSnapshot) -> Line:
     if s.stopped_for:
         return (("■ STOPPED BY ITSELF", "alarm"), (f" {s.stopped_for}", "alarm"))
-    if s.stopped or (s.stop is not None and s.stop.problem):
+    told = s.stop is not None and (s.stopped or s.stop.problem)
+    if told or (s.stopped and s.data is not DataState.LOST):
         return (("■ SOFTWARE STOP", "alarm"), (" " + _stop_words(s), "alarm"))
     if s.data is DataState.LOST:
         return (
@@ -78,15 +87,15 @@ def _status(s: SessionSnapshot) -> Line:
 def _stop_words(s: SessionSnapshot) -> str:
     report = s.stop
     if report is None:
-        return "latched. R resets; nothing moves by itself"
+        return "latched; R resets it"
     if report.problem:
-        return f"could NOT be sent ({report.problem}): use the hardware stop"
+        return f"could NOT be sent: use the hardware stop ({report.problem})"
     joints = len(s.arm.joints) if s.arm is not None else 0
     ago = s.now_s - report.asked_s
     if report.acknowledged_after_s is None:
         return f"sent {ago:.1f} s ago, {report.drives_stopped} of {joints} drives stopped"
     took = DATA_AGE(report.acknowledged_after_s).with_unit
-    return f"all {joints} drives stopped within {took}. R resets; nothing moves by itself"
+    return f"all {joints} drives stopped within {took}; R resets it"
 
 
 def _where(s: SessionSnapshot, *, short: bool) -> list[Span]:
@@ -111,7 +120,7 @@ def _heartbeat(s: SessionSnapshot, *, short: bool) -> list[Span]:
     oldest = max(ages.values())
     if oldest > HEARTBEAT_LATE_S:
         node = max(ages, key=lambda n: ages[n])
-        return [("HB ", "dim"), (f"▲ NODE {node} LATE", "warn")]
+        return [("HB ", "dim"), (f"▲ {'N' if short else 'NODE '}{node} LATE", "warn")]
     return [("HB ", "dim"), ("●" if short else f"● {DATA_AGE(oldest).with_unit:>6}", "text")]
 
 

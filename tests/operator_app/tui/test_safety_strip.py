@@ -1,0 +1,70 @@
+"""The strip and the banner say at 80 columns what matters, whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hardware.arm import DriveState
+from operator_app.session.snapshot import DataState, StopReport, TaskKind
+from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
+from oracles.story import busy, lost, real, stale, stopped, story, tripped
+
+CAPTURING = story()["capturing"]
+
+
+def said(panel, picture, width: int = 80) -> str:
+    (row,) = panel.build(picture, width, 1)
+    return "".join(text for text, _ in row)
+
+
+def silent_and_tripped():
+    """Joint 5 does not answer, and its drive tripped before."""
+    s = tripped(stale(CAPTURING))
+    arm = replace(s.arm, heartbeat_age_s={**s.arm.heartbeat_age_s, 5: 0.9})
+    return replace(s, arm=arm)
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        pytest.param(stopped(CAPTURING), id="stopped"),
+        pytest.param(real(stopped(CAPTURING)), id="stopped for real"),
+        pytest.param(real(CAPTURING), id="real"),
+        pytest.param(lost(CAPTURING), id="lost"),
+        pytest.param(busy(CAPTURING, TaskKind.AUTOMATIC, moves=True), id="moving"),
+        pytest.param(silent_and_tripped(), id="silent and tripped"),
+    ],
+)
+def test_nothing_in_strip_and_banner_is_cut(picture):
+    assert "…" not in said(SafetyStrip(), picture) + said(Banner(), picture)
+
+
+def test_where_little_room_is_left_the_strip_says_what_the_drives_do():
+    strip = said(SafetyStrip(), silent_and_tripped())
+    assert strip.endswith("│DRV ■ J4 FAULT")
+    assert "HB ▲ N5 LATE" in strip
+    assert "DATA ▲ J5 STALE" in strip
+
+
+def test_a_stop_that_was_not_sent_says_what_to_do_before_why():
+    why = "the interface has gone away and does not come back"
+    report = StopReport(
+        asked_s=0.0, sent_after_s=0.0, acknowledged_after_s=None, drives_stopped=0, problem=why
+    )
+    assert "could NOT be sent: use the hardware stop" in said(
+        Banner(), replace(CAPTURING, stop=report)
+    )
+
+
+def test_an_arm_that_was_stopped_for_its_silence_is_not_said_to_be_stopped_by_hand():
+    joints = tuple(replace(j, drive=DriveState.QUICK_STOP_ACTIVE) for j in CAPTURING.arm.joints)
+    silent = replace(
+        CAPTURING,
+        arm=replace(CAPTURING.arm, joints=joints, stopped=True),
+        data=DataState.LOST,
+        stop=None,
+    )
+    assert "DATA LOST" in said(Banner(), silent)
+    assert "SOFTWARE STOP" in said(Banner(), replace(silent, stop=stopped(CAPTURING).stop))

@@ -16,6 +16,7 @@ from hardware.errors import (
     Intruder,
     NodeRestarted,
     SensorFault,
+    StopLatched,
     Stopped,
     TwoDevices,
 )
@@ -63,9 +64,9 @@ def find_alarm(
     return next((reason for reason in reasons if not isinstance(reason, despite)), None)
 
 
-def pressed() -> Stopped:
+def pressed() -> StopLatched:
     """Say that STOP is latched."""
-    return Stopped("STOP is latched: reset it before anything moves again")
+    return StopLatched("STOP is latched: reset it before anything moves again")
 
 
 def stopped_for(astray: Astray) -> DriveAstray:

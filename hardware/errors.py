@@ -266,6 +266,10 @@ class Stopped(HardwareError):
     """STOP is latched: nothing moves until it is reset."""
 
 
+class StopLatched(Stopped):
+    """STOP is latched by this program itself, which has said why: it was pressed, or nothing was heard."""
+
+
 class CommandRefused(HardwareError):
     """The limits module would not let a command out."""
 

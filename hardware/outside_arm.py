@@ -26,7 +26,14 @@ from hardware.arm import (
     Watch,
 )
 from hardware.description import ArmDescription
-from hardware.errors import BusError, CommandRefused, HardwareError, ModeNotReached, Stopped
+from hardware.errors import (
+    BusError,
+    CommandRefused,
+    HardwareError,
+    ModeNotReached,
+    StopLatched,
+    Stopped,
+)
 from hardware.limits import JointLimits, Situation, joint_limits, refuse_command, refuse_move
 from hardware.stop_line import StopLatch
 
@@ -288,11 +295,11 @@ class OutsideArm:
             if self._latch.latched:
                 with self._in_words():
                     self._there.stop()
-                raise Stopped("STOP came meanwhile: reset it before anything moves again")
+                raise StopLatched("STOP came meanwhile: reset it before anything moves again")
 
     def _require_no_stop(self) -> None:
         if self._latch.latched:
-            raise Stopped("STOP is latched: reset it before anything moves again")
+            raise StopLatched("STOP is latched: reset it before anything moves again")
 
     def _require_control(self) -> None:
         if not self._in_control:

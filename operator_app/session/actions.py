@@ -158,7 +158,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            steps=_at(Step.EXPORT), footer=_at(Step.EXPORT), guard=guards.may_report, work=works.report),
     Action(name="new_session", keys=("N",), shown="N", label="New session",
            help="Close this session, leave the arm held, and begin another.",
-           steps=_at(Step.EXPORT), footer=_at(Step.EXPORT), work=works.new_session),
+           footer=_at(Step.EXPORT), work=works.new_session),
     OnScreen(name="view", keys=("v",), shown="v", label="View",
              help="Show the next panel or plot of this step.", footer=_at(Step.RESULTS),
              work=lambda f: f.turn_over()),

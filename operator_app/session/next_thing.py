@@ -8,7 +8,7 @@ from fixtures.base import Severity
 from hardware.arm import DriveState, JointState
 from operator_app.session.guards import missing_for, modes_problem, moves_metal
 from operator_app.session.messages import asks_to_connect_again
-from operator_app.session.snapshot import DataState, SessionSnapshot
+from operator_app.session.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
 
 
@@ -44,6 +44,10 @@ def next_thing(step: Step, s: SessionSnapshot) -> NextThing:
         )
     if s.task is not None:
         return NextThing(action="", label="", hint=f"{s.task.text}: any key stops it")
+    if not s.connected and Step.CONNECT < step < Step.CALIBRATE:
+        return NextThing(
+            action="step_1", label="To Connect", hint="no arm is connected: Enter goes to step 1"
+        )
     match step:
         case Step.CONNECT:
             return _connect(s)
@@ -72,6 +76,13 @@ def _lost(step: Step) -> NextThing:
             action="connect", label="Connect again", hint=what + "Enter connects again"
         )
     return NextThing(action="step_1", label="To Connect", hint=what + "Enter goes to step 1")
+
+
+_CONNECT_AGAIN = NextThing(
+    action="step_1",
+    label="To Connect",
+    hint="mend what the alarm says; then Enter goes to step 1, to connect again",
+)
 
 
 def _next(step: Step, hint: str) -> NextThing:
@@ -132,10 +143,12 @@ def _modes(s: SessionSnapshot) -> NextThing:
     if problem:
         return NextThing(action="suggest", label="Best pair", hint=problem[0])
     if asks_to_connect_again(s):
+        return _CONNECT_AGAIN
+    if any(alarm.until == {TaskKind.MODES} for alarm in s.alarms):
         return NextThing(
-            action="step_1",
-            label="To Connect",
-            hint="mend what the alarm says; then Enter goes to step 1, to connect again",
+            action="apply_modes",
+            label="Apply modes",
+            hint="do what the alarm says; then Enter applies the modes again, or N begins a new session",
         )
     names = " and ".join(f"J{k}" for k in marked)
     return NextThing(
@@ -146,11 +159,15 @@ def _modes(s: SessionSnapshot) -> NextThing:
 
 
 def _capture(s: SessionSnapshot) -> NextThing:
+    if asks_to_connect_again(s):
+        return _CONNECT_AGAIN
     missing = missing_for(Step.CAPTURE, s)
     used = len(s.state.used_poses)
     left = s.wanted_poses - used
     if left > 0 and missing:
-        return NextThing(action="back", label="Back to Modes", hint=missing[0])
+        return NextThing(
+            action="back", label="Back to Modes", hint=f"{missing[0]}; Enter goes back there"
+        )
     if left > 0:
         poses = "the pose" if left == 1 else f"the {left} poses"
         hint = f"Enter captures {poses} left automatically; g and c do one by hand"

@@ -61,6 +61,8 @@ class Operations:
     def connect(self) -> None:
         """Find the arm, or find it again; check it, and judge the fixture where the arm stands."""
         self._session.let_go()
+        # What was seen of it before is not so any more, whether it is found again or not.
+        self._publisher.publish(lambda s: replace(s, identity=None))
         try:
             identity = self._session.connect()
         finally:

@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 from datetime import UTC
 
 from hardware.arm import ArmSnapshot
-from hardware.errors import HardwareError
-from operator_app.errors import Cancelled, ConnectAgainError
+from hardware.errors import HardwareError, StopLatched
+from operator_app.errors import Cancelled
 from operator_app.session.journal import Clock, utc_now
-from operator_app.session.messages import ARM_AGAIN, acknowledged, resolved_by, told
+from operator_app.session.messages import ARM_AGAIN, acknowledged, resolved_by, told, until
 from operator_app.session.motion import MotionWatch
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
@@ -301,12 +301,13 @@ class Runner:
         except Cancelled as ended:
             self.say(Level.INFO, f"{job.text}: {ended.happened.lower()}; {ended.remedy.lower()}")
             self._recover()
+        except StopLatched as error:
+            # Whoever latched it has said so: no second alarm about it.
+            self.say(Level.INFO, f"{job.text}: {error}")
+            self._recover()
         except EXPECTED as error:
             said = words(error)
-            over = ARM_AGAIN if isinstance(error, HardwareError) else frozenset()
-            if isinstance(error, ConnectAgainError):
-                over = frozenset({TaskKind.CONNECT})
-            self.say(Level.ALARM, f"{said.happened}. {said.remedy}", over | {job.kind})
+            self.say(Level.ALARM, f"{said.happened}. {said.remedy}", until(error, job.kind))
             self._recover()
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error

@@ -301,7 +301,10 @@ class Session(Logbook):
 
     def let_go(self) -> bool:
         """Leave the arm held, to connect anew; what only it knows is kept. False if it did not answer."""
-        return self._parting.let_go()
+        try:
+            return self._parting.let_go()
+        finally:
+            self.identity = None
 
     def close(self, reason: str) -> bool:
         """Leave the arm held and the journal whole. Safe to call twice; False if it did not answer."""

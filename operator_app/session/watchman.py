@@ -97,6 +97,8 @@ class Watchman:
             self._runner.say(Level.WARNING, late)
         if now.arm is not None and now.stop is not None:
             self._count_stopped(now, now.stop)
+        if now.identity is None:
+            self._lost = False
         # While connecting anew there are none yet, and a STOP would end it.
         if now.data is DataState.LOST and not self._lost and not self._runner.connecting:
             self._lost = True

@@ -16,11 +16,15 @@ from hardware.errors import (
     DriveAstray,
     DriveFault,
     HardwareError,
+    Intruder,
     MappingDiffers,
     ModeNotReached,
     NodeMissing,
+    NodeRestarted,
     NotConfigured,
+    SensorFault,
     Stopped,
+    TwoDevices,
     UploadRefused,
     WrongArm,
 )
@@ -38,7 +42,7 @@ def words(error: BaseException) -> SessionError:
     """Return what happened and what to do now."""
     if isinstance(error, SessionError):
         return SessionError(_capital(error.happened), _capital(error.remedy))
-    return SessionError(_capital(str(error)), _remedy(error))
+    return SessionError(_capital(str(error).removesuffix(".")), _remedy(error))
 
 
 REACHES_NOTHING = (
@@ -57,6 +61,8 @@ def _remedy(error: BaseException) -> str:
         return (
             "Mend that sensor, or calibrate without it (J, or --unsensed); more poses do not help"
         )
+    if isinstance(error, SensorFault) and error.stuck:
+        return "The other poses stay"
     found = next((kind for kind in type(error).__mro__ if kind in _REMEDIES), None)
     return "Nothing was changed" if found is None else _REMEDIES[found]
 
@@ -69,6 +75,11 @@ _REMEDIES: Mapping[type, str] = {
     MappingDiffers: "Nothing was enabled and nothing moves",
     NotConfigured: "Nothing was enabled and nothing moves",
     ControlDenied: "Ask the other operator to give up control, then connect again",
+    TwoDevices: "Until then nothing moves and nothing is captured",
+    Intruder: "Until then nothing moves and nothing is captured",
+    NodeRestarted: "Until then nothing moves and nothing is captured",
+    SensorFault: "Look at that joint's coupling and cable, then connect again: the first pose is read again before "
+    "any other counts",
     ModeNotReached: "Look at that drive's fault, reset it (R) and apply the modes again",
     DriveAstray: "Keep clear until you know why: the drive has failed, or somebody else leads it. Then reset "
     "(R, or `sarcal reset`), and go on from the modes",

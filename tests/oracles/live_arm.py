@@ -23,7 +23,7 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.errors import BusError, DriveAstray, HardwareError, Stopped
+from hardware.errors import BusError, DriveAstray, HardwareError, StopLatched
 from operator_app.config.procedure import Procedure
 from oracles.plant_arm import PERIOD_S, SERIAL, PlantArm
 
@@ -73,7 +73,7 @@ class LiveArm(PlantArm):
         if self._astray is not None:
             raise self._astray
         if self._stop_latch.is_set():
-            raise Stopped("STOP is latched")
+            raise StopLatched("STOP is latched")
         if self._silent_since is not None:
             raise BusError("no answer from the drives")
         if self.pace_s:

@@ -49,7 +49,7 @@ class NodesPanel(Lines):
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """A line a node."""
         if s.identity is None:
-            return [(), line(("  no node has been asked yet", "dim"))]
+            return [(), line(("  no arm is connected", "dim"))]
         wide = width >= 90
         device = "DEVICE".ljust(26) + " " if wide else ""
         rows = [

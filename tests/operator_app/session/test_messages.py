@@ -2,7 +2,27 @@
 
 from __future__ import annotations
 
-from operator_app.session.messages import MESSAGES_KEPT, acknowledged, resolved_by, told
+import pytest
+
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    DriveAstray,
+    DriveFault,
+    Intruder,
+    NodeRestarted,
+    SensorFault,
+    TwoDevices,
+)
+from operator_app.errors import ConnectAgainError, GuardError
+from operator_app.session.messages import (
+    MESSAGES_KEPT,
+    acknowledged,
+    asks_to_connect_again,
+    resolved_by,
+    told,
+    until,
+)
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from oracles.story import story
 
@@ -23,7 +43,39 @@ def test_an_alarm_outlives_every_other_message() -> None:
     assert texts(s) == ["hot"]
 
 
-def test_it_is_said_again_only_when_it_stands_no_more() -> None:
+def test_what_stands_already_and_is_said_again_is_the_newest() -> None:
+    s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "full")
+    again = told(s, Level.ALARM, "hot", time="12:00:01")
+    assert texts(again) == ["full", "hot"]
+    assert [m.text for m in again.messages] == ["full", "hot"]
+    assert again.alarms[-1].time == "12:00:01"
+    assert again.alarms[-1].number > s.messages[-1].number
+
+
+@pytest.mark.parametrize(
+    ("error", "asks"),
+    [
+        (SensorFault(3, "jumped", since_sync=7), True),
+        (SensorFault(3, "stands still", stuck=True), False),
+        (DriveAstray(3, 700, 7), False),
+        (NodeRestarted((5,), ["joint 5"]), True),
+        (TwoDevices((5,)), True),
+        (Intruder("somebody else"), True),
+        (ControlDenied(126), True),
+        (BusError("silent"), False),
+        (DriveFault(3, 0x8311, "torque"), False),
+        (GuardError("not yet", "do it"), False),
+        (ConnectAgainError("at zero", "home it"), True),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, Exception) else str(value),
+)
+def test_what_the_arm_goes_on_refusing_for_asks_to_connect_again(error, asks) -> None:
+    s = say(story()["start"], Level.ALARM, "told", *until(error, TaskKind.CAPTURE))
+    assert asks_to_connect_again(s) is asks
+    assert texts(resolved_by(s, TaskKind.CAPTURE)) == []
+
+
+def test_it_is_said_again_when_it_stands_no_more() -> None:
     s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "hot")
     assert texts(s) == ["hot"]
     again = say(acknowledged(s, s.alarms[0].number), Level.ALARM, "hot")

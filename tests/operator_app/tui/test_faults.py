@@ -7,8 +7,15 @@ import threading
 
 import pytest
 
-from hardware.errors import BusError, ControlDenied, DriveAstray, NodeMissing, WrongArm
-from operator_app.errors import ConnectAgainError
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    DriveAstray,
+    NodeMissing,
+    SensorFault,
+    WrongArm,
+)
+from operator_app.errors import ConnectAgainError, StandingRefusedError
 from operator_app.session.journal import read_journal
 from operator_app.session.snapshot import DataState, Level, TaskKind
 from operator_app.session.steps import Step
@@ -80,7 +87,10 @@ async def test_an_arm_that_is_gone_can_be_connected_again(drive, source):
             lambda: any("no answer from node 3" in m.text.lower() for m in d.s.messages), "refused"
         )
         await d.idle()
-        assert d.s.data is DataState.LOST
+        # Neither are its nodes said to answer, nor is it said to be silent: there is none.
+        assert d.s.data is DataState.NONE
+        assert "no arm is connected" in d.text("#nodes")
+        assert "Connect" in d.text("#footer")
         source.arm.reset_stop()
         source.arm.speak_again()
         source.arm.age_by(1.2)
@@ -229,6 +239,59 @@ async def test_a_counter_that_began_anew_is_led_to_connecting_again(drive, sourc
         assert d.s.alarms == ()
         await d.to_step(Step.CAPTURE)
         assert d.s.drives_ready
+
+
+async def test_a_reading_that_jumped_is_led_to_connecting_again(drive, source, monkeypatch):
+    """Enter took the same pose again, and was refused again without a word."""
+    async with drive(size=(80, 24)) as d:
+        await d.to_step(Step.CAPTURE)
+        arm, before, work = source.arm, source.arm.closed, source.arm._work_step
+
+        def jumped() -> None:
+            if arm.closed == before:
+                raise SensorFault(3, "jumped by +2223 counts between two SYNCs", since_sync=1)
+            work()
+
+        monkeypatch.setattr(arm, "_work_step", jumped)
+        await d.press("enter")
+        await d.idle()
+        await d.until(lambda: "coupling and cable, then connect again" in d.words("#log"), "alarm")
+        assert "Enter goes to step 1" in d.hint
+        await d.press("enter", "enter")
+        await d.idle()
+        assert d.s.alarms == ()
+        assert d.s.connected
+
+
+async def test_of_a_stop_in_mid_motion_one_alarm_is_shown(drive):
+    async with drive() as d:
+        await d.to_step(Step.CAPTURE)
+        await d.press("enter")
+        await d.until(lambda: d.s.task is not None and d.s.task.moves, "moving")
+        await d.press("space")
+        await d.idle()
+        assert [a.text for a in d.s.alarms] == [
+            "software STOP sent to all drives; it is latched (R resets)"
+        ]
+        assert any("STOP is latched" in m.text and "automatically" in m.text for m in d.s.messages)
+
+
+async def test_poses_that_do_not_belong_to_the_arm_any_more_are_led_to_a_new_session(
+    drive, source, monkeypatch
+):
+    def refuse(*_: object) -> None:
+        raise StandingRefusedError("the loop does not close", "start a new session")
+
+    monkeypatch.setattr("operator_app.session.before_enabling.check_first_standing", refuse)
+    async with drive() as d:
+        await d.to_step(Step.MODES)
+        await d.press("enter", "y")
+        await d.idle()
+        assert "N begins a new session" in d.hint
+        first = d.runner
+        await d.press("N", "y")
+        await d.until(lambda: d.runner is not first, "another session")
+        await d.until(lambda: d.app.step is Step.CONNECT, "its first step")
 
 
 async def test_a_stop_that_cannot_be_sent_is_an_alarm_with_the_hardware_stop_in_it(drive, source):

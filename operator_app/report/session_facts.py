@@ -73,14 +73,15 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
         columns=(
             *words("joint"),
             *(Column(title, words=True, detail=True) for title in ("sensor", "mode")),
-            *figures("noise stated", "correction rms", unit="mrad"),
-            *figures("times noise"),
-            *figures("poses from", "to", unit="deg"),
+            *figures("noise", unit="mrad"),
+            *figures("rms", unit="mrad", group="correction"),
+            *figures("/ noise", group="correction"),
+            *figures("from", "to", unit="deg", group="poses"),
             *figures("covered", unit="%"),
         ),
         rows=tuple(rows),
-        note=f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times their sensor's stated "
-        "noise (of one reading). Shaded in the plot: one such noise.",
+        note="Noise: of one reading, as stated. "
+        f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times it. Shaded in the plot: one such noise.",
     )
 
 

@@ -107,11 +107,10 @@ def verification_text(verdict: Prediction, poses: PoseSet, folder: str) -> str:
 
 
 def verified_words(found: Verified) -> str:
-    """Say in one line what new poses said."""
+    """Say what new poses said: whether the parameters hold, before the figures."""
     ratio = CHI2(found.chi2_per_dof).shown
     turned = found.orientation_rad
     return (
-        f"{found.poses} new poses: {SIGMA_POS(found.position_m).with_unit}"
-        f"{'' if turned is None else f', {SIGMA_ORI(turned).with_unit}'} rms, chi2/dof {ratio}: "
-        f"{'as expected' if found.holds else found.why or 'worse than expected'}"
+        f"{found.poses} new poses, {found.verdict}: {SIGMA_POS(found.position_m).with_unit}"
+        f"{'' if turned is None else f', {SIGMA_ORI(turned).with_unit}'} rms, chi2/dof {ratio}"
     )

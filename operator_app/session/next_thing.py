@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from fixtures.base import Severity
 from hardware.arm import DriveState, JointState
-from operator_app.session.guards import missing_for, modes_problem, moves_metal
+from operator_app.session.guards import may_verify, missing_for, modes_problem, moves_metal
 from operator_app.session.messages import asks_to_connect_again
 from operator_app.session.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
@@ -230,9 +230,21 @@ def _export(s: SessionSnapshot) -> NextThing:
             label="Upload",
             hint="the files are written. Enter uploads to the controller, after a question; q leaves",
         )
-    return NextThing(
-        action="quit",
-        label="Finish",
-        hint="done: written, uploaded and read back; the arm is held. Enter or q leaves; to verify with "
-        "new poses, apply the modes again (step 3), then y here",
-    )
+    return NextThing(action="quit", label="Finish", hint=_uploaded(s))
+
+
+def _uploaded(s: SessionSnapshot) -> str:
+    """What is done, and how new poses judge it, or may."""
+    if s.verification is not None:
+        if s.verification.holds:
+            return "done: uploaded, read back and verified with new poses. Enter or q leaves"
+        return (
+            "uploaded, but new poses are worse than expected: find out why before it is used. "
+            "Enter or q leaves"
+        )
+    if may_verify(s):
+        return (
+            "done: uploaded and read back; the arm is held. Enter or q leaves; to verify with new "
+            "poses, apply the modes (step 3), then y"
+        )
+    return "done: uploaded and read back. Enter or q leaves; y verifies with new poses"

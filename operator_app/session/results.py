@@ -153,8 +153,8 @@ class Results:
         self._refresh()
         self._publisher.publish(lambda s: replace(s, verification=found))
         self._publisher.say(
-            Level.INFO,
-            f"verified with {found.poses} new poses: {SIGMA_POS(found.position_m).with_unit} rms",
+            Level.INFO if found.holds else Level.WARNING,
+            f"{found.poses} new poses, {found.verdict}: {SIGMA_POS(found.position_m).with_unit} rms",
         )
 
     def _in_hand(self) -> Solution:

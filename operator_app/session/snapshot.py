@@ -149,6 +149,13 @@ class Verified:
     holds: bool
     why: str = ""
 
+    @property
+    def verdict(self) -> str:
+        """Whether they do, in words."""
+        if self.holds:
+            return "as expected"
+        return "worse than expected" + (f" ({self.why})" if self.why else "")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSnapshot:

@@ -54,6 +54,7 @@ class Lines(Widget, can_focus=True):
         self._lines: tuple[Line, ...] = ()
         self._strips: dict[int, Strip] = {}
         self._base: Style | None = None
+        self._titled = ""
         # To ask for it every time takes longer than most lines take to build.
         self._room: Size | None = None
         # Rows with frame and background, as last painted: Textual asks for all rows of all panels
@@ -67,9 +68,11 @@ class Lines(Widget, can_focus=True):
     def retitle(self, text: str) -> None:
         """Set the title without reading markup in it."""
         app: Any = self.app
-        new = Content(app.look.text(text)) if text else ""
-        if str(self.border_title or "") != str(new):
-            self.border_title = new
+        new = app.look.text(text)
+        # What the frame gives back is markup, in which brackets are escaped.
+        if new != self._titled:
+            self._titled = new
+            self.border_title = Content(new) if new else ""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the lines for a snapshot."""

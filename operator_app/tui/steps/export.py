@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from textual.app import ComposeResult
 
 from operator_app.report.difference import changed, difference_table
-from operator_app.report.spans import Line, clip, line
+from operator_app.report.spans import Line, clip, line, wrapped
 from operator_app.report.table import Table
 from operator_app.report.verification import verified_words
 from operator_app.session.snapshot import SessionSnapshot
@@ -98,12 +98,15 @@ class RecordPanel(Lines):
             ]
         else:
             glyph, role = ("✓ ", "text") if s.verification.holds else ("▲ ", "warn")
-            words = verified_words(s.verification)
-            rows = [line((" Verified   ", "dim"), (glyph, role), (words, role))]
+            words = f"{glyph}{verified_words(s.verification)}"
+            head, *more = wrapped(words, width - len(" Verified   "), role)
+            rows = [line((" Verified   ", "dim"), *head)]
+            rows += [line(" " * len(" Verified   "), *row) for row in more]
         where = "r writes report.html" if s.report is None else f"✓ {s.report}"
         rows.append(line((" Report     ", "dim"), where))
         rows.append(line((" Session    ", "dim"), f"{s.folder}"))
-        return [clip(row, width) for row in rows]
+        # The session is named last: its folder is that of the file as well.
+        return [clip(row, width) for row in rows[:height]]
 
 
 class ExportView(StepView):

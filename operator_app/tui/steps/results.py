@@ -131,9 +131,29 @@ class ResultsPlot(Lines):
     count = 1
     words_from = 1
     """First page of words and tables, which need the whole width."""
+    framed = True
+    """Whether a frame has the title; without one it is the first line."""
+
+    def count_pages(self, s: SessionSnapshot) -> None:
+        """How many there are: plots, words, the table of joints and what other tables there are."""
+        facts = facts_on(s)
+        if s.solution is not None and facts is not None:
+            self.words_from = 1 + len(s.solution.rvdt)
+            tables = sum(facts.table(ident) is not None for ident in TABLES)
+            self.count = self.words_from + 2 + tables
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """The present page."""
+        if self.framed:
+            return self._page(s, width, height)
+        rows = self._page(s, width, height - 1)
+        return [line((f" {self._title}", "header")), *rows] if rows else rows
+
+    def _entitle(self, title: str) -> None:
+        self._title = title
+        self.retitle(f"{title} (v: next)")
+
+    def _page(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
         subject, facts = subject_on(s), facts_on(s)
         if s.solution is None or subject is None or facts is None:
@@ -141,22 +161,20 @@ class ResultsPlot(Lines):
         verdicts = s.solution.rvdt
         tables = [table for ident in TABLES if (table := facts.table(ident)) is not None]
         tables = [joint_table(subject, subject.implicit), *tables]
-        self.words_from = 1 + len(verdicts)
-        self.count = self.words_from + 1 + len(tables)
         page = self.page % self.count
         if page == 0:
             picture = misses(subject, s.solution.identified)
-            self.retitle("Residuals (v: next)")
+            self._entitle("Residuals")
             return plot(picture, width, height, ascii_only=ascii_only)
         if page < self.words_from:
             verdict = verdicts[page - 1]
-            self.retitle(f"RVDT of J{verdict.joint} (v: next)")
+            self._entitle(f"RVDT of J{verdict.joint}")
             return _of_rvdt(subject, verdict, width, height, ascii_only=ascii_only)
         if page == self.words_from:
-            self.retitle("Warnings in full (v: next)")
+            self._entitle("Warnings in full")
             return _in_full(s.solution, width)
         table = tables[page - self.words_from - 1]
-        self.retitle(f"{table.title} (v: next)")
+        self._entitle(table.title)
         head, rows = table_spans(table)
         return [*head, *rows, (), *wrapped(f" {table.note}", width, "dim", " ")]
 
@@ -195,6 +213,16 @@ class ResultsView(StepView):
                 yield ParametersPanel(id="parameters")
             with Vertical(classes="right"):
                 yield ResultsPlot(id="results-plot", classes="panel")
+
+    def set_compact(self, compact: bool) -> None:  # noqa: FBT001 - one meaning only
+        """Take the layout of a small or a large terminal."""
+        self.query_one("#results-plot", ResultsPlot).framed = not compact
+        super().set_compact(compact)
+
+    def show(self, s: SessionSnapshot) -> None:
+        """Count the pages before one is shown."""
+        self.query_one("#results-plot", ResultsPlot).count_pages(s)
+        super().show(s)
 
     def turn_over(self) -> None:
         """On a large terminal the plot turns; on a small one the plot comes after the table."""

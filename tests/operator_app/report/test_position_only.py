@@ -75,9 +75,13 @@ def test_one_line_of_new_poses_names_what_was_judged() -> None:
     of_a_hinge = Verified(
         poses=5, position_m=1e-3, orientation_rad=2e-3, chi2_per_dof=1.0, holds=True
     )
-    assert verified_words(of_a_hinge).startswith("5 new poses: 1.000 mm, 2.000 mrad rms,")
+    assert verified_words(of_a_hinge).startswith(
+        "5 new poses, as expected: 1.000 mm, 2.000 mrad rms,"
+    )
+    worse = replace(of_a_hinge, holds=False, why="joint 3 is off")
+    assert verified_words(worse).startswith("5 new poses, worse than expected (joint 3 is off): ")
     of_a_ball = replace(of_a_hinge, orientation_rad=None)
-    assert verified_words(of_a_ball).startswith("5 new poses: 1.000 mm rms,")
+    assert verified_words(of_a_ball).startswith("5 new poses, as expected: 1.000 mm rms,")
 
 
 def test_the_parameters_file_keeps_it(tmp_path: Path) -> None:

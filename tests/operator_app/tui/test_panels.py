@@ -14,9 +14,10 @@ from operator_app.report.screen import facts_on
 from operator_app.session.snapshot import TaskKind
 from operator_app.session.steps import Step
 from operator_app.tui.steps.capture import ProgressPanel, QualityPanel
+from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel
 from operator_app.tui.steps.modes import PlanPanel
-from operator_app.tui.steps.results import VerdictPanel
+from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
 from oracles.story import busy, story
 
 
@@ -96,3 +97,32 @@ def test_the_trend_is_over_all_poses_with_its_first_and_last_value():
     assert bars[-1] == "▁"
     assert len(set(bars)) > 4
     assert list(bars) == sorted(bars, reverse=True)
+
+
+async def test_on_a_small_terminal_every_page_of_the_results_has_its_title_and_is_whole(still):
+    async with still(story()["solved"], step=Step.RESULTS, size=(80, 24)) as d:
+        plots = d.app.main.query_one(ResultsPlot)
+        titles = []
+        d.app.poll()
+        assert "view 1/12" in d.text("#row")
+        for _ in range(1, d.app.main.view.place[1]):
+            await d.press("v")
+            title, *rows = d.text("#results-plot").splitlines()
+            titles.append(title.strip())
+            assert f"{title.strip()} (v: next)" == str(plots.border_title).replace("\\[", "[")
+            assert max(map(len, rows)) <= 80, title
+        assert titles[0] == "Residuals"
+        assert len(set(titles)) == len(titles) == plots.count
+    async with still(story()["solved"], step=Step.RESULTS, size=(120, 36)) as d:
+        assert "Residuals" not in d.text("#results-plot")  # the frame says it
+
+
+def test_what_new_poses_said_is_told_before_the_figures():
+    s = story()["verified"]
+    rows = said(RecordPanel(), s, 80, 3)
+    assert rows[0].startswith(" Verified   ✓ 3 new poses, as expected: ")
+    assert not any("…" in row for row in rows)
+    why = "joint 3 has shifted by 0.5 deg since the calibration, or the hinge was mounted anew"
+    worse = replace(s, verification=replace(s.verification, holds=False, why=why))
+    rows = said(RecordPanel(), worse, 80, 4)
+    assert f"worse than expected ({why})" in " ".join(" ".join(rows).split())

@@ -1,0 +1,72 @@
+"""The line above the keys: true, and short enough for the smallest terminal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hardware.arm import DriveState
+from operator_app.report.spans import wrapped
+from operator_app.session.next_thing import next_thing
+from operator_app.session.snapshot import TaskKind, Verified
+from operator_app.session.steps import Step
+from oracles.story import astray, busy, lost, real, stale, stopped, story, tripped
+
+PICTURES = {
+    **story(),
+    **{
+        f"{name}, {how.__name__}": how(picture)
+        for name, picture in story().items()
+        for how in (real, *((stopped, stale, lost, astray, tripped) if picture.arm else ()))
+    },
+    "moving": busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True),
+}
+
+
+@pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
+def test_two_rows_of_80_columns_hold_it(step):
+    for name, picture in PICTURES.items():
+        hint = next_thing(step, picture).hint
+        assert len(wrapped(f" Next {hint}", 79, indent=" " * 6)) <= 2, (name, hint)
+
+
+def uploaded(*, modes_applied: bool, verified: Verified | None = None):
+    s = replace(story()["uploaded"], verification=verified)
+    if not modes_applied:
+        return s
+    modes = story()["modes"]
+    return replace(s, arm=modes.arm, state=replace(s.state, modes=modes.state.modes))
+
+
+def test_after_the_upload_it_says_how_new_poses_can_judge():
+    held = next_thing(Step.EXPORT, uploaded(modes_applied=False)).hint
+    assert "apply the modes (step 3), then y" in held
+    ready = next_thing(Step.EXPORT, uploaded(modes_applied=True)).hint
+    assert "y verifies" in ready
+    assert "held" not in ready
+
+
+@pytest.mark.parametrize(("holds", "said"), [(True, "verified"), (False, "find out why")])
+def test_what_new_poses_said_is_the_last_word(holds, said):
+    found = Verified(
+        poses=5, position_m=1e-3, orientation_rad=1e-3, chi2_per_dof=1.0, holds=holds, why=""
+    )
+    hint = next_thing(Step.EXPORT, uploaded(modes_applied=True, verified=found)).hint
+    assert said in hint
+    assert hint.endswith("Enter or q leaves")
+
+
+def test_drives_that_are_off_are_led_back_to_their_modes():
+    s = story()["capturing"]
+    joints = tuple(replace(j, drive=DriveState.SWITCH_ON_DISABLED) for j in s.arm.joints)
+    found = next_thing(Step.CAPTURE, replace(s, arm=replace(s.arm, joints=joints)))
+    assert found.action == "back"
+    assert "apply the modes again" in found.hint
+    assert "Enter" in found.hint
+
+
+def test_without_an_arm_it_leads_to_connecting():
+    gone = replace(story()["capturing"], identity=None, arm=None)
+    for step in (Step.FIXTURE, Step.MODES, Step.CAPTURE):
+        assert next_thing(step, gone).action == "step_1"

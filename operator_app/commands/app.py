@@ -6,7 +6,7 @@ import argparse
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import TYPE_CHECKING, NoReturn
@@ -26,6 +26,8 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from operator_app.session.opening import Opening, Rig
     from operator_app.session.sessions import Sessions
 
@@ -94,13 +96,31 @@ def execute(args: argparse.Namespace) -> int:
         return made[0]
 
     reason = _plain(args, make_source()) if args.plain else _full_screen(args, make_source)
-    last, lost = (made[0].last, made[0].lost) if made else (None, None)
-    if lost is not None:
-        _tell(f"sarcal: {lost}")
-    if last is not None:
-        how = "" if reason == "left" else f"ended by {reason}; "
-        _tell(f"sarcal: {how}the arm is held. Session {last}\nGo on with: sarcal --resume {last}")
+    for sessions in made:
+        if sessions.lost is not None:
+            _tell(f"sarcal: {sessions.lost}")
+        if sessions.last is not None:
+            _tell(farewell(sessions, sessions.last, reason))
     return ExitCode.ACCEPTED if reason in ("left", "end of input") else ExitCode.INTERRUPTED
+
+
+_ARM: Mapping[bool | None, str] = {
+    True: "the arm is held. ",
+    False: "the arm did not answer: keep clear, nobody here knows what it does. ",
+    None: "",
+}
+"""By whether it answered as it was let go; none may have been connected."""
+
+
+def farewell(sessions: Sessions, folder: Path, reason: str) -> str:
+    """Say what was left behind: the arm, the session, and how to come back to it."""
+    how = "" if reason == "left" else f"ended by {reason}; "
+    said = f"sarcal: {how}{_ARM[sessions.held]}Session {folder}\n"
+    if sessions.exported:
+        said += (
+            f"parameters.yaml and poses.csv are in it. A page about it: sarcal report {folder}\n"
+        )
+    return f"{said}Go on with: sarcal --resume {folder}"
 
 
 def _tell(text: str) -> None:

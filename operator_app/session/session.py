@@ -306,6 +306,11 @@ class Session(Logbook):
         finally:
             self.identity = None
 
+    @property
+    def held(self) -> bool:
+        """Whether the arm answered when it was let go of last."""
+        return self._parting.held
+
     def close(self, reason: str) -> bool:
         """Leave the arm held and the journal whole. Safe to call twice; False if it did not answer."""
         try:

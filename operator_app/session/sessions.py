@@ -45,6 +45,10 @@ class Sessions:
     ----------
     last
         Folder of the session closed last; None when it held nothing.
+    held
+        Whether its arm answered as it was let go; None where none was connected.
+    exported
+        Whether its parameters were written.
     lost
         How its journal was taken away, if it was.
     """
@@ -63,6 +67,8 @@ class Sessions:
         self._stack = ExitStack()
         self._runner: Runner | None = None
         self.last: Path | None = None
+        self.held: bool | None = None
+        self.exported = False
         self.lost: JournalLostError | None = None
 
     def new(self, procedure: str | None = None) -> Runner:
@@ -116,11 +122,14 @@ class Sessions:
         """Close the runner that is open: arm held, journal whole. Safe to call twice."""
         runner, self._runner = self._runner, None
         if runner is not None:
+            session = runner.session
+            connected = session.identity is not None
             try:
                 runner.close(reason)
             finally:
                 self._stack.close()
-                session = runner.session
+                self.held = session.held if connected else None
+                self.exported = bool(session.state.exported)
                 self.last = None if remove_if_empty(session) else session.journal.kept_in
                 self.lost = session.journal.loss
                 # What was still to be written then: said with the next session.

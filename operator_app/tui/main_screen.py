@@ -181,6 +181,7 @@ class MainScreen(Screen[None]):
         """Show a snapshot."""
         self._shows += 1
         self._make_room(s)
+        self.view.show(s)
         self.rails[0].place = self.view.place
         news = self._news(s)
         if news != self._told or self._shows % SELDOM == 0:
@@ -188,7 +189,6 @@ class MainScreen(Screen[None]):
             for widget in self.frame:
                 if widget.display:
                     widget.show(s)
-        self.view.show(s)
 
     def _make_room(self, s: SessionSnapshot) -> None:
         """Give the next thing and an alarm the rows they need, the alarm up to a third of the screen.

@@ -10,7 +10,7 @@ import numpy as np
 
 from hardware.arm import JointMode
 from operator_app.report.braille import Canvas
-from operator_app.report.spans import Line, line
+from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.tui.lines import Lines
 from solver.arrays import FloatArray
@@ -61,7 +61,7 @@ class ArmView(Lines):
             return [(), line((" no arm connected", "dim"))]
         if s.data is DataState.LOST:
             self.retitle("Arm")
-            return [(), line((" ▲ data LOST: the arm is not drawn", "warn"))]
+            return [(), *wrapped(" ▲ data LOST: the arm is not drawn", width, "warn", "   ")]
         q = s.arm.positions_rad
         x = s.live.x if s.live is not None and s.live.estimated else None
         figures = (s.next_waypoint, tuple(j.mode for j in s.arm.joints), width, height)

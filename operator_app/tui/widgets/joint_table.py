@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hardware.arm import DriveState, JointMode, JointState
-from operator_app.report.spans import Line, Span, line
+from operator_app.report.spans import Line, Span, length, line
 from operator_app.session.snapshot import STALE_S, DataState, SessionSnapshot
 from operator_app.tui.widgets.list_panel import ListPanel
 from operator_app.units.figure import DATA_AGE, JOINT_SPEED, JOINT_TORQUE, POSITION, WHOLE_DEGREES
@@ -56,10 +56,10 @@ class JointTable(ListPanel):
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """One joint."""
         state = s.arm.joints[k] if s.arm is not None else None
-        return [self._row(s, k, s.procedure.arm.joints[k], state, self._cells(width))]
+        return [self._row(s, k, s.procedure.arm.joints[k], state, width)]
 
     def _row(
-        self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, bar: int
+        self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, width: int
     ) -> Line:
         marked = self.show_wanted and k == self.cursor
         name = f"J{k + 1} {joint.name}"[:13].ljust(13)
@@ -97,10 +97,12 @@ class JointTable(ListPanel):
         torque = "?" if stale else JOINT_TORQUE(state.torque_nm).shown
         heavy = not stale and abs(state.torque_nm) > 0.6 * joint.max_torque_nm
         spans.append((f" {torque:>6} ", back + ("warn" if stale or heavy else "text")))
-        spans.append((_bar(state.position_rad, joint, bar), back + "text"))
+        spans.append((_bar(state.position_rad, joint, self._cells(width)), back + "text"))
         if not self.show_wanted:
-            text, role = _state(s, state, joint, stale=stale)
-            spans.append((" " + text, back + role))
+            word, figure, role = _state(s, state, joint, stale=stale)
+            whole = f"{word} {figure}" if figure else word
+            fits = length(tuple(spans)) + 1 + len(whole) <= width
+            spans.append((f" {whole if fits else word}", back + role))
         return tuple(spans)
 
 
@@ -115,19 +117,22 @@ def _bar(position_rad: float, joint: Joint, cells: int) -> str:
     return "├" + "".join(body) + "┤"
 
 
-def _state(s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool) -> tuple[str, str]:
+def _state(
+    s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool
+) -> tuple[str, str, str]:
+    """A word, the figure that belongs to it, and the role of both."""
     if stale:
         word = "LOST" if s.data is DataState.LOST else "STALE"
-        return f"▲ {word} {DATA_AGE(state.age_s).shown}", "warn"
+        return f"▲ {word}", DATA_AGE(state.age_s).with_unit, "warn"
     word = _DRIVES.get(state.drive, "disabled")
     if word != "ok":
-        return (f"■ {word}", "alarm") if word != "disabled" else ("· off", "dim")
+        return (f"■ {word}", "", "alarm") if word != "disabled" else ("· off", "", "dim")
     span = joint.upper_rad - joint.lower_rad
     if state.position_rad < joint.lower_rad + NEAR_END * span:
-        return f"▲ LIMIT {WHOLE_DEGREES(joint.lower_rad).shown}", "alarm"
+        return "▲ LIMIT", WHOLE_DEGREES(joint.lower_rad).with_unit, "alarm"
     if state.position_rad > joint.upper_rad - NEAR_END * span:
-        return f"▲ LIMIT {WHOLE_DEGREES(joint.upper_rad).shown}", "alarm"
-    return "ok", "dim"
+        return "▲ LIMIT", WHOLE_DEGREES(joint.upper_rad).with_unit, "alarm"
+    return "ok", "", "dim"
 
 
 def _mode(mode: JointMode | None) -> str:

@@ -18,7 +18,8 @@ from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel
 from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
-from oracles.story import busy, story
+from operator_app.tui.widgets.joint_table import JointTable
+from oracles.story import busy, stale, story
 
 
 def said(panel, picture, width: int, height: int) -> list[str]:
@@ -126,3 +127,10 @@ def test_what_new_poses_said_is_told_before_the_figures():
     worse = replace(s, verification=replace(s.verification, holds=False, why=why))
     rows = said(RecordPanel(), worse, 80, 4)
     assert f"worse than expected ({why})" in " ".join(" ".join(rows).split())
+
+
+@pytest.mark.parametrize(("width", "age"), [(80, " 240 ms"), (66, "")])
+def test_how_old_a_joint_is_is_said_with_its_unit_or_not_at_all(width, age):
+    rows = said(JointTable(), stale(story()["capturing"]), width, 8)
+    assert rows[5].endswith(f"┤ ▲ STALE{age}")
+    assert max(map(len, rows)) <= width

@@ -25,6 +25,7 @@ from operator_app.session.campaign_replay import (
     replayed,
     still_fits,
 )
+from operator_app.session.going_home import require_in_box
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.unreturned import NO_WAY_BACK
@@ -133,11 +134,18 @@ class PlannedCapture:
         """After `ready`: whether the journal has all poses of the plan already."""
         return self._ended is not None
 
+    @property
+    def goes_on_from_here(self) -> bool:
+        """After `ready`: whether the arm stands where it was left, or nothing is to be done."""
+        return self._ended is not None or (self._campaign is not None and not self._moved)
+
     def run(self) -> CampaignEnd:
         """Carry the campaign out, with the joints of `ready` in position mode.
 
         Raises
         ------
+        GuardError
+            While exploring, the arm was moved out of its box, or does not come back to where it was.
         Cancelled
             The operator ended a move; `ready` and `run` go on.
         """
@@ -145,7 +153,12 @@ class PlannedCapture:
         if self._ended is not None:
             return self._ended
         if self._campaign is None:
+            again = bool(session.state.campaign.begun)
             self._campaign = self._begun()
+            self._campaign.propose()
+            if again and self._campaign.phase is Phase.EXPLORING:
+                # Without a plan from here, its first step leads straight back to where the session began.
+                require_in_box(session)
         elif self._moved:
             self._bring_back(self._campaign)
         campaign = self._campaign
@@ -235,8 +248,9 @@ class PlannedCapture:
         campaign.observe(q, moved.reason)
 
     def _bring_back(self, campaign: Campaign) -> None:
-        """Take the drives to where the journal left them."""
+        """Take the drives to where the journal left them, straight: nobody has spoken for a way from elsewhere."""
         session, last = self._session, campaign.at_rad
+        require_in_box(session)
         self._say("The arm is not where it was: going back there first.")
         self._listener.going(None)
         moved = session.go_to({j: float(last[j - 1]) for j in campaign.drives})

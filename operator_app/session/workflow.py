@@ -101,7 +101,7 @@ def take_poses(
     if drives is not None or wanted != session.position_joints:
         session.set_modes(wanted)
         listener.modes_set(wanted)
-    if homing and planned is None:
+    if homing and (planned is None or not planned.goes_on_from_here):
         home_if_away(session, listener)
     if session.state.resumed and session.state.poses_here and _is_going_on(session, planned):
         _there_and_back(session, listener, planned)

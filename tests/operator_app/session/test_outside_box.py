@@ -98,3 +98,59 @@ def test_with_an_agreement_it_goes_home_slowly_first(tmp_path: Path) -> None:
     assert arm.speeds_rad_per_s[0] == SLOWLY_RAD_PER_S
     assert len(session.state.returns) == 1
     session.close("left")
+
+
+@pytest.fixture(scope="module")
+def exploring(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Procedure]:
+    """A planned session that was left while it explored round its home."""
+    procedure = load_procedure("hinge_planned")
+    capture = replace(procedure.capture, samples_per_pose=8)
+    procedure = replace(procedure, position_joints=(1, 5), capture=capture)
+    folder = tmp_path_factory.mktemp("exploring") / "s"
+    session = opened(folder, Watched(procedure), procedure)
+    session.connect()
+    with pytest.raises(Cancelled):
+        take_poses(session, Leaving(session, 3), (1, 5))
+    session.close("left")
+    return folder, procedure
+
+
+def moved_since(exploring: tuple[Path, Procedure], folder: Path) -> tuple[Session, Watched]:
+    procedure = exploring[1]
+    folder.mkdir()
+    (folder / "journal.jsonl").write_bytes((exploring[0] / "journal.jsonl").read_bytes())
+    arm = Watched(procedure)
+    arm.stand_at(OUTSIDE_RAD)
+    going_on = opened(folder, arm, procedure, resumed=True)
+    going_on.connect()
+    return going_on, arm
+
+
+@pytest.mark.parametrize("withdrawn", [False, True], ids=["same campaign", "a new one"])
+def test_a_planned_session_does_not_drive_it_back_either(
+    exploring: tuple[Path, Procedure], tmp_path: Path, withdrawn: bool
+) -> None:
+    session, arm = moved_since(exploring, tmp_path / "s")
+    if withdrawn:
+        session.undo()
+    with pytest.raises(GuardError, match=r"joint 1 stands at \+102\.\d+ deg, outside") as refused:
+        take_poses(session, Listener(), (1, 5))
+    assert "--go-home" in refused.value.remedy
+    assert arm.speeds_rad_per_s == []
+    session.close("refused")
+
+
+@pytest.mark.parametrize("withdrawn", [False, True], ids=["same campaign", "a new one"])
+def test_with_an_agreement_a_planned_session_goes_home_slowly_first(
+    exploring: tuple[Path, Procedure], tmp_path: Path, withdrawn: bool
+) -> None:
+    session, arm = moved_since(exploring, tmp_path / "s")
+    if withdrawn:
+        session.undo()
+    kept = len(session.state.poses)
+    session.cancelled = lambda: len(session.state.poses) == kept + 1
+    with pytest.raises(Cancelled):
+        take_poses(session, Listener(), (1, 5), homing=True)
+    assert arm.speeds_rad_per_s[0] == SLOWLY_RAD_PER_S
+    assert len(arm.speeds_rad_per_s) > 1
+    session.close("left")

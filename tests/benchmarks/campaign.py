@@ -6,6 +6,7 @@ Kills (``oracles.killing``): SIGKILL at random instants of `sarcal run` and of `
 them on the loopback bus, the others of a program with its arm inside. Faults (``test_fault_campaign``): each
 kind that the virtual controller knows, in five phases of a session and in an upload. Bars: no accepted pose
 lost and none wrong, no traceback, 5 s of the processor at most until a fault is told, 500 MB at most.
+Ctrl-C ends it, and whatever it began.
 """
 
 # ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
@@ -24,13 +25,13 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from oracles.killing import CPU_S, MEMORY_MB, Deaths, chain
+from oracles.workers import INTERRUPTED, end_as_by_ctrl_c, workers
 
 KILLS_A_CHAIN = 12
 EMBEDDED_SHARE = 0.2
@@ -49,10 +50,7 @@ def kills(count: int, processes: int, seed: int) -> list[str]:
     chains = max(1, round(count / KILLS_A_CHAIN))
     embedded = round(chains * EMBEDDED_SHARE)
     whole, begun = Deaths(), time.monotonic()
-    with (
-        tempfile.TemporaryDirectory() as root,
-        ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool,
-    ):
+    with tempfile.TemporaryDirectory() as root, workers(processes) as pool:
         jobs = [
             pool.submit(
                 killed_chain,
@@ -122,9 +120,7 @@ def faults(processes: int) -> list[str]:
 
     phases = (BEFORE, FIRST_SYNCS, *IN_CAPTURE, -1)
     begun = time.monotonic()
-    with ProcessPoolExecutor(
-        processes, mp_context=get_context("spawn"), max_tasks_per_child=10
-    ) as pool:
+    with workers(processes, max_tasks_per_child=10) as pool:
         jobs = [pool.submit(one_fault, kind, phase) for kind in FAULT_KINDS for phase in phases]
         came = [job.result() for job in jobs]
     broke = [words for words, *_ in came if words]
@@ -148,9 +144,14 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--without-faults", action="store_true")
     chosen = parser.parse_args()
-    broke = kills(chosen.kills, chosen.processes, chosen.seed) if chosen.kills else []
-    if not chosen.without_faults:
-        broke += faults(chosen.processes)
+    end_as_by_ctrl_c()
+    try:
+        broke = kills(chosen.kills, chosen.processes, chosen.seed) if chosen.kills else []
+        if not chosen.without_faults:
+            broke += faults(chosen.processes)
+    except KeyboardInterrupt:
+        print("ended before its time; nothing of it goes on", file=sys.stderr)
+        return INTERRUPTED
     print(f"{len(broke)} faults")
     for words in broke:
         print(f"\n{words}")

@@ -1,4 +1,4 @@
-"""What the actions of a session do when their guards hold: hand work over, change a setting, ask first.
+"""What the actions of a session ask of its arm and its solver when their guards hold: hand work over, ask first.
 
 `actions` says which there are. Knows no screen and no terminal.
 """
@@ -10,16 +10,10 @@ from dataclasses import replace
 
 from hardware.arm import JointMode
 from operator_app.session import guards
-from operator_app.session.face import Chosen, FullScreen, OneOf, Typed, YesNo
-from operator_app.session.folder import SessionEntry
-from operator_app.session.mounting import remounting_steps
+from operator_app.session.face import Chosen, OneOf, Typed, YesNo
 from operator_app.session.operations import Operations
-from operator_app.session.runner import Runner
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
-from operator_app.session.state import SessionState
-from operator_app.session.wording import summary
 from operator_app.units.figure import MOVED
-from solver.chain.sensors import Rvdt
 
 VERIFY_POSES = 5
 
@@ -27,10 +21,6 @@ VERIFY_POSES = 5
 def task(kind: TaskKind, text: str, work: Callable[[Operations], None]) -> Callable[[Chosen], None]:
     """Work that is handed over as it is."""
     return lambda chosen: chosen.hand(kind, text, work)
-
-
-def _note_down(runner: Runner, item: str, text: str) -> None:
-    runner.submit(TaskKind.NOTE, "noting", lambda: runner.operations.confirm(item, text))
 
 
 def connect(chosen: Chosen) -> None:
@@ -52,129 +42,11 @@ def connect(chosen: Chosen) -> None:
         )
 
 
-def stop_tested(chosen: Chosen) -> None:
-    """Remember that the hardware stop works, and record it."""
-    chosen.runner.publish(lambda s: replace(s, stop_tested=True))
-    _note_down(chosen.runner, "hardware stop", "tested")
-
-
-def resume(chosen: Chosen) -> None:
-    """Take an earlier session, chosen from a list."""
-    face = chosen.face
-    here = chosen.runner.session.journal.path.parent.name
-    options = tuple(
-        (e.folder.name, f"{e.folder.name}  {_in_a_line(e)}")
-        for e in face.sessions.sessions()
-        if e.folder.name != here
-    )
-    if not options:
-        face.refuse("there is no other session to resume")
-        return
-    text = "Resuming checks the arm, the fixture and the modes again before anything moves."
-    question = OneOf(title="Open a session", text=text, options=options[:50])
-    face.ask(question, lambda said: face.open(lambda: face.sessions.resumed(said)))
-
-
-def _in_a_line(entry: SessionEntry) -> str:
-    """Say what is in a session; one that cannot be read says why, and what to do once it is chosen."""
-    if entry.state is None:
-        return f"cannot be read: {entry.problem}"
-    return f"{len(entry.state.used_poses)} poses, {_stage(entry.state)}"
-
-
-def _stage(state: SessionState) -> str:
-    if state.exported:
-        return "exported"
-    return "solved" if state.solved else "captured"
-
-
-def procedure(chosen: Chosen) -> None:
-    """Begin a session with another procedure, chosen from a list."""
-    face = chosen.face
-    options = tuple((p.name, summary(p)) for p in face.sessions.procedures())
-    text = "A new session begins with it; this one is closed and kept, the arm is held."
-    question = OneOf(title="Which procedure?", text=text, options=options)
-    face.ask(question, lambda said: face.open(lambda: face.sessions.new(said)))
-
-
-def new_session(chosen: Chosen) -> None:
-    """Begin another session, after a question."""
-    face = chosen.face
-    text = "This session is closed and kept; the arm is held. Another one begins at step 1."
-    face.ask(
-        YesNo(title="New session?", text=text, yes="Begin"), lambda _: face.open(face.sessions.new)
-    )
-
-
 def manual(chosen: Chosen) -> None:
     """Show a page of the manual, after asking which."""
     face = chosen.face
     options = tuple((topic, f"{topic}: {said}") for topic, said in face.topics().items())
     face.ask(OneOf(title="Manual", text="Which page?", options=options), face.show_page)
-
-
-def open_items(s: SessionSnapshot) -> dict[int, str]:
-    """Return the items of the check list that are not ticked."""
-    items = s.procedure.fixture.checklist
-    return {k: f"Confirm: {text}" for k, text in enumerate(items) if k not in s.ticked}
-
-
-def _tick(runner: Runner, s: SessionSnapshot, ticked: frozenset[int]) -> None:
-    runner.publish(lambda now: replace(now, ticked=ticked))
-    items = s.procedure.fixture.checklist
-    for k in sorted(ticked - s.ticked):
-        _note_down(runner, f"check list {k + 1}", items[k])
-
-
-def confirm(chosen: Chosen) -> None:
-    """Tick the item that is meant."""
-    item = chosen.face.item(chosen.s)
-    if item is not None:
-        _tick(chosen.runner, chosen.s, chosen.s.ticked | {item})
-
-
-def confirm_all(chosen: Chosen) -> None:
-    """Tick every item."""
-    _tick(chosen.runner, chosen.s, chosen.s.ticked | frozenset(open_items(chosen.s)))
-
-
-def toggle_item(face: FullScreen) -> None:
-    """Tick the marked item, or take its tick away."""
-    s, runner = face.look(), face.runner
-    if s is not None and runner is not None and s.procedure.fixture.checklist:
-        _tick(runner, s, s.ticked ^ {face.marked_item()})
-
-
-def toggle_joint(face: FullScreen) -> None:
-    """Ask for the other mode of the marked joint."""
-    s, runner = face.look(), face.runner
-    if s is not None and runner is not None:
-        mark(runner, tuple(sorted({*s.wanted_joints} ^ {face.joint()})))
-
-
-def mark(runner: Runner, joints: tuple[int, ...]) -> None:
-    """Ask for these joints in position mode."""
-    runner.publish(lambda s: replace(s, wanted_joints=joints))
-
-
-def other_joints(chosen: Chosen) -> None:
-    """Ask which joints should drive."""
-
-    def take(again: Chosen, said: str) -> None:
-        words = said.replace(",", " ").split()
-        if not words or not all(word.isdecimal() for word in words):
-            again.face.refuse("type joint numbers, e.g. 1 5")
-            return
-        joints = tuple(sorted({int(word) for word in words}))
-        problem = guards.modes_problem(again.s, joints)
-        if problem:
-            again.face.refuse(problem[0])
-        else:
-            mark(again.runner, joints)
-
-    text = "Joints for position mode, e.g. 1 5; nothing happens until they are applied:"
-    value = " ".join(map(str, chosen.s.wanted_joints))
-    chosen.ask(Typed(title="Which joints drive?", text=text, value=value), take)
 
 
 def apply_modes(chosen: Chosen) -> None:
@@ -260,21 +132,6 @@ def home(chosen: Chosen) -> None:
     )
 
 
-def remount(chosen: Chosen) -> None:
-    """Let go of the arm and go on with the fixture mounted anew, after a question that says what to do."""
-    face = chosen.face
-    steps = " ".join(remounting_steps(chosen.s.procedure))
-    text = (
-        f"This session goes on in placement {chosen.s.state.placement + 1}, at step 1, and keeps its poses. "
-        "The drives are still on; let go, and they are off, and nobody commands the arm any more. Leave its "
-        f"controller on: its counters count. {steps} 5. Only then connect."
-    )
-    face.ask(
-        YesNo(title="Mount the fixture anew?", text=text, yes="Let go of the arm"),
-        lambda _: face.open(face.sessions.remounted),
-    )
-
-
 def capture(chosen: Chosen) -> None:
     """Capture a pose where the arm is."""
     at = -1 if chosen.s.at_waypoint is None else chosen.s.at_waypoint
@@ -312,31 +169,6 @@ def calibrate(chosen: Chosen) -> None:
         "calibrating",
         lambda o: o.results.calibrate(s.estimator, s.unsensed_joints),
     )
-
-
-def other_estimator(s: SessionSnapshot) -> str:
-    """Return the estimator that is not chosen."""
-    return "paper" if s.estimator == "implicit" else "implicit"
-
-
-def estimator(chosen: Chosen) -> None:
-    """Choose the other estimator."""
-    chosen.runner.publish(lambda s: replace(s, estimator=other_estimator(s)))
-
-
-def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
-    """None, each RVDT joint, all of them, and round again."""
-    bent = [k for k, j in enumerate(s.procedure.arm.joints, 1) if isinstance(j.sensor, Rvdt)]
-    choices: list[tuple[int, ...]] = [(), *((k,) for k in bent)]
-    if len(bent) > 1:
-        choices.append(tuple(bent))
-    at = choices.index(s.unsensed_joints) if s.unsensed_joints in choices else 0
-    return choices[(at + 1) % len(choices)]
-
-
-def unsensed(chosen: Chosen) -> None:
-    """Choose the next set of unsensed joints."""
-    chosen.runner.publish(lambda s: replace(s, unsensed_joints=_next_unsensed(s)))
 
 
 def upload(chosen: Chosen, forced: str = "") -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.manual.shown import as_text
-from operator_app.session import actions, guards, works
+from operator_app.session import actions, guards, marking
 from operator_app.session.face import Action, OnScreen, Question, ShownAlarm, YesNo, perform
 from operator_app.session.next_thing import next_thing
 from operator_app.session.runner import Runner
@@ -115,7 +115,7 @@ class ScreenFace:
 
     def item(self, s: SessionSnapshot) -> int | None:
         """The marked item of the check list, or the next that is open."""
-        left = works.open_items(s)
+        left = marking.open_items(s)
         marked = self.marked_item()
         return marked if marked in left else next(iter(left), None)
 

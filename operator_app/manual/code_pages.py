@@ -8,7 +8,8 @@ from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware.eds.dictionary import EDS_FILES, product_dictionary, variables
 from hardware.objects import JOINT_PRODUCT
-from hardware.virtual.fault_words import FAULTS, OPERATOR_SIDE, FaultWords
+from hardware.virtual.fault_words import FAULTS, FaultWords
+from hardware.virtual.operator_side import OPERATOR_SIDE
 from operator_app.exit_codes import MEANING
 from operator_app.manual.markup import table
 from operator_app.session.actions import ACTIONS

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from hardware.virtual.fault_words import FAULTS, OPERATOR_SIDE
+from hardware.virtual.fault_words import FAULTS
+from hardware.virtual.operator_side import OPERATOR_SIDE
 from operator_app.cli import main
 from operator_app.manual.code_pages import faults_page
 

@@ -18,6 +18,7 @@ from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign_settings import CampaignSettings, Phase
 from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
+from solver.design.moves import moves_along, straight_to
 from solver.design.paths import Route
 from solver.design.plan import Plan, PlanningTask, information_of, make_plan
 from solver.design.stop_rule import Standing, StopDecision, judge_standing
@@ -34,6 +35,8 @@ REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A plan is made again when the estimate moves its poses by more than this."""
 NEXT_TO_RAD = 0.5
 """From a candidate this near a captured pose the drives go there straight (all joints together)."""
+
+BACK = "to a captured pose"
 
 
 class Campaign:
@@ -295,9 +298,7 @@ class Campaign:
                 )
             return
         number = self._taken + 1
-        self._queue.extend(
-            self._moves(route, f"planned pose {number}", of=f" of {self.settings.poses}")
-        )
+        self._queue += self._moves(route, f"planned pose {number}", of=f" of {self.settings.poses}")
         self._queue.append(Capture(planned=True, why=f"planned pose {number}"))
         self._node = target
 
@@ -316,24 +317,7 @@ class Campaign:
         )
 
     def _moves(self, route: Route, goal: str, *, of: str = "") -> list[GoTo | ChangeDrives]:
-        """Moves along a route, with the changes of drives on it."""
-        moves: list[GoTo | ChangeDrives] = []
-        drives = self.drives
-        for leg in route.legs:
-            if leg.drives != drives:
-                drives = leg.drives
-                why = f"joints {' and '.join(map(str, drives))} reach {goal}"
-                moves.append(ChangeDrives(drives=drives, why=why))
-            moves.extend(
-                GoTo(
-                    targets_rad=leg.targets(k),
-                    trace_rad=leg.trace_rad,
-                    tolerance_rad=self.settings.tolerance_rad,
-                    why=f"to {goal}{of}",
-                )
-                for k in range(len(leg.waypoints_rad))
-            )
-        return moves
+        return moves_along(route, self.drives, self.settings.tolerance_rad, goal, of=of)
 
     def way_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
         """Moves from where the arm stands to a captured pose (n,); None where no safe way is known.
@@ -342,7 +326,7 @@ class Campaign:
         before the campaign goes on. While exploring, the drives go back straight, as they came.
         """
         if self.phase is Phase.EXPLORING:
-            return (_straight(captured_rad, self.drives),)
+            return (straight_to(captured_rad, self.drives, BACK),)
         plan = self.plan
         if plan is None:
             return None
@@ -357,7 +341,7 @@ class Campaign:
             return None
         moves = self._moves(route, "a captured pose")
         drives = route.legs[-1].drives if route.legs else self.drives
-        return (*moves, _straight(captured_rad, drives))
+        return (*moves, straight_to(captured_rad, drives, BACK))
 
     def _judge(self) -> StopDecision | None:
         if not self.settings.requested or self.plan is None:
@@ -380,25 +364,9 @@ class Campaign:
             self._finish(f"planned moves are stopped again and again: {stopped}", complete=False)
             return
         self._backing += 1
-        back = {j: float(self._before[j - 1]) for j in action.targets_rad}
-        self._queue.append(
-            GoTo(
-                targets_rad=back,
-                trace_rad=None,
-                tolerance_rad=np.inf,
-                why=f"back where it came from ({stopped})",
-            )
-        )
+        why = f"back where it came from ({stopped})"
+        self._queue.append(straight_to(self._before, tuple(action.targets_rad), why))
 
     def _finish(self, text: str, *, complete: bool, decision: StopDecision | None = None) -> None:
         self.phase = Phase.FINISHED
         self._queue.append(Finished(complete=complete, decision=decision, text=text))
-
-
-def _straight(q_rad: FloatArray, drives: tuple[int, ...]) -> GoTo:
-    return GoTo(
-        targets_rad={j: float(q_rad[j - 1]) for j in drives},
-        trace_rad=None,
-        tolerance_rad=np.inf,
-        why="to a captured pose",
-    )

@@ -8,6 +8,7 @@ joint to the hinge axis (a_7, s_7, alpha_7 of the paper). Turns are rotation vec
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
@@ -38,7 +39,7 @@ SMALLEST_MM = 5.0
 """A placement without any dimension of this size was written in metres."""
 
 
-class CommonFields(StrictModel):
+class CommonFields(StrictModel, ABC):
     """What every fixture file has."""
 
     makes: ClassVar[type[Hinge | Rigid | Ball | Measured]]
@@ -79,9 +80,9 @@ class CommonFields(StrictModel):
             position_m=self.tolerance_mm / 1e3, orientation_rad=math.radians(self.tolerance_deg)
         )
 
+    @abstractmethod
     def own(self) -> dict[str, Any]:
         """Tell what one kind of fixture has beside its placement, as its domain object takes it."""
-        raise NotImplementedError
 
 
 class MetalFields(CommonFields):

@@ -232,9 +232,9 @@ class ClosureModel(ABC):
         """Unknown D-H entries, where one table serves all poses."""
         return ()
 
+    @abstractmethod
     def arm_rows(self) -> FloatArray:
-        """Nominal rows 1..n (4, n): theta_off, s, a, alpha, where one table serves all poses."""
-        raise NotImplementedError(f"{type(self).__name__} has a table for each of its `parts`")
+        """Nominal rows 1..n (4, n): theta_off, s, a, alpha; ValueError where no one table serves all poses."""
 
     @property
     def hold(self) -> Hold | None:
@@ -242,8 +242,8 @@ class ClosureModel(ABC):
         return None
 
     def held_entries(self, held: Held) -> dict[str, float]:
-        """Values of the fixture's unknowns, by name, when the hand is held like that."""
-        raise NotImplementedError(f"{type(self).__name__} holds nothing ({held})")
+        """Values of the fixture's unknowns, by name, when the hand is held like that; ValueError if nothing is."""
+        raise ValueError(f"{type(self).__name__} holds nothing ({held})")
 
     def dh_table(self, x: FloatArray) -> DhTable | None:
         """D-H table of links 0..n, entries as in `x` (P,); None if they are not all the loop has."""

@@ -105,6 +105,10 @@ class Placements(ClosureModel):
         """One placement's own model and where its parameters are in the whole vector; ValueError if none."""
         return self.models[self.numbers.index(number)], self.columns(number)
 
+    def arm_rows(self) -> FloatArray:
+        """Each placement has a table of its own: ask one of `parts`."""
+        raise ValueError("several placements have no one table: ask their `parts`")
+
     def poses_of(self, number: int) -> IntArray:
         """Indices of the poses taken in one placement."""
         return np.flatnonzero(self.placement == number)

@@ -1,0 +1,103 @@
+"""A journal is watched while it is written: taken away, it accepts nothing more and what it held is kept."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from operator_app.errors import JournalLostError
+from operator_app.session.journal import JOURNAL_NAME, Journal, read_journal
+
+EVENTS = (("opened", {"a": 1.25}), ("pose", {"number": 1}))
+
+
+def replaced(path: Path) -> None:
+    raw = path.read_bytes()
+    path.unlink()
+    path.write_bytes(raw)
+
+
+def cut(path: Path) -> None:
+    os.truncate(path, 50)
+
+
+def folder_deleted(path: Path) -> None:
+    shutil.rmtree(path.parent)
+
+
+def appended(path: Path) -> None:
+    with path.open("ab") as file:
+        file.write(b"{}\n")
+
+
+TAKEN_AWAY: Mapping[str, tuple[Callable[[Path], object], str]] = {
+    "folder deleted": (folder_deleted, "deleted, moved or renamed"),
+    "folder renamed": (lambda p: p.parent.rename(p.parent.with_name("x")), "deleted, moved or"),
+    "deleted": (Path.unlink, "deleted, moved or renamed"),
+    "renamed": (lambda p: p.rename(p.with_name("mine.jsonl")), "deleted, moved or renamed"),
+    "truncated": (cut, "was cut from"),
+    "emptied": (lambda p: os.truncate(p, 0), "was cut from"),
+    "replaced": (replaced, "was replaced by another file"),
+    "written to": (appended, "was written to by another program"),
+    "a folder instead": (lambda p: (p.unlink(), p.mkdir()), "was replaced"),
+}
+
+
+@pytest.mark.parametrize("kind", TAKEN_AWAY)
+def test_a_journal_that_is_taken_away_accepts_nothing_and_loses_nothing(
+    tmp_path: Path, kind: str
+) -> None:
+    folder = tmp_path / "20261122-hinge"
+    journal = Journal.create(folder)
+    for name, data in EVENTS:
+        journal.append(name, data)
+    take, words = TAKEN_AWAY[kind]
+    take(folder / JOURNAL_NAME)
+    with pytest.raises(JournalLostError, match=words) as lost:
+        journal.append("pose", {"number": 2})
+    rescued = tmp_path / "20261122-hinge-rescued"
+    assert lost.value.rescued == journal.kept_in == rescued
+    assert f"--resume {rescued}" in lost.value.remedy
+    found = [(e.name, e.data) for e in read_journal(rescued).events]
+    assert found == [*EVENTS, ("pose", {"number": 2})]
+    # Neither does it take any more, nor is the rescue written twice.
+    for again in (lambda: journal.append("pose", {"number": 3}), journal.require_there):
+        with pytest.raises(JournalLostError, match=words):
+            again()
+    journal.close()
+    assert len(list(tmp_path.glob("*rescued*"))) == 1
+    resumed = Journal.resume(rescued)
+    resumed.append("goes on", {})
+    resumed.close()
+
+
+def test_what_is_gone_is_noticed_before_the_arm_moves(tmp_path: Path) -> None:
+    journal = Journal.create(tmp_path / "session")
+    journal.append("opened", {})
+    journal.require_there()
+    shutil.rmtree(tmp_path / "session")
+    with pytest.raises(JournalLostError, match="Everything is in"):
+        journal.require_there()
+    journal.close()
+    assert [e.name for e in read_journal(journal.kept_in).events] == ["opened"]
+
+
+def test_a_rescue_goes_elsewhere_when_there_is_nothing_beside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = tmp_path / "tmp"
+    other.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(other))
+    journal = Journal.create(tmp_path / "sessions" / "one")
+    journal.append("opened", {})
+    shutil.rmtree(tmp_path / "sessions")
+    (tmp_path / "sessions").write_text("a file where the sessions were")
+    with pytest.raises(JournalLostError):
+        journal.append("pose", {})
+    journal.close()
+    assert journal.kept_in == other / "one-rescued"
+    assert len(read_journal(journal.kept_in).events) == 2

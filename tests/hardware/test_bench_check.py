@@ -16,10 +16,8 @@ import pytest
 from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.bench.check import LEFT_OUT, check
 from hardware.bench.check import Bench as Tried
-from hardware.bench.clauses import keeps_its_document
 from hardware.bench.finding import BENCH, Finding, Stage
 from hardware.bench.motion import Turn, is_interrupted
-from hardware.bench.on_can import told
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
 from hardware.description import (
@@ -28,7 +26,6 @@ from hardware.description import (
     JointDescription,
     RvdtDescription,
 )
-from hardware.drive_facts import DriveFacts
 from hardware.objects import HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
@@ -351,58 +348,6 @@ def test_drives_that_ignore_that_the_operator_is_gone_are_found_enabled(pace: Pa
         "joint 1, 2, 3, 4, 5, 6, 7 was still enabled 3.0 s after this program fell silent"
     )
     assert DriveState.OPERATION_ENABLED not in drives
-
-
-@pytest.mark.parametrize(
-    ("guard_s", "passed", "words"),
-    [
-        (None, False, "does not watch"),
-        (0.5, True, "after 0.50 s"),
-        (2.0, True, "after 2.00 s"),
-        (2.1, None, "after 2.10 s: for so long it goes on"),
-        (10.0, None, "up to 2 s would be safer"),
-        (10.1, False, "no run is begun with more than 10 s"),
-    ],
-)
-def test_what_a_run_puts_up_with_does_not_fail_and_is_said(
-    guard_s: float | None, passed: bool | None, words: str
-) -> None:
-    drive = DriveFacts(
-        joint=1, lacking_modes=(), quick_stop_option=6, misses_operator_after_s=guard_s
-    )
-    (guard,) = [clause for clause in told([drive]) if clause.name == "guard"]
-    assert guard.passed is passed
-    assert words in guard.text
-
-
-class Credulous:
-    """Keeps whatever it is sent."""
-
-    def __init__(self, document: bytes) -> None:
-        self.document, self.uploads = document, 0
-
-    def active_parameters(self) -> bytes:
-        """What it has."""
-        return self.document
-
-    def upload_parameters(self, document: bytes) -> None:
-        """Take it."""
-        self.document = document
-        self.uploads += 1
-
-
-@pytest.mark.parametrize(
-    ("before", "words", "uploads"),
-    [(b"good", "4, which were uploaded again", 2), (b"", "in the place of none:", 1)],
-)
-def test_only_what_was_uploaded_again_is_said_to_be(
-    before: bytes, words: str, uploads: int
-) -> None:
-    arm = Credulous(before)
-    refused, kept = keeps_its_document(arm)  # type: ignore[arg-type]
-    assert (refused.passed, kept.passed) == (False, False)
-    assert words in kept.text
-    assert arm.uploads == uploads
 
 
 def test_a_target_that_is_not_refused_ends_the_check_and_the_move(bench: Bench) -> None:

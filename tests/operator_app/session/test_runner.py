@@ -266,9 +266,8 @@ def wait_until_told(runner: Runner) -> None:
         threading.Event().wait(WATCH_PERIOD_S)
 
 
-def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(tmp_path: Path) -> None:
-    source = FakeSource(tmp_path / "sessions")
-    runner = source.new()
+def stopped_by_itself_while_calibrating(source: FakeSource, runner: Runner) -> None:
+    """With a pose, and a calibration in hand that ends only when it is cancelled."""
     with_a_pose(runner)
     assert source.arm is not None
     begun = threading.Event()
@@ -282,6 +281,12 @@ def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(tmp_p
     assert begun.wait(PATIENCE_S)
     source.arm.go_astray(5)
     wait_until_told(runner)
+
+
+def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(tmp_path: Path) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    stopped_by_itself_while_calibrating(source, runner)
     runner.stop()
     runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
     finish(runner)
@@ -297,19 +302,7 @@ def test_why_the_arm_was_stopped_is_kept_though_the_session_is_closed_meanwhile(
 ) -> None:
     source = FakeSource(tmp_path / "sessions")
     runner = source.new()
-    with_a_pose(runner)
-    assert source.arm is not None
-    begun = threading.Event()
-
-    def calibrating() -> None:
-        begun.set()
-        while not runner.cancelled():
-            threading.Event().wait(0.01)
-
-    runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
-    assert begun.wait(PATIENCE_S)
-    source.arm.go_astray(5)
-    wait_until_told(runner)
+    stopped_by_itself_while_calibrating(source, runner)
     source.close("end of the test")
     assert kept_faults(runner) == [5]
 

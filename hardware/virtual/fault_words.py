@@ -92,12 +92,12 @@ _ASTRAY = (
 _SLIPPED = ("joint {joint} jumped", "joint {joint} has shifted by")
 """The second when the first pose is read again: a drive that leads its joint makes up for what its sensor lost."""
 _SLIPPED_KEPT = (
-    f"{POSES}; of a joint that is led, told at the end only, none since then: the verdict refuses "
-    "to mix them"
+    f"{POSES}; of a joint that is led, told when the first pose is read again, none since then (a degree: at the next "
+    "pose, from the 11th on; less: at the end, and the verdict refuses to mix them)"
 )
 _SLIPPED_REMEDY = (
-    "Retake what is marked; after words at the end only, start a new session. Look at the encoder's coupling and its "
-    "cable."
+    "Retake what is marked; where the first pose does not read as it did, start a new session. Look at the encoder's "
+    "coupling and its cable."
 )
 _SENSOR = "Retake what is marked; look at the encoder's coupling and its cable."
 

@@ -22,7 +22,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.errors import SolverError
-from solver.estimators.implicit import ParameterPrior, fit_implicit
+from solver.estimators.implicit import ImplicitFit, NoiseModel, ParameterPrior, fit_implicit
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
 
@@ -92,17 +92,30 @@ def believed(
     return Belief(mean=mean, covariance=covariance)
 
 
-def known_arm(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fitted:
+    """Poses fitted by what their files state, everything within its tolerance.
+
+    Attributes
+    ----------
+    model
+        The loop, its lengths and twists free.
+    nominal, sd
+        (P,) of the unknowns, as the files have them.
+    fit
+        Where it ended.
+    """
+
+    model: ClosureModel
+    nominal: FloatArray
+    sd: FloatArray
+    fit: ImplicitFit
+
+
+def fitted(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
-) -> KnownArm | None:
-    """Return what the poses of earlier placements tell; None where they tell nothing yet."""
-    nothing = Fixed(
-        values={},
-        covariance=np.zeros((0, 0)),
-        rvdt_sd_rad={},
-        fixture_variance=None,
-        unsensed_joints=unsensed_joints,
-    )
+) -> Fitted | None:
+    """Fit poses by what their files state; None where they do not give a fit."""
     try:
         given = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
         model, stated = soften(given, arm)
@@ -111,13 +124,38 @@ def known_arm(
         rough = estimate_paper(given, poses.q_rad)
         start = dict(zip((p.name for p in rough.parameters), rough.x.tolist(), strict=True))
         x0 = np.array([start.get(p.name, p.nominal) for p in model.parameters])
-        noise = stated_noise(arm, fixture, poses, nothing)
+        noise = noise_of(arm, fixture, poses, unsensed_joints)
         prior = ParameterPrior(mean=nominal, precision=sd**-2)
         found = fit_implicit(model, poses.q_rad, noise, x0, prior=prior)
     except (SolverError, FixtureError, np.linalg.LinAlgError):
         return None
     if not found.converged or not np.isfinite(found.covariance).all():
         return None
+    return Fitted(model=model, nominal=nominal, sd=sd, fit=found)
+
+
+def noise_of(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed_joints: tuple[int, ...]
+) -> NoiseModel:
+    """What the files state of these readings, nothing having been found yet."""
+    nothing = Fixed(
+        values={},
+        covariance=np.zeros((0, 0)),
+        rvdt_sd_rad={},
+        fixture_variance=None,
+        unsensed_joints=unsensed_joints,
+    )
+    return stated_noise(arm, fixture, poses, nothing)
+
+
+def known_arm(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+) -> KnownArm | None:
+    """Return what the poses of earlier placements tell; None where they tell nothing yet."""
+    by = fitted(arm, fixture, poses, unsensed_joints=unsensed_joints)
+    if by is None:
+        return None
+    model, found = by.model, by.fit
     own = set(model.ground_side) | (set() if fixture.stays_on_hand else set(model.hand_side))
     shared, stood, ends = list[int](), list[int](), dict[str, list[float]]()
     for k, p in enumerate(model.parameters):
@@ -127,7 +165,7 @@ def known_arm(
             ends.setdefault(p.name.partition("[")[0], []).append(float(found.x[k]))
         else:
             stood.append(k)
-    pulls = (found.x - nominal)[stood] / sd[stood]
+    pulls = (found.x - by.nominal)[stood] / by.sd[stood]
     # Poses that fit worse than their files state tell less than they claim to.
     worse = max(1.0, found.chi2 / found.dof)
     return KnownArm(

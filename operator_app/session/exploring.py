@@ -5,7 +5,7 @@ Knows no screen.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -50,8 +50,8 @@ def visit(session: Session, index: int) -> bool:
     return moved.reached
 
 
-def explore(session: Session, listener: Listener) -> None:
-    """Visit waypoints in turn until there are enough poses."""
+def explore(session: Session, listener: Listener, taken_one: Callable[[], None]) -> None:
+    """Visit waypoints in turn until there are enough poses; `taken_one` is called after each."""
     plan, wanted = waypoints_of(session), session.procedure.capture.poses
     while (taken := len(session.state.poses_here)) < wanted:
         waypoint = session.state.next_waypoint
@@ -73,3 +73,4 @@ def explore(session: Session, listener: Listener) -> None:
             listener.pose_captured(
                 session.state, session.state.wanted_poses(session.procedure.capture)
             )
+            taken_one()

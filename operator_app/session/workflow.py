@@ -12,6 +12,7 @@ import numpy as np
 
 from hardware.arm import ArmIdentity
 from hardware.objects import EmergencyCode
+from operator_app.calibration.foreseen import out_of_line
 from operator_app.calibration.foretold import MadeFrom
 from operator_app.calibration.placed import as_calibrated
 from operator_app.calibration.solution import Solution
@@ -107,7 +108,7 @@ def take_poses(
         _there_and_back(session, listener, planned)
     end = None
     if planned is None:
-        explore(session, listener)
+        explore(session, listener, lambda: _doubt_the_last(session, listener))
     else:
         end = planned.run()
     state = session.state
@@ -132,8 +133,36 @@ def _is_going_on(session: Session, planned: PlannedCapture | None) -> bool:
     return len(session.state.poses_here) < session.procedure.capture.poses
 
 
+def _doubt_the_last(session: Session, listener: Listener) -> None:
+    """Read the first pose again at once where the last one is not where those before it have it.
+
+    What slipped is told then, and not when all poses are taken; a pose that is odd by itself costs the way.
+
+    Raises
+    ------
+    GuardError
+        Something slipped: named with its size.
+    """
+    state = session.state
+    poses, unsensed = state.here.pose_set(), session.procedure.unsensed_joints
+    if not _is_going_on(session, None) or not out_of_line(
+        session.model, session.fixture, poses, unsensed_joints=unsensed
+    ):
+        return
+    number = state.poses_here[-1].number
+    listener.told(
+        f"Pose {number} is not where the poses before it have it: something may have slipped on the way there."
+    )
+    before = len(state.returns)
+    _there_and_back(session, listener, None, doubted=True)
+    if len(session.state.returns) > before:
+        listener.told(
+            f"Nothing slipped that pose {state.poses_here[0].number} tells of: the calibration judges pose {number}."
+        )
+
+
 def _return_to_first(
-    session: Session, listener: Listener, planned: PlannedCapture | None
+    session: Session, listener: Listener, planned: PlannedCapture | None, *, doubted: bool = False
 ) -> tuple[Stop, ...]:
     """Read the first pose that counts once more: what slipped since shows in it, whatever the model.
 
@@ -173,7 +202,7 @@ def _return_to_first(
             session.record("return_missed", {"of": first.number, "reason": lost.happened})
             listener.told(f"Pose {first.number} could not be read once more: {lost.happened}.")
             return way
-        if resumed:
+        if resumed or doubted:
             told = _require_same_return(session)
         else:
             told = return_words(session.state, session.procedure)
@@ -189,10 +218,12 @@ def _require_same_return(session: Session) -> str:
     return told
 
 
-def _there_and_back(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
+def _there_and_back(
+    session: Session, listener: Listener, planned: PlannedCapture | None, *, doubted: bool = False
+) -> None:
     """Read the first pose once more and come back: a plan under way goes on from where the arm was."""
     before = session.arm.snapshot().positions_rad
-    way = _return_to_first(session, listener, planned)
+    way = _return_to_first(session, listener, planned, doubted=doubted)
     if planned is not None:
         planned.retrace(way)
         return

@@ -1,0 +1,47 @@
+"""Does a pose lie where those before it have it? What slips on the way to a pose shows in it. Knows no session.
+
+A drive makes up within a SYNC for what the sensor of its joint loses: nothing jumps alone, and the loop stays
+closed by readings that are wrong. The poses before know better, within what the files leave open.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.believed import fitted, noise_of
+from operator_app.calibration.loop import pick
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.judging.holdout import verify
+
+LEAST, AT_MOST = 10, 60
+"""Poses before it from which it is asked, and on which it is looked back: what it costs stays the same."""
+
+UNLIKELY = 20.0
+"""chi2 of a pose that an arm does not give which is as its files state: the largest of 3,000 was 10."""
+
+TIMES_WORSE = 6.0
+"""Times the worst of the poses before: where an arm is not as its files state, theirs are large as well."""
+
+
+def out_of_line(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+) -> bool:
+    """Whether the last of these poses is not where those before it have it."""
+    count = len(poses)
+    if count <= LEAST or not fixture.holds_hand:
+        return False
+    before = pick(poses, np.arange(max(0, count - 1 - AT_MOST), count - 1))
+    last = pick(poses, np.array([count - 1]))
+    by = fitted(arm, fixture, before, unsensed_joints=unsensed_joints)
+    if by is None:
+        return False
+    found = verify(
+        by.model.at_poses(np.array([0])),
+        by.fit.x,
+        by.fit.covariance,
+        last.q_rad,
+        noise_of(arm, fixture, last, unsensed_joints),
+    )
+    return float(found.pose_chi2[0]) > max(UNLIKELY, TIMES_WORSE * float(by.fit.pose_chi2.max()))

@@ -247,7 +247,7 @@ WEAK = fields(name=text, sigma=nothing_or(number(0.0)), requested=number(0.0))
 OF_EVERY_JOINT = ("start_rad", "mean_rad", "sd_rad", "modes", "at_rad", "q_rad")
 
 EVENTS: Mapping[str, Mapping[str, Check]] = {
-    "opened": {"sources": keyed(text, text), "settings": SETTINGS},
+    "opened": {"sources": keyed(text, text), "settings": SETTINGS, "after?": text},
     "resumed": {"settings": SETTINGS},
     "imported": {"file": text, "serial_number": text},
     "connected": {

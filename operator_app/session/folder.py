@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -14,6 +15,9 @@ from operator_app.session.journal import read_journal
 from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.replay import session_state
 from operator_app.session.state import SessionState
+
+STAMP, STAMPED = "%Y%m%d-%H%M%S", re.compile(r"\d{8}-\d{6}-")
+"""When a session was begun, at the head of its folder's name."""
 
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"
@@ -36,11 +40,24 @@ class SessionEntry:
 
 def new_folder(root: Path, name: str, utc: datetime) -> Path:
     """Return a folder for a new session that does not exist yet, e.g. ``20261121-093000-hinge``."""
-    stem = f"{utc:%Y%m%d-%H%M%S}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}"
+    stem = f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}"
     candidate, k = root / stem, 2
     while candidate.exists():
         candidate, k = root / f"{stem}-{k}", k + 1
     return candidate
+
+
+def begun_later(root: Path, utc: datetime) -> str:
+    """Name of the session begun last, where some session is stamped later than `utc`: the clock was set back."""
+    stamp = f"{utc:{STAMP}}"
+    try:
+        names = [p.name for p in root.iterdir()]
+    except OSError:
+        return ""
+    if not any(STAMPED.match(name) and name[: len(stamp)] > stamp for name in names):
+        return ""
+    readable = [entry for entry in list_sessions(root) if entry.state and entry.state.opened_utc]
+    return readable[-1].folder.name if readable else ""
 
 
 def find_session(root: Path, reference: str) -> Path:
@@ -80,7 +97,7 @@ def read_session(folder: Path) -> SessionEntry:
 
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
-    """Return all sessions below `root`, oldest first."""
+    """Return all sessions below `root`, in the order in which they were begun, whatever was done to the clock."""
     try:
         folders = sorted(p for p in root.iterdir() if os.path.lexists(p / JOURNAL_NAME))
     except (FileNotFoundError, NotADirectoryError):
@@ -90,4 +107,24 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
             f"cannot look into {root}: {error.strerror}", "name another folder with --sessions"
         ) from error
     entries = [read_session(folder) for folder in folders]
-    return tuple(sorted(entries, key=lambda e: (e.state.opened_utc if e.state else "", e.folder)))
+    begun = _begun(entries)
+    return tuple(sorted(entries, key=lambda e: (*begun[e.folder.name], e.folder)))
+
+
+def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
+    """Of each folder: when it was begun, and as which one since the clock was set back to before that."""
+    states = {entry.folder.name: entry.state for entry in entries}
+    found: dict[str, tuple[str, int]] = {}
+    for entry in entries:
+        chain, name = list[str](), entry.folder.name
+        while name in states and name not in found and name not in chain:
+            chain.append(name)
+            state = states[name]
+            name = state.after if state else ""
+        before = found.get(name, ("", 0))
+        for name in reversed(chain):
+            state = states[name]
+            own = state.opened_utc if state else ""
+            before = (before[0], before[1] + 1) if before[0] >= own > "" else (own, 0)
+            found[name] = before
+    return found

@@ -20,7 +20,7 @@ from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.errors import SessionError
 from operator_app.planning.task import require_closed_chain
-from operator_app.session.folder import find_session, new_folder
+from operator_app.session.folder import begun_later, find_session, new_folder
 from operator_app.session.instrument import Instrument
 from operator_app.session.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.journal_lines import JOURNAL_NAME
@@ -146,7 +146,15 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
         if opening.resumed:
             session.record("resumed", {"settings": settings})
         else:
-            session.record("opened", {"sources": dict(opening.sources), "settings": settings})
+            after = begun_later(opening.folder.parent, clock())
+            session.record(
+                "opened",
+                {
+                    "sources": dict(opening.sources),
+                    "settings": settings,
+                    **({"after": after} if after else {}),
+                },
+            )
     except BaseException:
         journal.close()
         raise

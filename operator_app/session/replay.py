@@ -28,6 +28,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             return replace(
                 state,
                 opened_utc=utc,
+                after=data.get("after", ""),
                 sources=dict(data["sources"]),
                 settings=dict(data["settings"]),
             )

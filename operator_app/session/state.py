@@ -99,6 +99,8 @@ class SessionState:
 
     Attributes
     ----------
+    after
+        Folder name of the session begun before this one, where the clock has been set back since; else empty.
     imported
         File that the poses were read from; empty where an arm took them.
     sources
@@ -155,6 +157,7 @@ class SessionState:
     """
 
     opened_utc: str = ""
+    after: str = ""
     imported: str = ""
     return_missed: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)

@@ -1,8 +1,9 @@
 """The iteration: parameters, effects and joint corrections together, and one scoring step a round.
 
 Each round linearises the loops at the corrected joints, solves the mixed-model equations for
-everything at once, moves the variances by one scoring step and relinearises (`solver.estimators.implicit`
-has the derivation; it is the same round without effects). Knows a closure model, no fixture.
+everything at once, moves the variances by one scoring step and relinearises, unless nothing moved that
+loops would be seen to bend by (`solver.estimators.implicit` has the derivation; it is the same round
+without effects). Knows a closure model, no fixture.
 """
 
 from __future__ import annotations
@@ -26,15 +27,21 @@ from solver.estimators.scoring import Ascent, Step, step, with_priors
 from solver.loops.closure import ClosureModel, pose_blocks
 
 MAX_ROUNDS = 40
-SETTLED, STEADY = 1e-3, 3e-3
-"""What a round may leave of every parameter and of every variance, in standard errors, and be the last."""
+SETTLED, STEADY = 1e-3, 3e-2
+"""What a round may leave of every parameter and of every variance, in standard errors, and be the last: so
+little of a variance moves no parameter by more than that share of its sigma."""
+
+STRAIGHT = 1e-4
+"""What the loops' curvature may leave of every parameter, in standard errors, and the next round, in which little
+but the variances moves, be made from the same linearisation: of what is told it is less than a last digit."""
 
 FAR = 3.0
 """Change of a parameter, in standard errors, from which slopes of two rounds cannot be compared."""
 
 NEARLY, ALMOST_STEADY, SIGN_IN_DOUBT = 0.1, 0.5, 0.25
 """What may be left of every parameter and every variance, in standard errors, when the readings say whether
-gravity shows, where so much more or less of it than half is there."""
+gravity shows, where so much more or less of it than half is there, or more than what is left of the variances:
+by no more than that it changes still."""
 
 FREE_ROUNDS = 20
 NOTHING_TO_GAIN = 0.1
@@ -117,6 +124,7 @@ def fit_mixed(
     group: IntArray | None = None,
     estimate: bool = True,
     near: Near | None = None,
+    unseen: float = 0.0,
     progress: Progress | None = None,
 ) -> MixedFit:
     """Fit parameters, effects, joint corrections and variances to readings `q` (m, n), rad.
@@ -131,6 +139,8 @@ def fit_mixed(
         Whether to move the variances and to ask for gravity's sign, or to leave all as stated.
     near
         Where to start, if anything is known of it.
+    unseen
+        Step of the variances, in standard errors, that is the last: where it ends is not looked at.
     """
     like = None if near is None else near.layout
     if estimate and len(q) > 2 * FOR_VARIANCES:
@@ -141,17 +151,18 @@ def fit_mixed(
                 model.at_poses(some), q[some], errors.at_poses(some),
                 group=None if group is None else group[some],
             ),
-            x0, None, progress, None if near is None else near.at_poses(some),
+            x0, None, progress, None if near is None else near.at_poses(some), unseen,
         )  # fmt: skip
         x0 = rough.x
         errors = replace(errors, signed=rough.fit.design.errors.signed)
         whole = _iterate(
             Design(model, q, errors, group=group, like=like), x0, rough.fit.v, progress, near,
-            rough.found,
+            unseen, rough.found,
         )  # fmt: skip
         return replace(whole, iterations=rough.iterations + whole.iterations)
     design = Design(model, q, errors, group=group, like=like)
-    return _iterate(design, x0, None if estimate else design.stated_variances(), progress, near)
+    v = None if estimate else design.stated_variances()
+    return _iterate(design, x0, v, progress, near, unseen)
 
 
 def _iterate(
@@ -160,6 +171,7 @@ def _iterate(
     variances: FloatArray | None,
     progress: Progress | None,
     near: Near | None,
+    unseen: float,
     found: Derivatives | None = None,
 ) -> MixedFit:
     """Rounds until nothing moves; `variances` (K,) that are given stay, `found` where they come from."""
@@ -171,8 +183,10 @@ def _iterate(
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
     converged, rounds, ascent, wanted = False, 0, Ascent(), Step.none(len(v))
+    here, left = Linearisation(design, state), 0.0
     for rounds in range(1, MAX_ROUNDS + 1):
-        here = Linearisation(design, state)
+        if left > STRAIGHT:
+            here = Linearisation(design, state)
         try:
             fit = LinearFit(design, here, v)
         except np.linalg.LinAlgError as error:
@@ -197,12 +211,18 @@ def _iterate(
         nearly = left < NEARLY and wanted.largest < ALMOST_STEADY
         if sign_asked and (nearly or rounds >= FREE_ROUNDS):
             surplus = gravity_share(fit) - 0.5
-            sign_asked = abs(surplus) < SIGN_IN_DOUBT and not converged and rounds < FREE_ROUNDS
+            in_doubt = abs(surplus) < min(SIGN_IN_DOUBT, wanted.largest)
+            sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS
             if surplus < 0.0 and not sign_asked:
                 # From here on without; likelihoods of the two cannot be compared.
                 design, ascent, converged = design.unsigned(), Ascent(), False
+                here = Linearisation(design, state)
+                continue
         if converged:
             break
+        if free and not sign_asked and wanted.largest < unseen:
+            # Newton's: the next would be as small as this one's square.
+            free, wanted = False, Step.none(len(v))
     shift, give = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,

@@ -188,9 +188,10 @@ def settle(
     x0: FloatArray | None = None,
     group: IntArray | None = None,
     near: Near | None = None,
+    unseen: float = 0.0,
     progress: Progress | None = None,
 ) -> Settled:
-    """Fit as `estimate_with_errors` does and report nothing; `near` is where to start if that is known."""
+    """Fit as `estimate_with_errors` does and report nothing; `near` and `unseen` are those of `fit_mixed`."""
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]
@@ -199,7 +200,9 @@ def settle(
     nominal = nominal_vector(model.parameters)
     if x0 is None:
         x0 = _first(model, q, errors, progress)
-    found = fit_mixed(model, q, errors, x0, group=group, near=near, progress=progress)
+    found = fit_mixed(
+        model, q, errors, x0, group=group, near=near, unseen=unseen, progress=progress
+    )
     x = nearest_equivalent(model, found.x, nominal)
     if np.abs(x - found.x).max() > EQUAL:
         # Another description of the same loop has another covariance: finish there.

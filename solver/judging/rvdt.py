@@ -47,6 +47,11 @@ HARMFUL = 3.0
 """A curve this many times the sensor's noise spoils what the other joints' encoders know."""
 
 
+UNSEEN = 0.1
+"""Last step of the variances of the loops without RVDTs, in standard errors: what is read of a sensor is told to
+a twentieth of its own standard deviation."""
+
+
 class Soundness(Enum):
     """What the loop says of an RVDT."""
 
@@ -127,7 +132,7 @@ def rvdt_verdicts(
     }
     if not sensors:
         raise ValueError("none of the model's unsensed joints has an RVDT to judge")
-    ended = settle(model, q, errors, x0=x0, near=near)
+    ended = settle(model, q, errors, x0=x0, near=near, unseen=UNSEEN)
     found, back = ended.fit, back_to_caller(ended.order)
     values, vectors = np.linalg.eigh(found.fit.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

@@ -21,6 +21,10 @@ from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 SMALL = 64
 """Rows of a matrix that is not worth cutting in halves."""
 
+np.empty(2 << 20)
+"""Freed at once, untouched: the C library keeps blocks up to such a size from then on, where it would give the
+matrices of every round back to the system and have them filled with zeros for the next."""
+
 TOLD = 1e-3
 """Share of its own noise from which a misclosure that the others predict is told from none."""
 

@@ -27,9 +27,13 @@ from solver.estimators.scoring import Ascent, Step, step, with_priors
 from solver.loops.closure import ClosureModel, pose_blocks
 
 MAX_ROUNDS = 40
-SETTLED, STEADY = 1e-3, 3e-2
+SETTLED, STEADY, CREEPING = 1e-3, 3e-2, 3e-3
 """What a round may leave of every parameter and of every variance, in standard errors, and be the last: so
-little of a variance moves no parameter by more than that share of its sigma."""
+little of a variance moves no parameter by more than that share of its sigma. The last figure is for variances
+that creep, of which much more is left than one round shows."""
+
+FAST = 0.3
+"""Variances creep where a round leaves more than this share of what the one before left."""
 
 STRAIGHT = 1e-4
 """What the loops' curvature may leave of every parameter, in standard errors, and the next round, in which little
@@ -183,7 +187,7 @@ def _iterate(
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
     converged, rounds, ascent, wanted = False, 0, Ascent(), Step.none(len(v))
-    here, left = Linearisation(design, state), 0.0
+    here, left, enough = Linearisation(design, state), 0.0, CREEPING
     for rounds in range(1, MAX_ROUNDS + 1):
         if left > STRAIGHT:
             here = Linearisation(design, state)
@@ -202,12 +206,13 @@ def _iterate(
             progress(rounds, fit.chi2)
         if free:
             found = with_priors(fit)
-            wanted = step(fit, found)
+            before, wanted = wanted.largest, step(fit, found)
+            enough = STEADY if wanted.largest < FAST * before else CREEPING
             v = ascent.onward(fit, found, wanted, far=moved > FAR)
             if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
                 # That is no reason to go on: the parameters settle under the variances as they are.
                 free, wanted, v = False, Step.none(len(v)), fit.v
-        converged = left < SETTLED and wanted.largest < STEADY
+        converged = left < SETTLED and wanted.largest < enough
         nearly = left < NEARLY and wanted.largest < ALMOST_STEADY
         if sign_asked and (nearly or rounds >= FREE_ROUNDS):
             surplus = gravity_share(fit) - 0.5

@@ -13,6 +13,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.loop import in_order, loop_of_poses
 from operator_app.calibration.noise import samples_of, soften
+from operator_app.calibration.unsteady import moved_while_read
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.pose_order import back_to_caller
@@ -113,17 +114,25 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, whole: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, where anything tells of it: their spread, or else the loops."""
+    """Noise of single readings, by joint, where anything tells of it: their spread, or else the loops.
+
+    Not the spread of poses in which a joint moved while it was read: that is said of these poses.
+    """
     samples = samples_of(poses)[kept]
     spread = None if poses.sd_rad is None else poses.sd_rad[kept]
-    untold = [j for j in sensors if spread is None or not spread[samples > 1, j - 1].any()]
+    still = {j: np.ones(len(samples), dtype=np.bool_) for j in sensors}
+    if spread is not None:
+        still = {j: ~moved_while_read(s, spread[:, j - 1]) for j, s in sensors.items()}
+    untold = [
+        j for j in sensors if spread is None or not spread[still[j] & (samples > 1), j - 1].any()
+    ]
     by_name = _beside_quiet(whole) if untold else {}
     found = {
         j: single_noise(
             sensor,
             by_name.get(f"rvdt_{j}"),
-            None if spread is None else spread[:, j - 1],
-            samples,
+            None if spread is None else spread[still[j], j - 1],
+            samples[still[j]],
         )
         for j, sensor in sensors.items()
     }

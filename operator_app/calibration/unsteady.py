@@ -6,9 +6,10 @@ import numpy as np
 
 from operator_app.calibration.causes import NamedCause, poses_named
 from operator_app.units.figure import SCATTER
+from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
-from solver.chain.sensors import Encoder
+from solver.chain.sensors import Encoder, Rvdt
 
 SIGMAS = 6.0
 """A spread by so many times the noise of a single reading is no noise."""
@@ -20,31 +21,42 @@ LEAST_RAD = np.deg2rad(0.05)
 def unsteady(
     arm: ArmModel, poses: PoseSet, unsensed: tuple[int, ...], labels: tuple[str, ...]
 ) -> tuple[NamedCause, ...]:
-    """Name the encoders whose readings spread within poses by more than their noise, in the poses' own words.
+    """Name the joints whose readings spread within poses by more than their sensor's noise, in the poses' own words.
 
-    RVDTs have a verdict of their own. What moves while it is sampled joint by joint closes no loop, and its mean
-    is no pose; the fit itself may not show it.
+    An RVDT that spreads in most poses is noisy: of that it has a verdict of its own. What moves while it is sampled
+    joint by joint closes no loop, and its mean is no pose; the fit itself may not show it.
     """
     if poses.sd_rad is None:
         return ()
     found = []
     for j, joint in enumerate(arm.joints, 1):
-        if not isinstance(joint.sensor, Encoder) or j in unsensed:
+        if not isinstance(joint.sensor, Encoder | Rvdt) or j in unsensed:
             continue
         spread = poses.sd_rad[:, j - 1]
-        order = np.argsort(-spread, kind="stable")
-        least = max(SIGMAS * joint.sensor.sigma_rad, LEAST_RAD)
-        there = tuple(int(k) for k in order if spread[k] > least)
+        moved = moved_while_read(joint.sensor, spread)
+        there = tuple(int(k) for k in np.argsort(-spread, kind="stable") if moved[k])
         if there:
+            kind = "RVDT" if isinstance(joint.sensor, Rvdt) else "encoder"
             size = SCATTER(float(spread[there[0]])).with_unit
             found.append(
                 NamedCause(
                     code=f"UNSTEADY_{j}",
                     probability=1.0,
                     text=f"the readings of joint {j} spread by up to {size} within {poses_named(there, labels)}, more "
-                    "than its encoder's noise: it moved or shook while it was read",
+                    f"than its {kind}'s noise: it moved or shook while it was read",
                     remedy="wait until the arm has settled, look for vibration, and take these poses again",
                     refuses=False,
                 )
             )
     return tuple(found)
+
+
+def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArray:
+    """Poses (m,) whose readings spread (m,), rad, as no noise of this sensor does.
+
+    Noise is what is stated; of an RVDT, whose noise may be worse, what most of the poses show.
+    """
+    noise = sensor.sigma_rad
+    if isinstance(sensor, Rvdt):
+        noise = max(noise, float(np.median(spread_rad)))
+    return np.asarray(spread_rad > max(SIGMAS * noise, LEAST_RAD))

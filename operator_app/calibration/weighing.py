@@ -18,6 +18,7 @@ from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeats import Repeat, Reread
 from operator_app.calibration.returned import return_tests
 from operator_app.calibration.rivals import named_hinge, named_rivals, named_shift
+from operator_app.calibration.rvdt_causes import measured_strays, of_rvdts
 from operator_app.calibration.unsteady import unsteady
 from operator_app.calibration.verdict import (
     MOST_BELIEVED,
@@ -39,7 +40,7 @@ from solver.estimators.variance_components import Calibrated
 from solver.judging.candidate import Cause
 from solver.judging.larger import larger_than_stated
 from solver.judging.ranges import Fault, RangeFinding
-from solver.judging.rvdt import RvdtVerdict, Soundness
+from solver.judging.rvdt import RvdtVerdict
 from solver.judging.trial import PARTLY, Trial, judge
 from solver.search.global_start import GlobalStart
 
@@ -104,7 +105,7 @@ def weigh(
     """
     judging = found.estimate if paper is None else paper
     used = pick(poses, distinct)
-    trial = judge(found.linear, arm, taken=found.order)
+    trial = judge(found.linear, arm, taken=found.order, measured=measured_strays(known.rvdt, arm))
     design = found.linear.design
     model = design.model
     unsensed = model.unsensed_joints
@@ -137,9 +138,9 @@ def weigh(
             named_shift(arm, fixture, used, unsensed=unsensed, joint=joint, scale=scale) or by_tests
         )
     elif not by_tests:
-        by_tests = _of_rvdts(known.rvdt)
+        by_tests = of_rvdts(known.rvdt, arm)
     if by_tests and not gross and not _one_story(trial):
-        by_tests = (*_several(found.linear), *by_tests)
+        by_tests = (*_several(found.linear, trial), *by_tests)
     if scale > MOST_BELIEVED and by_tests:
         # What is named may move nothing by more than its sigmas: these are as wide as the misfit made them.
         by_tests = (replace(by_tests[0], refuses=True), *by_tests[1:])
@@ -172,6 +173,9 @@ def weigh(
         *lost,
         *(() if gross else (*_of_geometry(known.checks), *far)),
     )
+    shaken = unsteady(arm, used, unsensed, _labels(used))
+    if not judging.converged:
+        by_tests, shaken = _to_be_mended(by_tests), _to_be_mended(shaken)
     slipped, by_tests = proven_by_return(since, by_tests)
     if not any(cause.refuses for cause in first):
         first, slipped = (*slipped, *first), ()
@@ -181,7 +185,7 @@ def weigh(
             *slipped,
             *by_tests,
             *(c for c in not_yet_named(since, by_tests) if not c.refuses),
-            *unsteady(arm, used, unsensed, _labels(used)),
+            *shaken,
             *(far if gross and not rivals else ()),
             *of_paper,
             *of_fit,
@@ -299,10 +303,22 @@ def _of_metal(trial: Trial) -> bool:
     return best is not None and best.cause in (Cause.GIVES, Cause.LENGTH, Cause.TWIST)
 
 
-def _several(fit: LinearFit) -> tuple[NamedCause, ...]:
-    """Sources that are larger than stated when all are fitted at once: the sigmas count that in."""
+def _to_be_mended(causes: tuple[NamedCause, ...]) -> tuple[NamedCause, ...]:
+    """What is likely wrong is why the iteration did not settle: that it did not is no help."""
+    return tuple(replace(c, refuses=c.refuses or c.probability > 0.5) for c in causes)
+
+
+def _several(fit: LinearFit, trial: Trial) -> tuple[NamedCause, ...]:
+    """Sources that are larger than stated when all are fitted at once: the sigmas count that in.
+
+    Of curves those that a test has found beyond their linearity: one within it is no fault.
+    """
     found: dict[str, NamedCause] = {}
+    fired = {test.code for test in trial.tests if test.fires}
     for larger in larger_than_stated(fit):
+        code = f"VARIANCE_{larger.component.upper()}"
+        if larger.component.startswith("curve_") and code not in fired:
+            continue
         words = larger_in_words(larger, fit.design)
         chance = 1.0 - float(np.exp(larger.log_chance))
         cause = NamedCause(
@@ -357,21 +373,6 @@ def _of_geometry(checks: tuple[SetupCheck, ...]) -> tuple[NamedCause, ...]:
         _certain("PARALLEL_AXES", c.text, c.remedy, refuses=c.severity is Severity.REFUSED)
         for c in checks
         if c.code.startswith("AXIS_ANGLE") and c.severity is not Severity.OK
-    )
-
-
-def _of_rvdts(verdicts: tuple[RvdtVerdict, ...]) -> tuple[NamedCause, ...]:
-    """RVDTs out of specification where nothing else is wrong: the sigmas count their curves in."""
-    return tuple(
-        NamedCause(
-            code=f"RVDT_{v.joint}",
-            probability=1.0,
-            text=v.text,
-            remedy=f"have it replaced or linearised, or calibrate with --unsensed {v.joint}",
-            refuses=False,
-        )
-        for v in verdicts
-        if v.verdict is Soundness.OUT_OF_SPECIFICATION
     )
 
 

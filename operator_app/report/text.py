@@ -20,7 +20,7 @@ def facts_text(facts: Facts) -> str:
     blocks = [
         verdict_text(facts),
         *(table_text(table) for table in facts.tables if not table.detail),
-        warnings_text(n for n in facts.notices if n not in _causes(facts)),
+        warnings_text(n for n in facts.notices if n not in _said_first(facts)),
     ]
     return "\n\n".join(block for block in blocks if block)
 
@@ -33,6 +33,18 @@ def verdict_text(facts: Facts) -> str:
         said = tuple(notice.text for notice in _causes(facts))
         head = f"{head} the calibration meets its limits.{' What may be off:' if said else ''}"
     return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in said)))
+
+
+def _said_first(facts: Facts) -> tuple[Notice, ...]:
+    """Notices that the verdict's reasons have said: of what is not accepted, what it is refused for."""
+    if facts.accepted:
+        return _causes(facts)
+    codes = {
+        cause["code"]
+        for cause in facts.data.get("causes", ())
+        if any(reason.startswith(cause["text"]) for reason in facts.reasons)
+    }
+    return tuple(notice for notice in facts.notices if notice.code in codes)
 
 
 def _causes(facts: Facts) -> tuple[Notice, ...]:

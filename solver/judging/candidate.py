@@ -44,6 +44,10 @@ class Stray(NamedTuple):
     sd: float
     from_line: bool
 
+    def beyond(self, stated: float) -> bool:
+        """Whether it exceeds what is stated, and not by chance."""
+        return self.peak - CERTAIN * self.sd > stated
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
@@ -64,9 +68,12 @@ class Candidate:
     shapes, least
         What it deviates by in every pose is ``shapes @ b`` (m,), or b itself; a cause is only what is
         larger (rms) than `least`.
-    most_stated, beyond
+    most_stated
         Where the files state the largest deviation of all: a cause is only what exceeds that by
-        `CERTAIN` of its own sigmas, or whose amplitude a test has found `beyond` it.
+        `CERTAIN` of its own sigmas.
+    measured
+        Its stray from the best line as the loop measures it without these readings, which knows it better
+        than they do; None where it cannot.
     lines
         (m, 2), orthonormal: the straight lines that a sensor's offset and gain are.
     entries
@@ -83,16 +90,15 @@ class Candidate:
     shapes: FloatArray | None = None
     least: float = 0.0
     most_stated: float = 0.0
-    beyond: bool = False
+    measured: Stray | None = None
     lines: FloatArray | None = None
     entries: tuple[str, ...] = ()
 
     def is_stated(self, b: FloatArray, covariance: FloatArray) -> bool:
         """Whether coefficients b (c,) amount to no more than what the files state anyway."""
         size = b if self.shapes is None else self.shapes @ b
-        if self.most_stated and not self.beyond:
-            stray = self.stray(b, covariance)
-            return stray.peak - CERTAIN * stray.sd < self.most_stated
+        if self.most_stated:
+            return not self.stray(b, covariance).beyond(self.most_stated)
         return float(np.sqrt(np.mean(size**2))) < self.least
 
     def stray(self, b: FloatArray, covariance: FloatArray) -> Stray:
@@ -100,9 +106,11 @@ class Candidate:
 
         The loop sees how a sensor bends far better than its gain.
         """
+        if self.measured is not None and self.measured.beyond(self.most_stated):
+            return self.measured
         shapes = self.columns[:, 0] if self.shapes is None else self.shapes
         kinds = [(False, shapes)]
-        if self.lines is not None:
+        if self.lines is not None and self.measured is None:
             kinds.append((True, shapes - self.lines @ (self.lines.T @ shapes)))
         found = []
         for of_line, columns in kinds:
@@ -110,4 +118,6 @@ class Candidate:
             k = int(np.argmax(size))
             sd = float(np.sqrt(max(float(columns[k] @ covariance @ columns[k]), 0.0)))
             found.append(Stray(peak=float(size[k]), sd=sd, from_line=of_line))
+        if self.measured is not None:
+            found.append(self.measured)
         return max(found, key=lambda stray: (stray.peak - self.most_stated) / max(stray.sd, 1e-12))

@@ -6,7 +6,7 @@ nothing to ask how much believing it would explain. Knows closure models and sen
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensor_curve import SensorCurve
 from solver.chain.sensors import Encoder, Rvdt
 from solver.estimators.effects import Design, System
-from solver.judging.candidate import Candidate, Cause
+from solver.judging.candidate import Candidate, Cause, Stray
 from solver.judging.steps import Suspect
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
@@ -128,17 +128,18 @@ class Scene:
             entries=entries,
         )
 
-    def standing(self, curved: Collection[int] = ()) -> Iterator[Candidate]:
+    def standing(self, measured: Mapping[int, Stray]) -> Iterator[Candidate]:
         """Causes that are there in all poses, or in a run of them.
 
-        `curved` are joints (1-based) whose curve a test has found larger than stated.
+        `measured` is how far sensors stray from their best lines, by joint (1-based), where the loop
+        itself measured it.
         """
         yield from self._readings()
         yield self._scatter()
         yield from self._drifts()
         yield from self.scales()
         yield from self._frozen()
-        yield from self._smooth(curved)
+        yield from self._smooth(measured)
         yield from self._entries()
         yield from self._fixture()
 
@@ -213,30 +214,37 @@ class Scene:
                     poses=tuple(range(first, last)),
                 )
 
-    def _smooth(self, curved: Collection[int]) -> Iterator[Candidate]:
+    def curve(self, j: int, measured: Stray | None = None) -> Candidate | None:
+        """Line and curve of joint j's sensor; None where it has none."""
+        sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
+        if not isinstance(sensor, Rvdt):
+            return None
+        half, middle = 0.5 * sensor.full_scale_rad, self.arm.joints[j - 1].middle_rad
+        # A line of any slope, of half the size of the bow and the S.
+        shapes = SensorCurve(
+            joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
+        ).basis(turn)
+        return Candidate(
+            cause=Cause.CURVE,
+            subject=str(j),
+            columns=self.joint(j) * shapes[:, None, :],
+            natural=np.full(shapes.shape[1], max(sensor.linearity_rad, ANGLE_RAD)),
+            most=10.0,
+            shapes=shapes,
+            least=0.5 * sensor.linearity_rad,
+            most_stated=sensor.linearity_rad,
+            measured=measured,
+            lines=_lines(turn),
+        )
+
+    def _smooth(self, measured: Mapping[int, Stray]) -> Iterator[Candidate]:
         """Every joint's reading off by a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
             B = self.joint(j)
-            if isinstance(sensor, Rvdt):
-                half = 0.5 * sensor.full_scale_rad
-                middle = self.arm.joints[j - 1].middle_rad
-                # A line of any slope, of half the size of the bow and the S.
-                shapes = SensorCurve(
-                    joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
-                ).basis(turn)
-                yield Candidate(
-                    cause=Cause.CURVE,
-                    subject=str(j),
-                    columns=B * shapes[:, None, :],
-                    natural=np.full(shapes.shape[1], max(sensor.linearity_rad, ANGLE_RAD)),
-                    most=10.0,
-                    shapes=shapes,
-                    least=0.5 * sensor.linearity_rad,
-                    most_stated=sensor.linearity_rad,
-                    beyond=j in curved,
-                    lines=_lines(turn),
-                )
+            curve = self.curve(j, measured.get(j))
+            if curve is not None:
+                yield curve
             elif isinstance(sensor, Encoder):
                 shapes = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
                 yield Candidate(

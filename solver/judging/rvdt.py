@@ -22,6 +22,7 @@ from solver.estimators.component_report import flexure_test
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import noise_left, settle
+from solver.judging.candidate import Stray
 from solver.judging.loop_angles import loop_angles
 from solver.judging.rvdt_figures import RvdtFigures, measure, sensor_angle
 from solver.judging.rvdt_noise import SingleNoise
@@ -35,13 +36,12 @@ MIN_SPAN = 0.15
 LEVEL = 0.01
 """Chance of calling a straight sensor curved."""
 
-CERTAIN = 3.0
-"""Nothing is out of specification that is within so many of its own sigmas of it."""
-
 NOISE_MARGIN = 1.25
 """Noise is out of specification when it is above it by more than this for certain: a specification in
 whole LSB means no more.
 """
+
+NOISY = "check its plug, screen and excitation, or average more samples a pose"
 
 HARMFUL = 3.0
 """A curve this many times the sensor's noise spoils what the other joints' encoders know."""
@@ -224,9 +224,15 @@ def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
     return noise.low > NOISE_MARGIN * sensor.noise_lsb
 
 
+def stray_of(figures: RvdtFigures, sensor: Rvdt) -> Stray:
+    """How far a sensor strays from its best line over the poses."""
+    scale = sensor.full_scale_rad
+    return Stray(peak=scale * figures.linearity, sd=scale * figures.linearity_sd, from_line=True)
+
+
 def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
     curved = figures.line_probability < LEVEL
-    too_curved = figures.linearity - CERTAIN * figures.linearity_sd > sensor.linearity
+    too_curved = stray_of(figures, sensor).beyond(sensor.linearity_rad)
     too_noisy = _too_noisy(figures.noise, sensor)
     rms = float(np.sqrt(np.mean(figures.deviation_rad**2)))
     # The loop must know the angle better than the sensor reads it, or there is nothing to gain.
@@ -258,9 +264,14 @@ def _words(
     harmful: bool,
 ) -> str:
     allowed = f"specification {100.0 * sensor.linearity:.2g} %"
+    head = verdict.value
+    if figures.linearity > sensor.linearity:
+        allowed = f"sigma {100.0 * figures.linearity_sd:.2f} %, {allowed}"
+        if verdict is Soundness.CURVED:
+            head = "curved, and beyond its specification by no more than chance"
     covered = f"over the {100.0 * figures.covered:.0f} % that the poses cover"
     parts = [
-        f"RVDT of joint {joint}: {verdict.value}",
+        f"RVDT of joint {joint}: {head}",
         f"linearity {100.0 * figures.linearity:.2f} % of full scale ({allowed}) {covered}",
         f"gain {figures.gain:.4f}",
     ]
@@ -277,8 +288,10 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
     allowed = f"specification {sensor.noise_lsb:g} LSB"
     if noise.told:
         words = f"noise of a single reading {noise.lsb:.1f} LSB ({allowed})"
-        remedy = "check its plug, screen and excitation, or average more samples a pose"
-        return [words, remedy] if _too_noisy(noise, sensor) else [words]
+        return [words, NOISY] if _too_noisy(noise, sensor) else [words]
+    if _too_noisy(noise, sensor):
+        words = f"noise of a single reading {noise.low:.1f} to {noise.high:.1f} LSB ({allowed})"
+        return [words, NOISY]
     most = f"below {noise.high:.1f} LSB ({allowed})"
     words = f"noise of a single reading: cannot be told from these poses, {most}"
     remedy = "record several samples a pose with their sd to measure it"

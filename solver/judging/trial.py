@@ -7,7 +7,7 @@ what is left over is what the files state. Knows fits and arms; no file and no w
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +15,9 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.estimators.linear_fit import LinearFit
-from solver.judging.candidate import Candidate, Cause
+from solver.judging.candidate import Candidate, Cause, Stray
 from solver.judging.candidates import Scene
+from solver.judging.curves import but_curves_as_stated
 from solver.judging.evidence import (
     Evidence,
     evidence,
@@ -47,6 +48,8 @@ GROSS = 30.0
 
 PARTLY = 2.0
 """chi2/dof that an explanation may leave and still be the whole story."""
+
+NONE_MEASURED: Mapping[int, Stray] = {}
 
 LIKELY = 0.02
 """Least probability of a cause worth naming."""
@@ -125,7 +128,13 @@ class Trial:
         return any(test.fires for test in self.tests)
 
 
-def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
+def judge(
+    fit: LinearFit,
+    arm: ArmModel,
+    *,
+    taken: IntArray,
+    measured: Mapping[int, Stray] = NONE_MEASURED,
+) -> Trial:
     """Test a fit.
 
     Parameters
@@ -135,6 +144,8 @@ def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
         noise as found where that is less.
     taken
         (m,): when each pose of the fit was taken, its place among the others.
+    measured
+        How far sensors stray from their best lines, by joint (1-based), where the loop measured it.
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
@@ -144,15 +155,16 @@ def judge(fit: LinearFit, arm: ArmModel, *, taken: IntArray) -> Trial:
     tests = [chi2_test(stated.chi2, stated.dof)]
     odd, largest, more = _look(scene, left, quiet)
     tests += more
-    tests += [*pull_tests(stated), *variance_tests(stated)]
+    tests += pull_tests(stated)
+    tests += but_curves_as_stated(variance_tests(stated), scene, left, measured)
     tests.append(prediction_test(stated))
     tests += scale_tests(scene, left)
     fires = any(test.fires for test in tests)
     doubtful = not fires and any(test.fires for test in pull_tests(stated, DOUBT))
     return Trial(
         tests=tuple(tests),
-        rounds=tuple(_explain(scene, left, _curved(tests))) if fires else (),
-        doubts=_doubted(scene, left) if doubtful else (),
+        rounds=tuple(_explain(scene, left, measured)) if fires else (),
+        doubts=_doubted(scene, left, measured) if doubtful else (),
         odd=odd,
         step=largest,
         left=left,
@@ -190,19 +202,11 @@ def _look(
     return odd, found[0] if found else None, tests
 
 
-def _curved(tests: Iterable[Test]) -> tuple[int, ...]:
-    """Joints whose sensor's curve is larger than stated."""
-    head = "VARIANCE_CURVE_"
-    return tuple(
-        int(t.code.removeprefix(head)) for t in tests if t.fires and t.code.startswith(head)
-    )
-
-
 def _explain(
-    scene: Scene, left: LeftOver, curved: Collection[int]
+    scene: Scene, left: LeftOver, measured: Mapping[int, Stray]
 ) -> Iterable[tuple[Explanation, ...]]:
     """Take in the best explanation of what is left over, until nothing fires any more."""
-    standing = tuple(scene.standing(curved))
+    standing = tuple(scene.standing(measured))
     for _ in range(MOST_CAUSES):
         found = _weighed(left, (*_changes(scene, left), *standing))
         yield found
@@ -219,9 +223,11 @@ def _explain(
             return
 
 
-def _doubted(scene: Scene, left: LeftOver) -> tuple[Explanation, ...]:
+def _doubted(
+    scene: Scene, left: LeftOver, measured: Mapping[int, Stray]
+) -> tuple[Explanation, ...]:
     """Toleranced entries that may well be off their file, where no test is sure that anything is wrong."""
-    found = _weighed(left, (*_changes(scene, left), *scene.standing(())))
+    found = _weighed(left, (*_changes(scene, left), *scene.standing(measured)))
     return tuple(
         x for x in found if x.candidate and x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
     )

@@ -71,6 +71,21 @@ def sound(seed: int) -> Case:
     return Case(taken=session(seed), causes=())
 
 
+def rippled(seed: int) -> Case:
+    """RVDTs whose curves are sines of one period to two over full scale, within their linearity: sound."""
+    rng = stream(seed, Stream.FAULTS)
+    specimen = Specimen.drawn(seed, Sizes())
+    x = np.linspace(-1.0, 1.0, 2001)
+    for joint in RVDTS:
+        y = np.sin(np.pi * rng.uniform(1.0, 2.0) * x + rng.uniform(0.0, 2.0 * np.pi))
+        y -= np.polyval(np.polyfit(x, y, 1), x)
+        size = rng.uniform(0.8, 1.0) * specimen.sizes.linearity * FULL_SCALE / np.abs(y).max()
+        sensor = specimen.sensors[joint - 1]
+        assert isinstance(sensor, Rvdt)
+        specimen = _with_sensor(specimen, joint, replace(sensor, shape=size * y))
+    return Case(taken=taken(specimen, *closed_walk(specimen, 40)), causes=())
+
+
 def few_poses(seed: int, *, poses: int) -> Case:
     """So few poses that the errors have no degrees of freedom to show in."""
     return Case(taken=session(seed, poses=poses), causes=("TOO_FEW_POSES",))

@@ -5,6 +5,7 @@ Knows linear algebra; no arm, no fit and no likelihood.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -47,6 +48,9 @@ class Stray(NamedTuple):
     def beyond(self, stated: float) -> bool:
         """Whether it exceeds what is stated, and not by chance."""
         return self.peak - CERTAIN * self.sd > stated
+
+
+NONE_MEASURED: Mapping[int, Stray] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

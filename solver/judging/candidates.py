@@ -16,7 +16,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensor_curve import SensorCurve
 from solver.chain.sensors import Encoder, Rvdt
 from solver.estimators.effects import Design, System
-from solver.judging.candidate import Candidate, Cause, Stray
+from solver.judging.candidate import NONE_MEASURED, Candidate, Cause, Stray
 from solver.judging.steps import Suspect
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
@@ -128,7 +128,7 @@ class Scene:
             entries=entries,
         )
 
-    def standing(self, measured: Mapping[int, Stray]) -> Iterator[Candidate]:
+    def standing(self, measured: Mapping[int, Stray] = NONE_MEASURED) -> Iterator[Candidate]:
         """Causes that are there in all poses, or in a run of them.
 
         `measured` is how far sensors stray from their best lines, by joint (1-based), where the loop

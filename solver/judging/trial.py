@@ -15,7 +15,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.estimators.linear_fit import LinearFit
-from solver.judging.candidate import Candidate, Cause, Stray
+from solver.judging.candidate import NONE_MEASURED, Candidate, Cause, Stray
 from solver.judging.candidates import Scene
 from solver.judging.curves import but_curves_as_stated
 from solver.judging.evidence import (
@@ -48,8 +48,6 @@ GROSS = 30.0
 
 PARTLY = 2.0
 """chi2/dof that an explanation may leave and still be the whole story."""
-
-NONE_MEASURED: Mapping[int, Stray] = {}
 
 LIKELY = 0.02
 """Least probability of a cause worth naming."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -273,6 +273,16 @@ class Arm(Protocol):
         """Leave the arm held and its drives off, give the token back, stop heartbeats. Safe to call twice.
 
         Whoever closed it may put a hand on it: no drive follows a command any more. False if the arm did not
-        answer, so that nobody knows.
+        answer, so that nobody knows, or if a drive follows commands still.
         """
+        ...
+
+
+@runtime_checkable
+class TellsPower(Protocol):
+    """An arm that knows, once it is closed, which of its drives did not switch off."""
+
+    @property
+    def left_powered(self) -> tuple[int, ...]:
+        """Joints whose drives said that they were powered, those that STOP holds included."""
         ...

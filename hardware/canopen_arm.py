@@ -118,9 +118,14 @@ class CanopenArm:
         """Leave the arm held, give the token back, end heartbeats and recording. Safe to call twice.
 
         From any thread; a second one waits until the arm is closed. False if there was an arm and it
-        did not answer any more: its drives are left to themselves.
+        did not answer any more: its drives are left to themselves; or if some drive follows commands still.
         """
         return self._connector.close()
+
+    @property
+    def left_powered(self) -> tuple[int, ...]:
+        """Joints whose drives said, when the arm was closed last, that they were powered still."""
+        return self._connector.left_powered
 
     # ---- state -----------------------------------------------------------------------------------
 

@@ -143,6 +143,8 @@ _TRANSITIONS: Final = MappingProxyType(
 )
 POWERED: Final = frozenset({_S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE})
 """States in which the drive closes a loop."""
+LOOP_CLOSED: Final = POWERED | {_S.FAULT_REACTION_ACTIVE}
+"""States in which it does, the short one included in which it brakes after a fault."""
 _IN_FAULT: Final = frozenset({_S.FAULT_REACTION_ACTIVE, _S.FAULT})
 
 

@@ -9,21 +9,10 @@ import contextlib
 import threading
 from pathlib import Path
 
-from hardware import steps
 from hardware.arm import ArmIdentity, DriveState
-from hardware.cia402 import Wish
 from hardware.connection import Connection
-from hardware.errors import (
-    BusError,
-    ControlDenied,
-    DriveFault,
-    HardwareError,
-    Intruder,
-    NodeRestarted,
-    SensorFault,
-    Stopped,
-    TwoDevices,
-)
+from hardware.errors import BusError, HardwareError
+from hardware.letting_go import LetGo, let_go
 from hardware.on_bus import ArmOnBus
 from hardware.stop_line import StopLatch
 
@@ -56,7 +45,7 @@ class Connector:
         self._connecting = False
         self._recording_failure: str | None = None
         self._closing = False
-        self._left_held = True
+        self._left = LetGo(held=True)
         self._close_lock = threading.RLock()
 
     @property
@@ -95,23 +84,31 @@ class Connector:
             self._connecting, self._opening = False, None
 
     def close(self) -> bool:
-        """Let go; False if there was an arm and it did not answer. From any thread; a second one waits."""
+        """Let go; False if there was an arm and it did not answer, or some drive follows commands still.
+
+        From any thread; a second one waits.
+        """
         with self._close_lock:
             link = self._connection
             if link is None or self._closing:  # closing: called again by the thread that closes
-                return self._left_held
-            self._closing, self._left_held = True, False
+                return self._left.held
+            self._closing, self._left = True, LetGo(held=False)
             try:
-                self._left_held = self._let_go(link)
+                self._left = self._let_go(link)
             finally:
                 # Not before: STOP needs the connection to the last moment.
                 self._connection, self._closing = None, False
-            return self._left_held
+            return self._left.held
+
+    @property
+    def left_powered(self) -> tuple[int, ...]:
+        """Joints whose drives said that they were powered when the arm was let go of last."""
+        return self._left.powered
 
     def drop(self) -> None:
         """End the connection and leave the drives as they are."""
         link, self._connection = self.connection, None
-        self._left_held = False
+        self._left = LetGo(held=False)
         self._end(link)
 
     def look(self) -> tuple[DriveState, ...]:
@@ -134,21 +131,15 @@ class Connector:
         if link is not None:
             link.send_quick_stops()
 
-    def _let_go(self, link: Connection) -> bool:
-        """Hold, disable, give the token back; whether the drives said that they were there."""
+    def _let_go(self, link: Connection) -> LetGo:
+        """Hold, disable, look, give the token back."""
         try:
             if not link.in_control:
-                return not link.deserted()
-            answered = True
-            try:
-                self._hold_and_disable(link)
-            except Stopped:  # and so held
-                pass
-            except HardwareError:  # the drives hold without us as well
-                answered = False
+                return LetGo(held=not link.deserted())
+            left = let_go(link.loop)
             with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
                 link.give_token_back()
-            return answered
+            return left
         finally:
             self._end(link)
 
@@ -156,10 +147,3 @@ class Connector:
         self.takes_over = link.left_enabled
         link.close()
         self._recording_failure = link.recording_failure
-
-    @staticmethod
-    def _hold_and_disable(link: Connection) -> None:
-        """Position mode everywhere, then drives off: without a drive a joint's valve is blocked."""
-        despite = (DriveFault, ControlDenied, SensorFault, Intruder, TwoDevices, NodeRestarted)
-        link.loop.run(steps.hold_where_it_is(link.loop), despite=despite)
-        link.loop.run(steps.drive_to(link.loop, Wish.DISABLED), despite=despite)

@@ -203,11 +203,12 @@ def _say_if_any(words: Callable[[], str]) -> None:
 class CutShort:
     """A session that did not come to its end.
 
-    `held`: the arm confirmed that it is held; `kept`: there is a folder of it.
+    `connected`: there was an arm; `held`: it confirmed that it is; `kept`: there is a folder of it.
     """
 
     session: Session
     cause: BaseException
+    connected: bool
     held: bool
     kept: bool
 
@@ -223,6 +224,13 @@ def unattended(
 
     `cut_short` is told then of a session that did not come to its end, and why. One in which no arm was
     found leaves no folder.
+
+    Raises
+    ------
+    NotLetGoError
+        It came to its end, or was interrupted, and the arm is not held.
+    JournalLostError
+        It came to its end, and its journal was taken away.
     """
     with ending_signals_interrupt(), open_arm(opening, record_to=record_to) as rig:
         session = open_session(rig)
@@ -237,10 +245,19 @@ def unattended(
             raise
         finally:
             with ending_signals_wait():
+                # Of this run: what an earlier one had connected to may not be there any more.
+                connected = session.identity is not None
                 held = session.close(reason)
                 kept = not remove_if_empty(session)
             if cause is not None:
-                cut_short(CutShort(session=session, cause=cause, held=held, kept=kept))
+                cut_short(
+                    CutShort(
+                        session=session, cause=cause, connected=connected, held=held, kept=kept
+                    )
+                )
+            if session.not_held is not None and isinstance(cause, KeyboardInterrupt | None):
+                # What was wanted of the arm is nothing to what it may do now.
+                raise session.not_held from cause
         if session.journal.loss is not None:
             raise session.journal.loss
 

@@ -27,6 +27,36 @@ class SessionError(Exception):
         super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
 
 
+class NotLetGoError(SessionError):
+    """An arm was let go of, and is not known to be left as it should be: held, its drives off.
+
+    Attributes
+    ----------
+    powered
+        Joints whose drives said that they were powered still; empty where the arm did not answer.
+    """
+
+    def __init__(self, powered: tuple[int, ...]) -> None:
+        self.powered = powered
+        if powered:
+            joints = ", ".join(map(str, powered))
+            drives = (
+                f"the drive of joint {joints} is"
+                if len(powered) == 1
+                else f"the drives of joints {joints} are"
+            )
+            super().__init__(
+                f"{drives} still powered: letting go of the arm did not switch that off",
+                "keep clear of the arm and of its fixture, and take its power by the hardware stop; only then "
+                "find out why",
+            )
+            return
+        super().__init__(
+            "the arm did not answer when it was told to hold and let go: nobody here knows what it does",
+            "look before you go near; its drives hold by themselves when they miss the operator's heartbeat",
+        )
+
+
 class GuardError(SessionError):
     """A step was asked for before its conditions hold; nothing was done."""
 

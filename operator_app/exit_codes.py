@@ -9,7 +9,7 @@ from types import MappingProxyType
 from fixtures.errors import FixtureError
 from hardware.errors import BusSettingsError, HardwareError
 from operator_app.config.errors import ConfigError, WriteError
-from operator_app.errors import SessionError
+from operator_app.errors import NotLetGoError, SessionError
 from solver.errors import SolverError, UnidentifiableError
 
 
@@ -28,7 +28,7 @@ MEANING: Mapping[ExitCode, str] = MappingProxyType(
     {
         ExitCode.ACCEPTED: "done; a calibration: accepted, with or without warnings",
         ExitCode.BAD_INPUT: "usage or bad input",
-        ExitCode.ARM_FAULT: "bus or arm fault",
+        ExitCode.ARM_FAULT: "bus or arm fault, or an arm that is not known to be held when it was let go",
         ExitCode.NOT_ACCEPTED: "solved but not accepted; a verification or comparison: something is off",
         ExitCode.NOT_IDENTIFIABLE: "not identifiable: the poses cannot tell every parameter",
         ExitCode.INTERRUPTED: "interrupted; the arm is held, the session is kept",
@@ -58,7 +58,7 @@ def exit_code(error: BaseException) -> ExitCode:
     match error:
         case BusSettingsError():
             return ExitCode.BAD_INPUT
-        case HardwareError():
+        case HardwareError() | NotLetGoError():
             return ExitCode.ARM_FAULT
         case UnidentifiableError() | FixtureError():
             return ExitCode.NOT_IDENTIFIABLE

@@ -281,7 +281,7 @@ def leaves_and_returns(arm: Arm, identity: ArmIdentity) -> Iterator[Clause]:
         passed=all(words),
         text="it is held and closed, also when told twice"
         if all(words)
-        else "it did not answer when it was told to hold",
+        else "it did not answer when it was told to hold, or some drive did not let go",
     )
     yield is_refused("closed", "to look at a closed arm", arm.snapshot, kind=HardwareError)
     again = arm.connect()

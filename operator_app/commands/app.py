@@ -101,6 +101,9 @@ def execute(args: argparse.Namespace) -> int:
             _tell(f"sarcal: {sessions.lost}")
         if sessions.last is not None:
             _tell(farewell(sessions, sessions.last, reason))
+        if sessions.not_held is not None:
+            _tell(f"sarcal: {sessions.not_held}")
+            return ExitCode.ARM_FAULT
     return ExitCode.ACCEPTED if reason in ("left", "end of input") else ExitCode.INTERRUPTED
 
 
@@ -115,7 +118,10 @@ _ARM: Mapping[bool | None, str] = {
 def farewell(sessions: Sessions, folder: Path, reason: str) -> str:
     """Say what was left behind: the arm, the session, and how to come back to it."""
     how = "" if reason == "left" else f"ended by {reason}; "
-    said = f"sarcal: {how}{_ARM[sessions.held]}Session {folder}\n"
+    arm = _ARM[sessions.held]
+    if sessions.not_held is not None and sessions.not_held.powered:
+        arm = "the arm is not held: keep clear. "
+    said = f"sarcal: {how}{arm}Session {folder}\n"
     if sessions.exported:
         said += (
             f"parameters.yaml and poses.csv are in it. A page about it: sarcal report {folder}\n"

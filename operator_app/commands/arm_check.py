@@ -20,6 +20,7 @@ from operator_app.commands.options import (
     record_option,
     scenario_options,
 )
+from operator_app.errors import NotLetGoError
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import harmless, say
 
@@ -65,6 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Try, and report each thing as it was found; exit 3 where something failed."""
+    from hardware.arm import TellsPower
     from hardware.bench.check import Bench, check
     from hardware.bench.finding import Stage
     from operator_app.composition import open_arm
@@ -104,6 +106,7 @@ def execute(args: argparse.Namespace) -> int:
         finally:
             with ending_signals_wait():
                 held = arm.close()
+                powered = arm.left_powered if isinstance(arm, TellsPower) else ()
     if args.json:
         found = [{**asdict(f), "stage": f.stage.value} for f in findings]
         say(json.dumps({"findings": found, "held": held}, indent=2))
@@ -111,17 +114,20 @@ def execute(args: argparse.Namespace) -> int:
     passed = sum(f.passed is True for f in findings)
     say(
         f"{passed} passed, {failed} failed, {len(findings) - passed - failed} not tried or not told. "
-        + _left(findings, held=held),
+        + _left(findings, None if held else NotLetGoError(powered)),
         err=args.json,
     )
-    return ExitCode.ARM_FAULT if failed else ExitCode.ACCEPTED
+    return ExitCode.ACCEPTED if held and not failed else ExitCode.ARM_FAULT
 
 
-def _left(findings: Sequence[Finding], *, held: bool) -> str:
+def _left(findings: Sequence[Finding], problem: NotLetGoError | None) -> str:
     """Say how the arm is left."""
     if not any(finding.name == "connect" for finding in findings):
         return "Nothing was enabled: there is no connection to the arm."
-    return "The arm is held." if held else "The arm did not answer when it was told to hold."
+    if problem is None:
+        return "The arm is held."
+    said = str(problem)
+    return f"{said[0].upper()}{said[1:]}"
 
 
 def _line(finding: Finding) -> str:

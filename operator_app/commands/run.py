@@ -72,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run, report, and leave the arm held whatever happens."""
     from operator_app.composition import unattended
+    from operator_app.errors import NotLetGoError
     from operator_app.headless.console import ConsoleListener
     from operator_app.headless.remounting import next_placement, require_mounted
     from operator_app.headless.runner import run
@@ -85,12 +86,14 @@ def execute(args: argparse.Namespace) -> int:
         else begin(args.procedure, choices, root=args.sessions)
     )
     listener = ConsoleListener()
-    result = None
+    result, drives_off = None, False
     try:
         require_mounted(opening, listener)
         while result is None:
             if opening.next_due:
-                opening = next_placement(opening, listener, root=args.sessions)
+                opening = next_placement(
+                    opening, listener, root=args.sessions, drives_off=drives_off
+                )
             with (
                 unattended(
                     opening, record_to=recording(args, opening), cut_short=listener.cut_short
@@ -108,11 +111,16 @@ def execute(args: argparse.Namespace) -> int:
                 )
             if result is None:
                 session.require_let_go()
+                drives_off = True
                 opening = replace(opening, next_due=True)
     except UnidentifiableError as error:
         # Only an open session calibrates.
         _report_unidentifiable(args, session, error)
         return ExitCode.NOT_IDENTIFIABLE
+    except NotLetGoError:
+        if result is not None:  # found, and kept, all the same
+            _report(args, session, result)
+        raise
     _report(args, session, result)
     return ExitCode.ACCEPTED if result.solution.accepted else ExitCode.NOT_ACCEPTED
 

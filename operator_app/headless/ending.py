@@ -13,14 +13,9 @@ from hardware.errors import (
 from hardware.objects import EmergencyCode
 from operator_app.composition import CutShort
 from operator_app.session.folder import read_session
-from operator_app.session.wording import stopped_words
+from operator_app.session.wording import stopped_words, words
 
 _STOP_CONTACT = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP_SECOND)
-
-_SILENT = (
-    "The arm did not answer when it was told to hold: nobody here knows what it does. Its drives hold by "
-    "themselves when they miss the operator's heartbeat. Look before you go near."
-)
 
 
 def cut_short_lines(found: CutShort) -> list[str]:
@@ -28,13 +23,11 @@ def cut_short_lines(found: CutShort) -> list[str]:
     session, state = found.session, found.session.state
     interrupted = isinstance(found.cause, KeyboardInterrupt)
     said = "The run was interrupted" if interrupted else "The run has ended early"
-    # Of this run: what an earlier one had connected to may not be there any more.
-    connected = session.identity is not None
-    if connected and found.held:
+    if found.connected and found.held:
         said += "; the arm is held"
     folder = session.journal.kept_in
     if session.journal.loss is not None:
-        return [f"{said}. What could be kept is in {folder}."]
+        return [*_danger(found), f"{said}. What could be kept is in {folder}."]
     # The journal's: an interrupt may come between a line and its being counted.
     kept = read_session(folder).state if found.kept else None
     poses = len(state.poses if kept is None else kept.poses)
@@ -46,9 +39,16 @@ def cut_short_lines(found: CutShort) -> list[str]:
         lines.insert(0, f"{stopped_words(str(found.cause))}.")
     if late := _late(found):
         lines.insert(0, late)
-    if connected and not found.held:
-        lines.insert(0, _SILENT)
-    return lines
+    return [*_danger(found), *lines]
+
+
+def _danger(found: CutShort) -> list[str]:
+    """Say that the arm is not held, before anything else; who interrupts a run is told so by its end."""
+    left = found.session.not_held
+    if left is None or not found.connected or isinstance(found.cause, KeyboardInterrupt):
+        return []
+    said = words(left)
+    return [f"{said.happened}. {said.remedy}."]
 
 
 def _late(found: CutShort) -> str:

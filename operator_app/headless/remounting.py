@@ -1,8 +1,8 @@
 """Between two placements of the fixture: what the operator has to do, and that it was done. Knows no bus.
 
-The arm was let go: its drives are off, and nobody commands them. That the fixture was mounted anew goes
-into the journal when somebody has said so and before the arm is connected again, so that a session goes on in
-the right placement whatever happens in between.
+Nobody commands the arm meanwhile; that its drives are off is said where they were looked at. That the fixture
+was mounted anew goes into the journal when somebody has said so and before the arm is connected again, so that a
+session goes on in the right placement whatever happens in between.
 """
 
 from __future__ import annotations
@@ -21,9 +21,12 @@ _WORD = "mounted"
 """A word, and not Enter: that may be left from before, and the arm moves on it."""
 
 
-def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -> Opening:
+def next_placement(
+    opening: Opening, listener: ConsoleListener, *, root: Path, drives_off: bool = False
+) -> Opening:
     """Ask for the next placement, keep that it is there, and return how the session goes on.
 
+    `drives_off`: this program has just let go of the arm, and its drives said that they are off.
     Where the arm is simulated by this very program nobody has to do anything.
 
     Raises
@@ -39,7 +42,7 @@ def next_placement(opening: Opening, listener: ConsoleListener, *, root: Path) -
         listener.say(f"Placement {number} of {wanted}: the virtual fixture is mounted anew.")
     else:
         with _interrupted_in_words(opening, listener):
-            for line in words(opening):
+            for line in words(opening, drives_off=drives_off):
                 listener.say(line)
             _confirmed(opening, number)
     keep_remounted(opening.folder, number)
@@ -95,12 +98,17 @@ def _confirmed(opening: Opening, number: int) -> None:
     )
 
 
-def words(opening: Opening) -> tuple[str, ...]:
-    """Say what to do between two placements."""
+def words(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
+    """Say what to do between two placements; that drives are off only where they were looked at."""
+    off = (
+        "Nobody commands the arm any more: its drives are off."
+        if drives_off
+        else "Nobody here commands the arm, and nobody has looked at its drives: make sure that they are off."
+    )
     number = opening.placement + 1
     lines = [
         f"Placement {opening.placement} of {opening.procedure.placements} has its poses.",
-        "Nobody commands the arm any more: its drives are off. Leave its controller on: its counters count.",
+        f"{off} Leave its controller on: its counters count.",
         *remounting_steps(opening.procedure),
     ]
     if opening.choices.interface == "loopback":

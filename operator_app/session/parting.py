@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from hardware.arm import Arm
+from hardware.arm import Arm, TellsPower
 from hardware.errors import HardwareError
-from operator_app.errors import SessionError
+from operator_app.errors import NotLetGoError
 from operator_app.session.journal import Journal
 from operator_app.session.lateness import LatenessLog
 from operator_app.session.sensor_faults import SensorFaults
@@ -21,7 +21,9 @@ class Parting:
     Attributes
     ----------
     held
-        Whether the arm answered when it was let go of last.
+        Whether the arm answered when it was let go of last, and no drive of it follows commands.
+    powered
+        Joints whose drives said then that they were powered; STOP leaves them so, and held.
     """
 
     def __init__(
@@ -30,6 +32,7 @@ class Parting:
         self._arm, self._journal = arm, journal
         self._sensor_faults, self._lateness = sensor_faults, lateness
         self.held = False
+        self.powered: tuple[int, ...] = ()
 
     def reset_stop(self) -> None:
         """Clear STOP and what tripped; the drives stay disabled.
@@ -46,7 +49,7 @@ class Parting:
         self._arm.reset_stop()
 
     def let_go(self) -> bool:
-        """Leave the arm held; False if it did not answer. Whatever can be kept or not, it is let go.
+        """Leave the arm held; False if it is not. Whatever can be kept or not, it is let go.
 
         Raises
         ------
@@ -61,18 +64,21 @@ class Parting:
                     self._lateness.record()
         finally:
             self.held = self._arm.close()
+            self.powered = self._arm.left_powered if isinstance(self._arm, TellsPower) else ()
         return self.held
 
-    def require_held(self) -> None:
-        """Refuse to send anybody to the fixture of an arm of which nobody knows what it does.
+    @property
+    def not_held(self) -> NotLetGoError | None:
+        """Why nobody may say that the arm is held; None where it is."""
+        return None if self.held else NotLetGoError(self.powered)
+
+    def require_off(self) -> None:
+        """Refuse to send anybody to the fixture of an arm whose drives are not known to be off.
 
         Raises
         ------
-        SessionError
-            The arm did not answer when it was let go.
+        NotLetGoError
+            Some are powered, if only because STOP holds them; or the arm did not answer when it was let go.
         """
-        if not self.held:
-            raise SessionError(
-                "the arm did not answer when it was told to hold and let go: nobody here knows what it does",
-                "look before you go near; its drives hold by themselves when they miss the operator's heartbeat",
-            )
+        if self.powered or not self.held:
+            raise NotLetGoError(self.powered)

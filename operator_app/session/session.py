@@ -27,7 +27,13 @@ from hardware.errors import HardwareError
 from hardware.trajectory import coming_to_rest_s
 from operator_app.calibration.refusals import FixtureRefusedError
 from operator_app.config.procedure import Procedure
-from operator_app.errors import Cancelled, GuardError, JournalError, JournalLostError
+from operator_app.errors import (
+    Cancelled,
+    GuardError,
+    JournalError,
+    JournalLostError,
+    NotLetGoError,
+)
 from operator_app.planning.exploration import range_watch
 from operator_app.planning.held import held_checks
 from operator_app.planning.mode_rule import modes_problem
@@ -300,7 +306,7 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def let_go(self) -> bool:
-        """Leave the arm held, to connect anew; what only it knows is kept. False if it did not answer."""
+        """Leave the arm held, to connect anew; what only it knows is kept. False if it is not."""
         try:
             return self._parting.let_go()
         finally:
@@ -308,11 +314,11 @@ class Session(Logbook):
 
     @property
     def held(self) -> bool:
-        """Whether the arm answered when it was let go of last."""
+        """Whether the arm was held when it was let go of last, for all that is known."""
         return self._parting.held
 
     def close(self, reason: str) -> bool:
-        """Leave the arm held and the journal whole. Safe to call twice; False if it did not answer."""
+        """Leave the arm held and the journal whole. Safe to call twice; False if it is not held."""
         try:
             # What cannot be written is said by the last entry, which cannot be either.
             with suppress(JournalError):
@@ -328,9 +334,14 @@ class Session(Logbook):
             finally:
                 self.journal.close()
 
+    @property
+    def not_held(self) -> NotLetGoError | None:
+        """Why nobody may say that the arm is held, now that it was let go of; None where it is."""
+        return self._parting.not_held
+
     def require_let_go(self) -> None:
-        """Refuse to send anybody to the fixture of an arm that did not answer when it was let go."""
-        self._parting.require_held()
+        """Refuse to send anybody to the fixture of an arm whose drives are not known to be off."""
+        self._parting.require_off()
 
     def _require_journal(self) -> None:
         """Move nothing for a session whose journal is gone."""

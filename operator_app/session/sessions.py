@@ -9,7 +9,7 @@ from pathlib import Path
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import builtin_names
-from operator_app.errors import JournalLostError, SessionError
+from operator_app.errors import JournalLostError, NotLetGoError, SessionError
 from operator_app.session.folder import SessionEntry, list_sessions
 from operator_app.session.mounting import keep_remounting
 from operator_app.session.opening import (
@@ -51,6 +51,8 @@ class Sessions:
         Whether its parameters were written.
     lost
         How its journal was taken away, if it was.
+    not_held
+        Why nobody may say that the arm it was let go of is held, if nobody may.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class Sessions:
         self.held: bool | None = None
         self.exported = False
         self.lost: JournalLostError | None = None
+        self.not_held: NotLetGoError | None = None
 
     def new(self, procedure: str | None = None) -> Runner:
         """Begin a session; a procedure that is named stays chosen."""
@@ -132,6 +135,7 @@ class Sessions:
                 self.exported = bool(session.state.exported)
                 self.last = None if remove_if_empty(session) else session.journal.kept_in
                 self.lost = session.journal.loss
+                self.not_held = session.not_held
                 # What was still to be written then: said with the next session.
                 self._warning = runner.recording_news()
 
@@ -152,7 +156,8 @@ class Sessions:
         if self._warning:
             runner.say(Level.WARNING, self._warning)
             self._warning = ""
-        if self.lost is not None:
-            runner.say(Level.ALARM, str(self.lost))
+        for problem in (self.lost, self.not_held):
+            if problem is not None:
+                runner.say(Level.ALARM, str(problem))
         self._runner, self._stack = runner, opened
         return runner

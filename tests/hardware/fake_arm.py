@@ -40,12 +40,16 @@ class FakeDrive:
     mode: int = 0
     target: int = 0
     follows_mode: bool = True
+    ignores: tuple[int, ...] = ()
+    """Controlwords that it takes no notice of while it is enabled."""
     noise: Callable[[int], int] = lambda _sync: 0
     heard: list[tuple[int, int, int]] = field(default_factory=list)
 
     def rpdo(self, data: bytes) -> None:
         word, target, mode = struct.unpack("<Hib", data)
         self.heard.append((word, target, mode))
+        if self.status == 0x27 and word in self.ignores:
+            return
         if word & 0x80 and not self.controlword & 0x80 and self.status == 0x08:
             self.status = 0x40
         elif not word & 0x80:

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
+from hardware.arm import DriveState
+from hardware.virtual.drive import Drive
 from operator_app.cli import main
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.resources import resolve
@@ -139,6 +141,36 @@ def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(
     mine.write_text(yaml.safe_dump(procedure, sort_keys=False))
     assert main(["run", str(mine), "--sessions", str(tmp_path)]) == 5
     assert "joint 4 does not move" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("placements", ["1", "2"])
+def test_an_arm_with_a_drive_that_stays_powered_is_not_called_held(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    placements: str,
+) -> None:
+    """Between two placements somebody would reach into it."""
+    obey = Drive.obey_controlword
+
+    def stay_on(drive: Drive, word: int) -> None:
+        on = drive.state is DriveState.OPERATION_ENABLED
+        if not (drive.axis.joint == 1 and on and word == 0x0000):
+            obey(drive, word)
+
+    monkeypatch.setattr(Drive, "obey_controlword", stay_on)
+    asked = ["run", "hinge", "--poses", "4", "--placements", placements, "--json"]
+    assert main([*asked, "--sessions", str(tmp_path)]) == 3
+    said = capsys.readouterr()
+    assert "the drive of joint 1 is still powered" in said.err
+    assert "Keep clear" in said.err
+    assert "hardware stop" in said.err
+    assert "arm is held" not in said.err
+    assert "Placement 2 of 2" not in said.err
+    if placements == "1":
+        assert json.loads(said.out)["poses"] == 4, "what was found is said all the same"
+    (folder,) = tmp_path.iterdir()
+    assert read_journal(folder).events[-1].name == "closed"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -12,14 +12,10 @@ import numpy as np
 import pytest
 
 from hardware.canopen_arm import CanopenArm
-from hardware.errors import (
-    BusError,
-)
+from hardware.errors import BusError, DriveFault
 from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import (
-    make,
-)
+from tests.hardware.on_fake_bus import make, wait_for
 
 
 def test_fast_forward_sends_no_sync_between_commands(driven: CanopenArm, bus: FakeArmBus) -> None:
@@ -72,6 +68,67 @@ def test_closing_after_stop_does_not_lift_the_stop(driven: CanopenArm, bus: Fake
     driven.close()
     assert {drive.status for drive in bus.drives.values()} == {0x07}
     assert bus.token == 0
+
+
+def test_a_drive_that_does_not_switch_off_is_no_arm_let_go(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    """Somebody is sent to the fixture on this word."""
+    bus.drives[1].ignores = (0x0000,)
+    assert not driven.close()
+    assert driven.left_powered == (1,)
+    assert not driven.close(), "asked again, the same is true"
+    assert [j for j, drive in bus.drives.items() if drive.status != 0x40] == [1]
+    assert bus.token == 0
+
+
+def test_a_drive_that_ignored_stop_is_not_held_by_it(driven: CanopenArm, bus: FakeArmBus) -> None:
+    bus.drives[1].ignores = (0x0002,)
+    driven.stop()
+    assert not driven.close()
+    assert 1 in driven.left_powered
+
+
+def test_stopped_drives_are_held_and_not_off(driven: CanopenArm) -> None:
+    driven.stop()
+    assert driven.close()
+    assert driven.left_powered == (1, 2, 3, 4, 5, 6, 7)
+
+
+@pytest.mark.parametrize(("node", "code"), [(16, 0x5441), (16, 0x1000), (2, 0x8612)])
+def test_what_a_node_reported_before_keeps_no_drive_enabled(
+    driven: CanopenArm, bus: FakeArmBus, node: int, code: int
+) -> None:
+    """A supervisor's words count as a stop, but no drive was stopped by them."""
+    bus.say(0x80 + node, struct.pack("<HB5x", code, 0x81))
+    wait_for(lambda: bool(driven.snapshot().faults))
+    assert driven.close()
+    assert driven.left_powered == ()
+    assert {drive.status for drive in bus.drives.values()} == {0x40}
+
+
+def test_an_arm_whose_drives_were_never_commanded_is_let_go(
+    arm: CanopenArm, bus: FakeArmBus
+) -> None:
+    """The token was taken, then a fault came before the first command."""
+    bus.trip(3, 0x8311)
+    wait_for(lambda: bool(arm.snapshot().faults))
+    with pytest.raises(DriveFault):
+        arm.take_control()
+    assert arm.close()
+    assert arm.left_powered == ()
+    assert bus.token == 0
+
+
+def test_an_arm_let_go_and_taken_again_is_judged_anew(arm: CanopenArm, bus: FakeArmBus) -> None:
+    arm.take_control()
+    bus.drives[1].ignores = (0x0000,)
+    assert not arm.close()
+    bus.drives[1].ignores = ()
+    arm.connect()
+    arm.take_control()
+    assert arm.close()
+    assert arm.left_powered == ()
 
 
 def test_stop_while_closing_stops_the_drives_and_latches(

@@ -111,7 +111,9 @@ def test_a_run_that_ends_as_drives_missed_the_heartbeat_says_that_this_computer_
         arm.lateness = late(times, 0.83, 0.9 if times > 1 else 0.83)
     held = session.close("failed")
     cause = DriveFault(1, code, "heartbeat or not")
-    lines = cut_short_lines(CutShort(session=session, cause=cause, held=held, kept=True))
+    lines = cut_short_lines(
+        CutShort(session=session, cause=cause, connected=True, held=held, kept=True)
+    )
     late_lines = [line for line in lines if "This computer was late" in line]
     assert len(late_lines) == (1 if said else 0)
     assert said in "".join(late_lines)

@@ -10,8 +10,10 @@ from typing import Any
 
 import pytest
 
+from hardware.canopen_arm import CanopenArm
 from operator_app.cli import main
-from operator_app.errors import GuardError, SessionError
+from operator_app.errors import GuardError, NotLetGoError, SessionError
+from operator_app.exit_codes import exit_code
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.remounting import next_placement, require_mounted, words
 from operator_app.session.journal import Journal, read_journal
@@ -98,7 +100,7 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
 ) -> None:
     folder = written(tmp_path / "a", first_placement())
     opening = resume(str(folder), Choices(), root=tmp_path)
-    said = " ".join(words(opening))
+    said = " ".join(words(opening, drives_off=True))
     for what in ("drives are off", "Secure the arm", "Take the hinge off the table and off the hand",
                  "Mount it anew", "close the loop", "--placement 2", "Type mounted and Enter"):  # fmt: skip
         assert what in said
@@ -220,6 +222,43 @@ def test_nobody_is_sent_to_an_arm_that_did_not_answer(make_session) -> None:
     session.close("the fixture is mounted anew")
     with pytest.raises(SessionError, match="did not answer"):
         session.require_let_go()
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_nobody_is_sent_to_an_arm_with_power_in_it(make_session, held: bool) -> None:
+    """Where STOP holds its drives as well."""
+    session = make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
+    session.arm.left_powered = (2, 5)
+    session.arm.close = lambda: held
+    assert session.close("the fixture is mounted anew") is held
+    with pytest.raises(NotLetGoError, match="drives of joints 2, 5 are still powered") as refused:
+        session.require_let_go()
+    assert "hardware stop" in refused.value.remedy
+    assert exit_code(refused.value) == 3
+    assert (session.not_held is None) is held
+
+
+def test_that_drives_are_off_is_said_only_where_somebody_has_looked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = written(tmp_path / "a", first_placement())
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(["run", "--resume", str(folder), "--sessions", str(tmp_path)]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "its drives are off" not in said
+    assert "make sure that they are off" in said
+
+
+def test_the_app_does_not_call_an_arm_held_that_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(CanopenArm, "close", lambda _: False)
+    monkeypatch.setattr(CanopenArm, "left_powered", (1,))
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(["--plain", "--sessions", str(tmp_path)]) == 3
+    said = capsys.readouterr().err
+    assert "the drive of joint 1 is still powered" in said
+    assert "arm is held" not in said
 
 
 def test_nothing_connects_while_the_fixture_is_off(make_session) -> None:

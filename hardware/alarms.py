@@ -12,6 +12,7 @@ from hardware.errors import (
     ControlDenied,
     DriveAstray,
     DriveFault,
+    DriveLeft,
     HardwareError,
     Intruder,
     NodeRestarted,
@@ -23,6 +24,7 @@ from hardware.errors import (
 from hardware.following import Astray
 from hardware.node_watch import NodeWatch
 from hardware.objects import OPERATOR_NODE, EmergencyCode
+from hardware.staying import Left
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +39,8 @@ class Seen:
         Joints that do not answer any more, and those that answer twice.
     jump, astray
         A reading that jumped, and a joint that is not where it was told to be.
+    left
+        Drives that did not stay enabled, or not following, those first that may be why others did not.
     """
 
     stop_latched: bool
@@ -44,6 +48,7 @@ class Seen:
     doubled_joints: tuple[int, ...] = ()
     jump: Jump | None = None
     astray: Astray | None = None
+    left: tuple[Left, ...] = ()
 
 
 def find_alarm(
@@ -60,6 +65,7 @@ def find_alarm(
         *_told(nodes, seen),
         *_noticed(nodes, seen),
         *_missing(nodes, seen, now_s, heartbeat_timeout_s),
+        *_not_as_put(seen),
     )
     return next((reason for reason in reasons if not isinstance(reason, despite)), None)
 
@@ -130,6 +136,12 @@ def _missing(
         yield BusError(silence)
     if nodes.other_operator(now_s, heartbeat_timeout_s):
         yield ControlDenied(OPERATOR_NODE)
+
+
+def _not_as_put(seen: Seen) -> Iterator[HardwareError]:
+    """Which drives did not stay enabled and following: after all that may be why."""
+    for left in seen.left:
+        yield DriveLeft(left.joint, left.state.value, deaf=left.deaf)
 
 
 def _silence(nodes: tuple[int, ...], drives: tuple[int, ...]) -> str | None:

@@ -2,7 +2,8 @@
 
 A joint that goes where it was not told to, its drive saying all is well, is stopped as STOP would. To hold
 does not end what such a drive does, holding is what it does wrong: it is switched off as well, which blocks
-its valve. So is one that goes on after a STOP.
+its valve. So is one that goes on after a STOP. A drive that was switched off at the drive is not switched on
+again by a repetition.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class CommandSender:
     latch
         Of STOP.
     watch
-        Hears what may make a joint jerk, and knows those that went astray.
+        Hears what may make a joint jerk, and knows those that went astray and the drives that left.
     quick_stop
         Sends quick stop to all drives; must not wait.
     """
@@ -52,8 +53,9 @@ class CommandSender:
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
         """Send what changed, and one joint's command again in turn in case a frame was lost."""
         again = sync_count % len(self._frames)
-        for joint, command in enumerate(commands):
-            before = self._sent[joint]
+        staying = self._watch.staying
+        for joint, given in enumerate(commands):
+            before, command = self._sent[joint], staying.command(joint + 1, given)
             if command == before and joint != again:
                 continue
             if self._latch.latched:

@@ -222,6 +222,7 @@ class ControlLoop:
                 doubled_joints=self._sampler.doubled(),
                 jump=self.watch.jump,
                 astray=self.watch.astray,
+                left=self.watch.staying.left,
             ),
             now_s=self.attention.listened_s,
             heartbeat_timeout_s=self.heartbeat_timeout_s,
@@ -320,9 +321,17 @@ class ControlLoop:
                 break
             self._beat()
         self._sampler.close()
-        if self.watch.look(self.sample, self.commands, answered_late=self._sampler.answered_late):
+        before = self.watch.staying.left
+        if self.watch.look(
+            self.sample,
+            self.commands,
+            answered_late=self._sampler.answered_late,
+            stopped=self.latch.latched,
+        ):
             self.latch.press(self.watch.astray)
             self._sender.stop_all(self.commands)
+        elif self.commands is not None and self.watch.staying.left != before:
+            self._sender.send(self.commands, self.sample.sync_count, moving=False)  # at once
 
     def _drain(self) -> None:
         """Look at what has arrived, as far as there is time for it."""

@@ -191,6 +191,23 @@ class DriveFault(HardwareError):
         super().__init__(f"joint {joint} tripped: {text} ({code:04X}h)")
 
 
+class DriveLeft(DriveFault):
+    """A drive that was enabled is not any more, nor by a command from here, and no emergency says why.
+
+    `state` are the words of its state. One that is `deaf` is enabled still, and does not follow its target.
+    """
+
+    def __init__(self, joint: int, state: str, *, deaf: bool = False) -> None:
+        self.joint, self.code, self.state, self.deaf = joint, 0, state, deaf
+        told = (
+            f"joint {joint}: its drive is enabled and says no more that it follows its target (6041h, bit 12)"
+            if deaf
+            else f"joint {joint}: the drive is in {state}; it was enabled, and was not told to be otherwise from "
+            "here. It is not switched on again by itself"
+        )
+        HardwareError.__init__(self, told)
+
+
 class NodeRestarted(BusError):
     """A node has booted by itself: what it counted since may have begun anew."""
 

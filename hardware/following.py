@@ -3,6 +3,10 @@
 A drive watches its own following error (6065h) by its own target and its own sensor. When somebody else
 gives it targets, or it does not do what it says, that sees nothing; the operator, who knows what was
 commanded, does.
+
+A drive that has said that it follows (bit 12) is held to its target from then on, until it is told another mode or
+leaves *operation enabled*: to say no more that it follows, and go elsewhere, is no excuse. Before, as it changes
+modes, it goes by no target yet; one that never says so is given no mode (`hardware.steps`).
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ AWAY_SYNCS: Final = 10
 _NOWHERE: Final = (math.inf, -math.inf)
 
 _STATE: Final = 0x6F
-_FOLLOWS: Final = STATE_BITS[DriveState.OPERATION_ENABLED] | StatusBit.FOLLOWS_COMMAND
+_ENABLED: Final = STATE_BITS[DriveState.OPERATION_ENABLED]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +52,7 @@ class Following:
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)
         self._away = [0] * len(self._windows)
+        self._followed = [False] * len(self._windows)
         # Lowest and highest target of each joint, in this stretch of SYNCs and in the one before: an answer
         # that comes late says where the joint was then.
         self._told = [_NOWHERE] * len(self._windows)
@@ -66,7 +71,7 @@ class Following:
             command, status = commands[at], sample.statuswords[at]
             if command.mode != CYCLIC_POSITION:
                 self._told[at] = self._told_before[at] = _NOWHERE
-                self._away[at] = 0
+                self._away[at], self._followed[at] = 0, False
                 continue
             target, (low, high) = command.target_counts, self._told[at]
             if not low <= target <= high:
@@ -76,8 +81,10 @@ class Following:
             lower, higher = self._told_before[at]
             counts = sample.counts[at]
             error = min(counts - min(low, lower), 0) or max(counts - max(high, higher), 0)
-            follows = status & (_STATE | StatusBit.FOLLOWS_COMMAND) == _FOLLOWS
-            self._away[at] = self._away[at] + 1 if follows and abs(error) > window else 0
+            follows = bool(status & StatusBit.FOLLOWS_COMMAND) or self._followed[at]
+            self._followed[at] = follows and status & _STATE == _ENABLED
+            away = self._followed[at] and abs(error) > window
+            self._away[at] = self._away[at] + 1 if away else 0
             if self._away[at] >= AWAY_SYNCS:
                 since = sample.sync_count - self._away[at] + 1
                 return Astray(joint=at + 1, counts=round(error), sync_count=since)

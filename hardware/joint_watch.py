@@ -1,4 +1,4 @@
-"""What samples show that nobody says: readings that jump, joints that go astray. Knows no bus and no thread."""
+"""What samples show that nobody says: readings that jump, joints that go astray, drives that leave. Knows no bus."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from hardware.cyclic import Sample, Setpoints
 from hardware.errors import HardwareError
 from hardware.following import Astray, Following
 from hardware.standing import Standing
+from hardware.staying import Staying
 
 
 class JointWatch:
@@ -30,6 +31,8 @@ class JointWatch:
         was told to be, for which the arm was stopped; None if there was none.
     switched_off
         All joints that went astray: their drives have no power any more.
+    staying
+        Knows which drives did not stay as they were put, and what those are sent.
     """
 
     def __init__(
@@ -38,6 +41,7 @@ class JointWatch:
         self.jump: Jump | None = None
         self.astray = astray
         self.switched_off: frozenset[int] = frozenset()
+        self.staying = Staying()
         self._strays: tuple[Following, Standing] = (Following(), Standing())
         self._looks_for_jumps = bool(allowed_counts)
         self._continuity = Continuity(allowed_counts)
@@ -61,15 +65,23 @@ class JointWatch:
         astray = self.astray
         return pressed() if astray is None else stopped_for(astray)
 
-    def look(self, sample: Sample, commands: Setpoints | None, *, answered_late: bool) -> bool:
+    def look(
+        self,
+        sample: Sample,
+        commands: Setpoints | None,
+        *,
+        answered_late: bool,
+        stopped: bool = False,
+    ) -> bool:
         """Take in a sample and the commands that were sent before it; whether a joint has just gone astray.
 
-        `answered_late`: the sample may hold answers to earlier SYNCs.
+        `answered_late`: the sample may hold answers to earlier SYNCs; `stopped`: STOP was latched before it.
         """
         if self.jump is None and self._looks_for_jumps:
             if answered_late:
                 self._continuity.interrupt()
             self.jump = self._continuity.see(sample)
+        self.staying.see(sample, commands, stopped=stopped)
         before = self.switched_off
         for strays in self._strays:
             found = strays.see(sample, commands)
@@ -85,4 +97,5 @@ class JointWatch:
     def forget(self) -> None:
         """Forget what was found so far."""
         self.jump = self.astray = None
+        self.staying.forget()
         self.switched_off = frozenset()

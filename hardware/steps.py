@@ -23,7 +23,14 @@ from hardware.cia402 import (
     reached,
 )
 from hardware.cyclic import Sample, Setpoint, Setpoints
-from hardware.errors import BusError, CommandRefused, DriveFault, HardwareError, Stopped
+from hardware.errors import (
+    BusError,
+    CommandRefused,
+    DriveFault,
+    DriveLeft,
+    HardwareError,
+    Stopped,
+)
 from hardware.objects import CYCLIC_POSITION, MODE_CODE
 from hardware.scale import JointScale
 from hardware.stop_line import StopLatch
@@ -203,7 +210,7 @@ def move(
             if desk.latch.latched:
                 raise_alarm(desk)
             incomplete = 0 if sample.complete else incomplete + 1
-            ending = _more_urgent(desk.alarm() or _not_enabled(sample, joints), ending)
+            ending = _more_urgent(desk.alarm() or _not_enabled(sample), ending)
             if ending is None and incomplete >= INCOMPLETE_SYNCS:
                 ending = incomplete_samples(sample)
             if isinstance(ending, Stopped):
@@ -268,11 +275,11 @@ def _enabled(sample: Sample, joint: int) -> bool:
     return state_of(sample.statuswords[joint - 1]) is DriveState.OPERATION_ENABLED
 
 
-def _not_enabled(sample: Sample, joints: Sequence[int]) -> CommandRefused | None:
-    """Why joints cannot move on: a drive among them is not enabled any more."""
-    for joint in joints:
-        if not _enabled(sample, joint):
-            state = state_of(sample.statuswords[joint - 1])
+def _not_enabled(sample: Sample) -> CommandRefused | None:
+    """Why the arm cannot move on: a drive is not enabled, whether its joint is led or follows freely."""
+    for joint, status in enumerate(sample.statuswords, 1):
+        state = state_of(status)
+        if state is not DriveState.OPERATION_ENABLED:
             return CommandRefused(f"joint {joint}: the drive is in {state.value}")
     return None
 
@@ -281,7 +288,10 @@ def _more_urgent(found: HardwareError | None, ending: Exception | None) -> Excep
     """Why a move ends: the first reason, unless what was found since asks for more than rest."""
     if ending is None or isinstance(found, Stopped):
         return found
-    # A trip is often seen in the statusword first, as a drive that is not enabled.
+    # A trip is often seen in the statusword first, as a drive that is not enabled: its own, or its neighbour's.
+    if isinstance(ending, DriveLeft) and isinstance(found, DriveFault):
+        stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
+        return found if stopped or found.joint == ending.joint else ending
     if isinstance(found, DriveFault) and not isinstance(ending, DriveFault):
         return found
     return ending

@@ -55,6 +55,8 @@ class Drive:
         self.refuses_modes = False
         self.ignores_heartbeat = False
         self.sees_no_following_error = False
+        self.loses_enable = False
+        self.ignores_targets = False
         self.power_up()
 
     def power_up(self) -> None:
@@ -109,7 +111,7 @@ class Drive:
 
     def obey_target(self, target_counts: int) -> None:
         """Act on 607Ah, where it means anything: enabled, in position mode, under control."""
-        if not (
+        if self.ignores_targets or not (
             self.state is DriveState.OPERATION_ENABLED
             and self.mode is JointMode.POSITION
             and self.in_control
@@ -163,6 +165,8 @@ class Drive:
     def read(self, counts: int, torque_nm: float, speed_rad_per_s: float) -> None:
         """Take in the sensors at the end of a control period; switch modes, trip."""
         self.finish_reaction()
+        if self.loses_enable and self.state is DriveState.OPERATION_ENABLED:
+            self.loses_enable, self.state, self._command = False, DriveState.SWITCHED_ON, None
         self.counts, self.torque_nm, self.speed_rad_per_s = counts, torque_nm, speed_rad_per_s
         if self.mode_request != MODE_CODE.get(self.mode) and not self._holding:  # type: ignore[arg-type]
             self._switch_mode()
@@ -178,7 +182,8 @@ class Drive:
             flags |= StatusBit.REMOTE
         if EmergencyCode.REFERENCE_LIMIT in self.errors:
             flags |= StatusBit.INTERNAL_LIMIT
-        if self.state is DriveState.OPERATION_ENABLED and self.mode is JointMode.POSITION:
+        leads = self.state is DriveState.OPERATION_ENABLED and self.mode is JointMode.POSITION
+        if leads and not self.ignores_targets:
             flags |= StatusBit.FOLLOWS_COMMAND
         if EmergencyCode.FOLLOWING in self.errors:
             flags |= StatusBit.FOLLOWING_ERROR

@@ -56,6 +56,8 @@ FAULT_KINDS: Mapping[str, Happen] = MappingProxyType(
         "slipped-fixture": lambda faults, _joint: faults.slip_fixture(1e-3),
         "bound-hinge": lambda faults, _joint: faults.bind_hinge(),
         "stray": FaultInjector.go_astray,
+        "lost-enable": FaultInjector.lose_enable,
+        "deaf-drive": FaultInjector.ignore_targets,
         "emcy-storm": FaultInjector.storm,
         "refused-modes": FaultInjector.refuse_modes,
         "external-stop": lambda faults, _joint: faults.external_stop(),

@@ -347,6 +347,21 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy=_ASTRAY,
             arm=Arm.STOPPED,
         ),
+        "lost-enable": FaultWords(
+            broken="a drive's enable is taken away for a moment: it is off, and sends no emergency",
+            # As it is being enabled it goes on: it is told to be enabled until it is.
+            says=("joint {joint}: the drive is in", "joint {joint} cannot be enabled"),
+            goes_on=True,
+            remedy="Ask who switched it off, and why: it is not switched on again by itself. Reset (R, or "
+            "`sarcal reset`) when it is safe, then go on.",
+        ),
+        "deaf-drive": FaultWords(
+            broken="a drive in position mode stays where it is, and says that it does not follow (6041h, bit 12)",
+            says=("(6041h, bit 12)", "following error", "from where it was told to be"),
+            goes_on=True,
+            remedy="Look at that drive: interpolation, halt, internal limits. Reset (R, or `sarcal reset`), then go "
+            "on.",
+        ),
         "emcy-storm": FaultWords(
             broken="a drive sends fifty emergencies on every SYNC",
             says=("joint {joint} tripped: ", "Hardly any SYNC is answered"),

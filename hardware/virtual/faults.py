@@ -214,6 +214,14 @@ class FaultInjector:
 
         self._victim.post(act)
 
+    def lose_enable(self, joint: int) -> None:
+        """Let a drive fall back to *switched on* once, as soon as it is enabled, and say nothing of it."""
+        self._set(joint, "loses_enable")
+
+    def ignore_targets(self, joint: int) -> None:
+        """Let a drive stay where it is in position mode, and say that it does not follow (bit 12)."""
+        self._set(joint, "ignores_targets")
+
     def trip(self, joint: int, code: EmergencyCode) -> None:
         """Let a drive trip."""
         node = self._drive(joint)
@@ -296,6 +304,15 @@ class FaultInjector:
     def unhang(self) -> None:
         """Let the control loop go on."""
         self._victim.unhang()
+
+    def _set(self, joint: int, flaw: str) -> None:
+        node = self._drive(joint)
+
+        def act() -> None:
+            with node.lock:
+                setattr(node.drive, flaw, True)
+
+        self._victim.post(act)
 
     def _loop(self) -> FixturePort:
         plant = self._victim.plant

@@ -5,6 +5,7 @@ from __future__ import annotations
 from hardware.errors import (
     DriveAstray,
     DriveFault,
+    DriveLeft,
     HardwareError,
     MappingDiffers,
     NotConfigured,
@@ -78,6 +79,11 @@ def _way_on(found: CutShort) -> list[str]:
         reset = "" if embedded else f" Then clear its trip with: sarcal reset {folder}"
         if cause.code in _STOP_CONTACT:
             return [f"Release the external stop when it is safe.{reset}", goes_on]
+        if isinstance(cause, DriveLeft):
+            return [
+                f"Find out why joint {cause.joint}'s drive did not stay as it was put.",
+                goes_on,
+            ]
         return [f"Find out what joint {cause.joint} met.{reset}", goes_on]
     if isinstance(cause, DriveAstray):
         return [

@@ -15,6 +15,7 @@ from hardware.errors import (
     ControlDenied,
     DriveAstray,
     DriveFault,
+    DriveLeft,
     HardwareError,
     Intruder,
     MappingDiffers,
@@ -83,6 +84,7 @@ _REMEDIES: Mapping[type, str] = {
     ModeNotReached: "Look at that drive's fault, reset it (R) and apply the modes again",
     DriveAstray: "Keep clear until you know why: the drive has failed, or somebody else leads it. Then reset "
     "(R, or `sarcal reset`), and go on from the modes",
+    DriveLeft: "Ask who switched it off, and why; when it is safe, reset (R) and apply the modes again",
     DriveFault: "The arm holds. Find out what it met, reset (R) and apply the modes again",
     Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     CommandRefused: "Nothing was sent to the drives",

@@ -95,6 +95,7 @@ class FakeArmBus(can.BusABC):
         self.dead: set[int] = set()
         self.operational = False
         self.says_it_follows = True
+        self.deaf: set[int] = set()
         self.token = 0
         self.other_operator = False
         self.other_master: tuple[tuple[int, bytes], ...] = ()
@@ -189,7 +190,7 @@ class FakeArmBus(can.BusABC):
                     continue
                 counts = drive.counts + drive.noise(self.syncs)
                 leads = self.says_it_follows and (drive.status, drive.mode) == (0x27, 8)
-                bits = 0x1200 if leads else 0x0200
+                bits = 0x1200 if leads and joint not in self.deaf else 0x0200
                 frame = struct.pack("<Hih", drive.status | bits, counts, drive.torque)
                 for _ in range(2 if joint in self.twice else 1):
                     self._queue.append((0x180 + joint, frame))

@@ -61,6 +61,29 @@ def test_only_a_drive_that_says_that_it_follows_is_taken_at_its_word(other: dict
     assert set(watched(*[5 * WINDOW] * 40, **other)) == {None}  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("shown", [1, 5])
+def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(shown: int) -> None:
+    following = Following([WINDOW])
+    told = (Setpoint(0x0F, 0, CSP),)
+
+    def see(sync: int, status: int, counts: int) -> Astray | None:
+        sample = Sample(
+            sync_count=sync, statuswords=(status,), counts=(counts,), torques_per_mille=(0,)
+        )
+        return following.see(sample, told)
+
+    for sync in range(shown):
+        assert see(sync, FOLLOWS, 0) is None
+    said = [see(100 + sync, NO_ANSWER_BIT, 5 * WINDOW) for sync in range(AWAY_SYNCS)]
+    assert said == [
+        *[None] * (AWAY_SYNCS - 1),
+        Astray(joint=1, counts=5 * WINDOW, sync_count=100),
+    ]
+    # Stopped, and enabled anew: until it says that it follows it goes by no target.
+    assert see(200, STOPPED, 5 * WINDOW) is None
+    assert {see(201 + k, NO_ANSWER_BIT, 5 * WINDOW) for k in range(3 * AWAY_SYNCS)} == {None}
+
+
 def test_nobody_is_astray_before_anything_was_commanded_or_without_windows() -> None:
     sample = Sample(sync_count=1, statuswords=(FOLLOWS,), counts=(9000,), torques_per_mille=(0,))
     for _ in range(3 * AWAY_SYNCS):

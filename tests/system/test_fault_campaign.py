@@ -39,7 +39,7 @@ from oracles.profiles import sarcos
 BEFORE, FIRST_SYNCS, IN_CAPTURE = 0, 30, (450, 640, 700)
 """When it happens: before anybody connects, as the drives are enabled, and among the poses."""
 
-JOINT = {"stray": 5, "sagging-drive": 5}
+JOINT = {"stray": 5, "sagging-drive": 5, "deaf-drive": 5}
 """Whose fault it is, where it is not joint 4's: only a joint that is led can go astray."""
 
 AT_CONNECT = {kind for kind, words in FAULTS.items() if words.at_connect}
@@ -72,6 +72,10 @@ QUICK = [
     ("other-heartbeat", BEFORE),
     ("stray", IN_CAPTURE[0]),
     ("sagging-drive", FIRST_SYNCS),
+    ("lost-enable", IN_CAPTURE[0]),
+    ("lost-enable", IN_CAPTURE[1]),
+    ("deaf-drive", BEFORE),
+    ("deaf-drive", IN_CAPTURE[0]),
     ("emcy-storm", IN_CAPTURE[1]),
     ("blocked-joint", IN_CAPTURE[1]),
     ("wrong-node", IN_CAPTURE[1]),
@@ -88,6 +92,8 @@ def judge(kind: str, at_sync: int, folder: Path) -> Outcome:
     else:
         assert words.goes_on
         assert not (kind in AT_CONNECT and at_sync == BEFORE)
+        assert not (kind == "lost-enable" and at_sync in IN_CAPTURE)
+        assert kind != "deaf-drive"
         assert len(found.poses) == 6
     off_rad = np.zeros(7)
     if at_sync in (BEFORE, FIRST_SYNCS) and not found.said:

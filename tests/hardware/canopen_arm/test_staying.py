@@ -1,0 +1,136 @@
+"""A drive whose enable goes, and no word of it: named, not switched on again, and the others stopped."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+import pytest
+
+from hardware.canopen_arm import CanopenArm
+from hardware.errors import CommandRefused, DriveAstray, DriveFault, DriveLeft
+from hardware.timing import Pace, Timing
+from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, make, wait_for
+
+SWITCHED_ON, ENABLED, OFF, STOPPED = 0x23, 0x27, 0x40, 0x07
+
+
+def drop(bus: FakeArmBus, joint: int, *, after: int = 30) -> None:
+    """Let a drive fall back to *switched on* some SYNCs from now, once, and say nothing of it."""
+    at = bus.syncs + after
+
+    def happen(sync: int) -> None:
+        if sync == at:
+            bus.drives[joint].status = SWITCHED_ON
+
+    bus.on_sync = happen
+
+
+def settle_for_ever(arm: CanopenArm) -> None:
+    while True:
+        arm.settle(window=20, spread_rad=[1.0] * JOINTS, timeout_syncs=30)
+
+
+def move_to_and_fro(arm: CanopenArm) -> None:
+    while True:
+        for angle in (0.1, 0.0):
+            arm.move({2: angle}, speed_rad_per_s=0.5)
+
+
+@pytest.mark.parametrize("doing", [capture_for_ever, settle_for_ever, move_to_and_fro])
+@pytest.mark.parametrize("joint", [2, 3, 5, 7])
+def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
+    driven: CanopenArm, bus: FakeArmBus, doing: Callable[[CanopenArm], None], joint: int
+) -> None:
+    driven.capture(20)
+    drop(bus, joint)
+    since = len(bus.sent)
+    with pytest.raises(DriveLeft, match=rf"joint {joint}: the drive is in switched on") as told:
+        doing(driven)
+    assert told.value.joint == joint
+    with pytest.raises(DriveLeft):
+        capture_for_ever(driven)
+    assert {j: drive.status for j, drive in bus.drives.items()} == {
+        j: OFF if j == joint else STOPPED for j in bus.drives
+    }
+    sent = [data for i, data in bus.sent[since:] if i == 0x200 + joint]
+    words = [struct.unpack("<Hib", data)[0] for data in sent]
+    assert words == sorted(words, reverse=True), "switched on again"
+    assert words[-1] == 0x0000
+
+
+def test_nothing_is_enabled_before_it_is_reset(driven: CanopenArm, bus: FakeArmBus) -> None:
+    driven.capture(20)
+    drop(bus, 3)
+    with pytest.raises(DriveLeft):
+        capture_for_ever(driven)
+    for refused in (driven.take_control, lambda: driven.move({5: 0.1}, speed_rad_per_s=0.5)):
+        with pytest.raises((DriveLeft, CommandRefused)):
+            refused()
+    assert ENABLED not in {drive.status for drive in bus.drives.values()}
+    driven.reset_stop()
+    assert {drive.status for drive in bus.drives.values()} == {OFF}
+    driven.take_control()
+    driven.set_modes(TWO_DRIVEN)
+    assert driven.move({5: 0.1}, speed_rad_per_s=0.5).reached
+    driven.capture(50)
+
+
+def test_it_stays_off_though_nobody_asks_for_anything(bus: FakeArmBus) -> None:
+    timing = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), speed=10.0)
+    arm = make(bus, pace=Pace.REAL_TIME, timing=timing)
+    arm.connect()
+    arm.take_control()
+    arm.set_modes(TWO_DRIVEN)
+    begun = bus.syncs
+    wait_for(lambda: bus.syncs > begun + 20)
+    drop(bus, 3, after=10)
+    wait_for(lambda: bus.drives[3].status == OFF)
+    wait_for(lambda: {d.status for j, d in bus.drives.items() if j != 3} == {STOPPED})
+    with pytest.raises(DriveLeft, match="joint 3"):
+        arm.capture(1)
+    assert arm.close()
+    assert bus.drives[3].status == OFF
+
+
+def test_a_trip_whose_emergency_comes_after_its_statusword_is_called_by_its_code(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    driven.capture(20)
+    start = bus.syncs
+
+    def trip(sync: int) -> None:
+        if sync == start + 30:
+            bus.drives[5].status = 0x08
+        elif sync == start + 31:
+            bus.trip(5, 0x8311)
+
+    bus.on_sync = trip
+    with pytest.raises(DriveFault, match="joint 5 tripped: excess torque"):
+        driven.move({2: 1.0}, speed_rad_per_s=0.5)
+
+
+def test_a_drive_that_says_no_more_that_it_follows_is_named(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    driven.capture(20)
+    bus.deaf = {5}
+    with pytest.raises(DriveLeft, match=r"joint 5: .* no more that it follows .*bit 12"):
+        capture_for_ever(driven)
+    bus.deaf = set()
+    driven.reset_stop()
+    driven.take_control()
+    driven.set_modes(TWO_DRIVEN)
+    driven.capture(80)
+
+
+def test_one_that_goes_astray_is_stopped_though_it_says_that_it_does_not_follow(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    driven.capture(20)
+    bus.deaf = {5}
+    bus.drives[5].noise = lambda _sync: 1600
+    with pytest.raises(DriveAstray, match=r"joint 5 is \+1600 counts from where it was told"):
+        capture_for_ever(driven)
+    assert bus.drives[5].status == OFF

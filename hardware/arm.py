@@ -88,7 +88,10 @@ class ArmIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """An emergency message: which node (`joint` is None for the supervisor), which code, in words."""
+    """An emergency message: which node (`joint` is None for the supervisor), which code, in words.
+
+    Code 0 is of a drive that sent none, and is not enabled, or not following, though it was told to be.
+    """
 
     node: int
     joint: int | None

@@ -229,6 +229,7 @@ class Connection:
         return build_snapshot(
             self.loop.view,
             self.loop.nodes,
+            self.loop.watch.staying.left,
             scales=self.scales,
             rated_torques_nm=self._rated_nm,
             modes=self.modes,

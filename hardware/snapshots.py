@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from types import MappingProxyType
 
-from hardware.arm import ArmSnapshot, JointMode, JointState
+from hardware.arm import ArmSnapshot, Fault, JointMode, JointState
 from hardware.attention import Attention
 from hardware.node_watch import NodeWatch
 from hardware.sampling import View
 from hardware.scale import JointScale
+from hardware.staying import Left
 from hardware.steps import state_of
 
 
 def build_snapshot(
     view: View,
     nodes: NodeWatch,
+    left: Sequence[Left],
     *,
     scales: Sequence[JointScale],
     rated_torques_nm: Sequence[float],
@@ -57,9 +59,22 @@ def build_snapshot(
             {node: listened_s - heard for node, heard in dict(nodes.heard_at_s).items()}
         ),
         token=token,
-        faults=nodes.faults,
+        faults=(*nodes.faults, *(_fault(nodes, each) for each in left)),
         stopped=stopped,
         stopped_for=stopped_for,
         moving=moving,
         lateness=attention.lateness,
+    )
+
+
+def _fault(nodes: NodeWatch, left: Left) -> Fault:
+    """What no emergency said."""
+    return Fault(
+        node=nodes.profile.drives[left.joint - 1],
+        joint=left.joint,
+        code=0,
+        text="the drive does not follow its target"
+        if left.deaf
+        else f"the drive is in {left.state.value}",
+        sync_count=left.sync_count,
     )

@@ -350,7 +350,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
         "lost-enable": FaultWords(
             broken="a drive's enable is taken away for a moment: it is off, and sends no emergency",
             # As it is being enabled it goes on: it is told to be enabled until it is.
-            says=("joint {joint}: the drive is in", "joint {joint} cannot be enabled"),
+            says=("the drive is in",),
             goes_on=True,
             remedy="Ask who switched it off, and why: it is not switched on again by itself. Reset (R, or "
             "`sarcal reset`) when it is safe, then go on.",

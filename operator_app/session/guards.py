@@ -313,8 +313,10 @@ def may_verify(s: SessionSnapshot) -> Missing:
 
 
 def may_reset(s: SessionSnapshot) -> Missing:
-    """Only a latched STOP can be reset, or a drive that tripped."""
-    if s.stopped or (s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints)):
+    """Only a latched STOP can be reset, or a drive that tripped, or is off though it was told to be enabled."""
+    arm = s.arm
+    tripped = arm is not None and any(j.drive is DriveState.FAULT for j in arm.joints)
+    if s.stopped or tripped or (arm is not None and arm.faults):
         return idle(s)
     return ("STOP is not latched",)
 

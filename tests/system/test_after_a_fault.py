@@ -251,6 +251,24 @@ def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(
     assert f"j{why}" in told["text"]
 
 
+@pytest.mark.campaign
+def test_a_drive_that_was_switched_off_at_the_drive_stays_off_until_somebody_goes_on(
+    tmp_path: Path, channel: str
+) -> None:
+    bus = ("-i", "loopback", "-c", channel)
+    fault = ("--fault", "lost-enable", "--fault-joint", "3", "--fault-sync", "700")
+    with controller_on(tmp_path, channel, *fault):
+        code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "6"))
+        assert code == 3
+        assert "joint 3: the drive is in switched on; it was enabled" in said
+        assert "Find out why joint 3's drive did not stay as it was put." in said
+        (folder,) = (tmp_path / "sessions").iterdir()
+        assert f"Go on with: sarcal run --resume {Path('sessions') / folder.name}" in said
+        code, out, said = finish(start(tmp_path, "run", "--resume", str(folder), "--json"))
+    assert code in (0, 4), said
+    assert json.loads(out)["poses"] == 6
+
+
 def test_nothing_to_reset_on_the_arm_inside_this_program(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -88,6 +88,8 @@ def test_it_stays_off_though_nobody_asks_for_anything(bus: FakeArmBus) -> None:
     drop(bus, 3, after=10)
     wait_for(lambda: bus.drives[3].status == OFF)
     wait_for(lambda: {d.status for j, d in bus.drives.items() if j != 3} == {STOPPED})
+    (fault,) = arm.snapshot().faults
+    assert (fault.joint, fault.node, fault.text) == (3, 3, "the drive is in switched on")
     with pytest.raises(DriveLeft, match="joint 3"):
         arm.capture(1)
     assert arm.close()

@@ -50,6 +50,32 @@ def test_excess_torque_trips_8311h_and_stops_the_neighbours(arm: Rig) -> None:
     assert arm.peer.unsigned(5, 0x603F) == 0x8311
 
 
+def test_a_drive_whose_enable_is_taken_away_says_so_in_its_statusword_only(arm: Rig) -> None:
+    states = arm.operational()
+    arm.settled(lambda: arm.controller.faults.lose_enable(3))
+    words = [word for word, _, _ in arm.peer.sync()]
+    assert [word & STATE for word in words] == [0x23 if j == 3 else 0x27 for j in range(1, 8)]
+    assert codes(arm, 3) == []
+    # Whoever repeats his command has it on again: that is what an operator must not do.
+    arm.peer.command(3, 0x0F, states[2][1], 8)
+    arm.peer.sync()
+    assert arm.peer.sync()[2][0] & STATE == 0x27
+
+
+def test_a_drive_that_ignores_its_target_stays_and_says_so(arm: Rig) -> None:
+    states = arm.operational()
+    assert arm.peer.sync()[0][0] & 0x1000
+    arm.settled(lambda: arm.controller.faults.ignore_targets(1))
+    target = states[0][1]
+    for _ in range(3):
+        target += 90
+        arm.peer.command(1, 0x0F, target, 8)
+        word, counts, _ = arm.peer.sync()[0]
+        assert (word & STATE, word & 0x1000) == (0x27, 0)
+        assert counts == states[0][1]
+    assert arm.peer.sync()[1][0] & 0x1000
+
+
 def test_a_runaway_free_joint_trips_its_speed_limit(arm: Rig) -> None:
     arm.operational([8, 10, 10, 10, 8, 10, 10])
     arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 3.2))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from fixtures.base import SetupCheck, Severity
-from hardware.arm import JointMode
+from hardware.arm import Fault, JointMode
 from operator_app.session import guards
 from operator_app.session.messages import ARM_AGAIN, told
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
@@ -145,6 +145,12 @@ def test_what_is_missing_is_said(guard, told, change, words):
 )
 def test_nothing_is_missing(guard, told):
     assert guard(story()[told]) == ()
+
+
+def test_a_drive_that_was_switched_off_at_the_drive_can_be_reset():
+    s = story()["modes"]
+    fault = Fault(node=3, joint=3, code=0, text="the drive is in switched on", sync_count=9)
+    assert guards.may_reset(replace(s, arm=replace(s.arm, faults=(fault,)))) == ()
 
 
 @pytest.mark.parametrize("change", [stopped, tripped])

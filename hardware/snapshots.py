@@ -59,7 +59,7 @@ def build_snapshot(
             {node: listened_s - heard for node, heard in dict(nodes.heard_at_s).items()}
         ),
         token=token,
-        faults=(*nodes.faults, *(_fault(nodes, each) for each in left)),
+        faults=nodes.faults or tuple(_fault(nodes, each) for each in left),
         stopped=stopped,
         stopped_for=stopped_for,
         moving=moving,
@@ -68,7 +68,7 @@ def build_snapshot(
 
 
 def _fault(nodes: NodeWatch, left: Left) -> Fault:
-    """What no emergency said."""
+    """What is known where no emergency says why."""
     return Fault(
         node=nodes.profile.drives[left.joint - 1],
         joint=left.joint,

@@ -36,7 +36,7 @@ class RvdtFigures:
         Slope of the best-fit line, reading per true angle; 1 is right.
     linearity, linearity_sd
         Largest deviation from that line, fraction of full scale, and its standard deviation.
-        Over all of full scale it can only be larger.
+        From the line of all of full scale a curve may stray by more, and now and then by less.
     half_range
         Half the peak-to-peak deviation from unit gain, fraction of full scale.
     noise

@@ -150,7 +150,8 @@ def execute(args: argparse.Namespace) -> int:
             document["test"] = verification_json(tested, new)
         say(json.dumps(document, indent=2, allow_nan=False))
     else:
-        say(facts_text(facts))
+        failed = args.test if tested is not None and not tested.holds else ""
+        say(facts_text(facts, failed=failed))
         if tested is not None:
             say(f"\n{verification_text(tested, new, args.poses)}")
     holds = tested is None or tested.holds

@@ -15,23 +15,31 @@ from solver.errors import UnidentifiableError
 WIDTH = 80
 
 
-def facts_text(facts: Facts) -> str:
-    """Return everything an operator should read after a calibration, most important first."""
+def facts_text(facts: Facts, *, failed: str = "") -> str:
+    """Return everything an operator should read after a calibration, most important first.
+
+    `failed` is the test of new poses that it did not pass: no calibration is good news then.
+    """
     blocks = [
-        verdict_text(facts),
+        verdict_text(facts, failed=failed),
         *(table_text(table) for table in facts.tables if not table.detail),
         warnings_text(n for n in facts.notices if n not in _said_first(facts)),
     ]
     return "\n\n".join(block for block in blocks if block)
 
 
-def verdict_text(facts: Facts) -> str:
-    """Return the verdict with its reasons."""
+def verdict_text(facts: Facts, *, failed: str = "") -> str:
+    """Return the verdict with its reasons, and in the same line the test of new poses that `failed`."""
     said = facts.reasons
-    head = f"{facts.verdict.upper()}:"
+    head = facts.verdict.upper()
+    if failed:
+        head += f", {'BUT' if facts.accepted else 'AND'} DOES NOT HOLD for {failed}"
+    head += ":"
     if facts.accepted:
         said = tuple(notice.text for notice in _causes(facts))
         head = f"{head} the calibration meets its limits.{' What may be off:' if said else ''}"
+    if failed:
+        head = paragraph(f"{head} The test is at the end.")
     return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in said)))
 
 

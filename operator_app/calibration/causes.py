@@ -85,7 +85,7 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
         case Cause.LENGTH_CHANGED:
             return Words(
                 f"STEP_LENGTH_{subject}",
-                f"{subject} changed by {GREW(float(found.b[0])).with_unit} {_between(candidate, labels)}",
+                f"{subject} changed by {GREW.not_zero(float(found.b[0])).with_unit} {_between(candidate, labels)}",
                 f"look for a loose joint or link at {subject}, then take all poses again",
             )
         case Cause.ODD_POSES:
@@ -113,7 +113,7 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
         case Cause.DRIFT:
             return Words(
                 f"DRIFT_JOINT_{subject}",
-                f"the reading of joint {subject} drifts by about {STEP(float(found.b[0])).with_unit} from the "
+                f"the reading of joint {subject} drifts by about {STEP.not_zero(float(found.b[0])).with_unit} from the "
                 "first pose to the last",
                 f"let arm and electronics warm up, check the coupling of joint {subject}'s sensor, then take "
                 "all poses again",
@@ -261,7 +261,7 @@ def shift_in_words(
         )
     return Words(
         f"STEP_JOINT_{joint}",
-        f"the reading of joint {joint} shifted by {STEP(step_rad).with_unit}{counts} {where}",
+        f"the reading of joint {joint} shifted by {STEP.not_zero(step_rad).with_unit}{counts} {where}",
         f"check the coupling and cable of joint {joint}'s sensor (lost counts, a slipped coupling), "
         "home the joint and take all poses again",
     )
@@ -279,7 +279,7 @@ def _reading(joint: int, found: Evidence, scene: Scene) -> Words:
         spec = f", {MANY_TIMES(sd / stated).shown} times its specification"
     return Words(
         _sensor_code(joint, arm),
-        f"the reading of joint {joint} scatters by {SCATTER(sd).with_unit}{spec}",
+        f"the reading of joint {joint} scatters by {SCATTER.not_zero(sd).with_unit}{spec}",
         f"check the sensor and cable of joint {joint}, or calibrate with --unsensed {joint}",
     )
 
@@ -288,7 +288,7 @@ def _scatter(found: Evidence) -> Words:
     """Say by how much all readings scatter from pose to pose."""
     # Coefficients are shrunk; with what stays uncertain of each their mean square is not.
     squares = float(found.b @ found.b + np.trace(found.covariance))
-    size = SCATTER(np.sqrt(squares / found.dof_used)).with_unit
+    size = SCATTER.not_zero(np.sqrt(squares / found.dof_used)).with_unit
     return Words(
         "SCATTER",
         f"the readings of all joints scatter by about {size} from pose to "
@@ -305,7 +305,7 @@ def _entry(candidate: Candidate, found: Evidence, scene: Scene) -> Words:
     angle = candidate.cause is Cause.TWIST
     # Fitted columns act against the parameter: w + A dx is what is left.
     off = -float(found.b[0])
-    size = (TARGET if angle else OFF_LENGTH)(off).with_unit
+    size = (TARGET if angle else OFF_LENGTH).not_zero(off).with_unit
     tolerance = (ANGLE_TOLERANCE if angle else LENGTH_TOLERANCE)(stated).with_unit
     return Words(
         f"TWIST_{name}" if angle else f"LENGTH_{name}",
@@ -315,7 +315,7 @@ def _entry(candidate: Candidate, found: Evidence, scene: Scene) -> Words:
 
 
 def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> Words:
-    size = SCATTER(_rms_along(joint, candidate, found, scene)).with_unit
+    size = SCATTER.not_zero(_rms_along(joint, candidate, found, scene)).with_unit
     match candidate.cause:
         case Cause.CURVE:
             sensor = scene.arm.joints[joint - 1].sensor
@@ -370,10 +370,10 @@ def _rms_displacement(candidate: Candidate, found: Evidence, scene: Scene) -> tu
 
 def _displacement(size: tuple[float, float]) -> str:
     turn, shift = size
-    words = [SHIFTED(shift).with_unit]
-    if turn > 0.0:
-        words.append(TURNED(turn).with_unit)
-    return " and ".join(words)
+    known = [(SHIFTED, shift), (TURNED, turn)]
+    # What rounds to nothing is not said beside what does not.
+    words = [kind(x).with_unit for kind, x in known if kind(x) == kind.not_zero(x) and x > 0.0]
+    return " and ".join(words) or SHIFTED.not_zero(shift).with_unit
 
 
 def _rms(values: FloatArray) -> float:

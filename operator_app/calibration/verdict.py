@@ -13,6 +13,7 @@ from enum import Enum
 import numpy as np
 
 from operator_app.calibration.causes import NamedCause, in_words
+from operator_app.calibration.likely import as_likely, perhaps
 from operator_app.units.figure import (
     ANGLE_TOLERANCE,
     LENGTH_TOLERANCE,
@@ -138,7 +139,7 @@ def causes_of(
                 NamedCause(
                     code=code,
                     probability=x.probability,
-                    text=text,
+                    text=as_likely(text, x.probability),
                     remedy=remedy,
                     refuses=_refuses(x.candidate, x.evidence, estimate, impact),
                 )
@@ -157,7 +158,7 @@ def _doubted(trial: Trial, labels: tuple[str, ...]) -> Iterable[NamedCause]:
             yield NamedCause(
                 code=code,
                 probability=x.probability,
-                text=text.replace(" is off ", " may be off ", 1),
+                text=perhaps(text),
                 remedy=remedy,
                 refuses=False,
             )

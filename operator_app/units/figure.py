@@ -116,6 +116,14 @@ class Kind:
             value, self.quantity, self.places, self.digits, signed=self.signed, role=role, key=key
         )
 
+    def not_zero(self, value: float) -> Figure:
+        """Return the figure of what is there, if only just: never rounded to zero, which would deny it."""
+        shown = abs(self.quantity.per_si * value)
+        if self.places is None or not 0.0 < shown < 0.5 * 10.0**-self.places:
+            return self(value)
+        places = math.ceil(-math.log10(shown))
+        return Figure(value, self.quantity, places, signed=self.signed)
+
 
 # Of a calibration.
 SIGMA_POS = Kind(CLOSURE_LENGTH, digits=4)

@@ -376,6 +376,47 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound: Soluti
     assert named(slight) == [*five, ("DRIFT_JOINT_6", True)]
 
 
+@pytest.mark.parametrize(
+    ("kind", "subject", "may", "does", "denied"),
+    [
+        (
+            Cause.GIVES,
+            "",
+            "the fixture may give about 0.0",
+            "the fixture gives about 0.0",
+            "0.0 mm",
+        ),
+        (
+            Cause.LENGTH,
+            "s_2",
+            "s_2 may be off the arm file by",
+            "s_2 is off the arm file by",
+            " 0.0 mm",
+        ),
+        (Cause.DRIFT, "2", "joint 2 may drift by about", "joint 2 drifts by about", "0.0000 deg"),
+    ],
+)
+def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
+    sound: Solution, kind: Cause, subject: str, may: str, does: str, denied: str
+) -> None:
+    trial = tried(session(SEED))[0]
+    chosen = next(
+        c
+        for c in trial.scene.standing()
+        if c.cause is kind and (not subject or str(c.subject) == subject)
+    )
+    for chance, words in ((0.04, may), (0.96, does)):
+        one = Explanation(
+            candidate=chosen, evidence=weighed(trial, chosen, b=1e-7), probability=chance
+        )
+        labels = tuple(str(k) for k in range(40))
+        (cause,) = causes_of(
+            replace(trial, rounds=((one,),)), sound.estimate, ("theta_off_2",), labels
+        )
+        assert words in cause.text, cause.text
+        assert denied not in cause.text, cause.text
+
+
 def weighed(trial: Trial, candidate: Candidate, *, b: float) -> Evidence:
     """Its evidence, had its coefficients come out as `b` and moved no parameter."""
     found = evidence(trial.left, candidate.columns, candidate.natural)

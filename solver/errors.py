@@ -107,7 +107,8 @@ class TooFewPosesError(SolverError):
             )
         else:
             text = (
-                f"{poses} pose{'s' if poses != 1 else ''} give {poses * equations_per_pose} "
-                f"equations for {parameters} parameters; at least {needed} poses are needed"
+                f"{poses} pose{'s give' if poses != 1 else ' gives'} {poses * equations_per_pose} "
+                f"equations for {parameters} parameters; at least {needed} poses are needed to solve for them, and "
+                "some 20 to tell what the result is worth"
             )
         super().__init__(text)

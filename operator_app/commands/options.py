@@ -53,7 +53,6 @@ def estimator_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unsensed",
         metavar="JOINTS",
-        default="",
         help="joints whose readings are not to be used, e.g. 6,7",
     )
 
@@ -240,7 +239,7 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
         poses=getattr(args, "poses", None),
         plan=getattr(args, "plan", None),
         estimator=getattr(args, "estimator", None),
-        unsensed_joints=parse_joints(args.unsensed) if getattr(args, "unsensed", "") else None,
+        unsensed_joints=given_joints(getattr(args, "unsensed", None)),
         length_tolerance_m=tolerance_m(args) if hasattr(args, "length_tolerance") else None,
         upload=False if getattr(args, "no_upload", False) else None,
         interface=args.interface,
@@ -264,13 +263,20 @@ def _who_works_here() -> str | None:
     return settings.operator
 
 
-def parse_joints(text: str) -> tuple[int, ...]:
-    """Read the value of ``--unsensed``."""
-    return parse_numbers(text, "--unsensed") if text else ()
+def parse_joints(text: str | None) -> tuple[int, ...]:
+    """Read the value of ``--unsensed``; none where it is not given."""
+    return given_joints(text) or ()
+
+
+def given_joints(text: str | None) -> tuple[int, ...] | None:
+    """Read the value of ``--unsensed``; None where it is not given, and something else decides."""
+    return None if text is None else parse_numbers(text, "--unsensed")
 
 
 def parse_numbers(text: str, option: str) -> tuple[int, ...]:
     """Read ``6,7`` into ascending numbers; UsageError when it is anything else."""
+    if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
+        raise UsageError(f"{option} {text!r}: there is no 0, numbers count from 1")
     if not re.fullmatch(r"[1-9]\d*(,[1-9]\d*)*", text.replace(" ", "")):
         raise UsageError(f"{option} {text!r}: write numbers with commas, e.g. 6,7")
     return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
+    given_joints,
     json_option,
     parse_joints,
     pose_count,
@@ -43,7 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unsensed",
         metavar="JOINTS",
-        default="",
         help="joints whose readings are not to be used, e.g. 6,7",
     )
     parser.add_argument(
@@ -147,7 +147,7 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]:
         if args.procedure is None and fixture.kind != procedure.fixture.kind:
             procedure = replace(procedure, position_joints=None)
         procedure = replace(procedure, fixture=fixture)
-    if args.unsensed:
+    if args.unsensed is not None:
         joints = parse_joints(args.unsensed)
         require_joints(joints, procedure.arm.joint_count)
         procedure = replace(procedure, unsensed_joints=joints)
@@ -165,7 +165,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]
         raise UsageError(
             "--session: a session knows its procedure, arm and fixture; leave the others out"
         )
-    joints = parse_joints(args.unsensed) if args.unsensed else None
+    joints = given_joints(args.unsensed)
     opening = resume(args.session, Choices(unsensed_joints=joints), root=args.sessions)
     state = read_session(opening.folder).state
     if state is None or not state.used_poses:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import a_path, estimator_options, parse_joints, sessions_option
+from operator_app.commands.options import a_path, estimator_options, given_joints, sessions_option
 from operator_app.exit_codes import ExitCode
 from operator_app.words_out import say
 
@@ -55,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.replay import session_state
     from solver.errors import UnidentifiableError
 
-    unsensed = parse_joints(args.unsensed) if args.unsensed else None
+    unsensed = given_joints(args.unsensed)
     opening = resume(args.session, Choices(), root=args.sessions)
     procedure = carried_procedure(opening)
     require_joints(unsensed or (), procedure.arm.joint_count)

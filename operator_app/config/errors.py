@@ -37,7 +37,11 @@ class Problem:
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
         head = f"{place}: {self.key}: " if self.key else f"{place}: "
-        line = f"{head}{self.text}; {self.remedy}" if self.remedy else f"{head}{self.text}"
+        text = self.text
+        if self.remedy:
+            # What asks something has its own stop.
+            text += f"{'' if text.endswith('?') else ';'} {self.remedy}"
+        line = f"{head}{text}"
         # One line whatever the file holds, and nothing in it that a terminal would obey.
         return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
 

@@ -12,6 +12,7 @@ import difflib
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -118,7 +119,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     except ValueError as error:
         remedy = "correct qw,qx,qy,qz, or measure that pose again"
         raise only(file, None, None, str(error), remedy) from error
-    return LoadedPoses(poses=poses, warnings=_warnings(poses))
+    return LoadedPoses(poses=poses, warnings=(*_warnings(poses), *_times_suspected(poses, file)))
 
 
 def format_poses(poses: PoseSet) -> bytes:
@@ -239,7 +240,7 @@ def _quantity(name: str, cell: str) -> float:
     value = number(cell)
     doubt = length_doubt(value) if name.endswith("_m") else angle_doubt(value)
     if doubt:
-        raise BadCell(doubt, "metres" if name.endswith("_m") else "degrees")
+        raise BadCell(doubt, f"this column is in {'metres' if name.endswith('_m') else 'degrees'}")
     if name.startswith("sd") and value < 0.0:
         raise BadCell(f"a spread of {cell.strip()} deg is negative", "correct the number")
     return value
@@ -284,6 +285,36 @@ def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
         *found,
         FileWarning(code="RADIANS_SUSPECTED", text=f"{text}radians where degrees belong?"),
     )
+
+
+def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
+    """A pose without a time that can be read: from which side its joints came is told by the poses' times."""
+    given = poses.utc or ()
+    if not any(given):
+        return ()
+    known = [_time(utc or "") for utc in given]
+    times = [t for t in known if t is not None]
+    zoned = 2 * sum(t.tzinfo is not None for t in times) >= len(times)
+    odd = [k for k, t in enumerate(known) if t is None or (t.tzinfo is not None) is not zoned]
+    if not odd:
+        return ()
+    first = odd[0]
+    fault = "has no zone, others have one" if zoned else "has a zone, others have none"
+    if known[first] is None:
+        fault = "is no time"
+    text = (
+        f"{file}: utc of pose {poses.label[first]} (placement {poses.placement[first]}) is {given[first]!r}, "
+        f"which {fault} (write 2026-01-31T12:00:00Z): the times of this file take no part, and from "
+        "which side the joints came to a pose (their play) is not counted in"
+    )
+    return (FileWarning(code="UTC_UNREADABLE", text=text),)
+
+
+def _time(utc: str) -> datetime | None:
+    try:
+        return datetime.fromisoformat(utc)
+    except ValueError:
+        return None
 
 
 def _euler_suspected(poses: PoseSet) -> tuple[FileWarning, ...]:

@@ -100,7 +100,8 @@ def rows(count: int) -> list[str]:
         ("nan", [HEADER, *rows(3), "1,4,0,0,nan,0,0,0,0"], ["nan.csv:5", "theta3_deg"]),
         ("six", [",".join(HEADER.split(",")[:-1]), "1,1,0,0,0,0,0,0"], ["six.csv:1", "theta7_deg"]),
         ("zero", [HEADER], ["zero.csv", "no pose"]),
-        ("two", [HEADER, *rows(2)], ["2 poses", "at least 3 poses are needed"]),
+        ("one", [HEADER, *rows(1)], ["1 pose gives 5 equations", "some 20 to tell"]),
+        ("two", [HEADER, *rows(2)], ["2 poses give", "at least 3 poses are needed"]),
         ("twice", [HEADER, *rows(3), rows(1)[0]], ["twice.csv:5", "twice"]),
     ],
 )
@@ -131,6 +132,8 @@ def test_bad_poses_get_one_clear_message_and_exit_code_2(
         (["missing.csv", "--fixture", "hing"], "hinge"),
         (["missing.csv", "--unsensed", "six"], "6,7"),
         (["missing.csv", "--unsensed", "9"], "no joint 9"),
+        (["missing.csv", "--unsensed", "0"], "there is no 0, numbers count from 1"),
+        (["missing.csv", "--unsensed", ""], "write numbers with commas"),
         (["missing.csv", "--unsensed", "6", "--estimator", "paper"], "missing.csv"),
     ],
 )

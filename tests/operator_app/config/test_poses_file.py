@@ -199,6 +199,36 @@ def test_radians_are_suspected_but_not_refused() -> None:
     assert parse_poses(text(rows=(*rows, "1,last,0.1,0.2,7")), "p.csv").warnings == ()
 
 
+@pytest.mark.parametrize(
+    ("times", "says"),
+    [
+        (
+            ("2026-01-31T12:00:00Z", "yesterday"),
+            "utc of pose 2 (placement 1) is 'yesterday', which is no time",
+        ),
+        (("", "2026-01-31T12:00:00Z"), "utc of pose 1 (placement 1) is '', which is no time"),
+        (("2026-01-31T12:00:00Z", "2026-01-31T12:01:00"), "which has no zone, others have one"),
+        (("2026-01-31T12:00:00Z", "2026-01-31T12:01:00+01:00"), ""),
+        (("2026-01-31T12:00:00", "2026-01-31T12:01:00"), ""),
+        (("", ""), ""),
+    ],
+)
+def test_times_that_cannot_be_read_are_said_to_take_no_part(
+    times: tuple[str, str], says: str
+) -> None:
+    rows = tuple(f"1,{k},1,2,3,{utc}" for k, utc in enumerate(times, 1))
+    found = parse_poses(text(HEADER + ",utc", rows), "p.csv").warnings
+    assert [w.code for w in found] == (["UTC_UNREADABLE"] if says else [])
+    assert all(w.text.startswith("p.csv: ") and says in w.text for w in found)
+
+
+def test_a_remedy_after_a_question_begins_without_a_semicolon() -> None:
+    with pytest.raises(
+        ConfigError, match=r"counts where degrees belong\? this column is in degrees"
+    ):
+        parse_poses(text(rows=("1,1,1,45034,3",)), "p.csv")
+
+
 def test_missing_file_names_its_neighbour(tmp_path: Path) -> None:
     (tmp_path / "poses.csv").write_bytes(text())
     with pytest.raises(ConfigError, match=r"no such file; did you mean .*poses\.csv\?"):

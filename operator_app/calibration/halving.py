@@ -14,6 +14,8 @@ import numpy as np
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verdict import COARSE_M, COARSE_RAD
 from solver.chain.parameters import Parameter
+from solver.estimators.variance_components import Calibrated
+from solver.judging.larger import larger_than_stated
 
 WORST = 3
 """So many parameters are worth a sentence."""
@@ -47,8 +49,11 @@ class Halving:
 
 
 def halvings(solution: Solution) -> tuple[Halving, ...]:
-    """Say of the parameters that are known worst what would help most; empty without a budget."""
-    if solution.components is None:
+    """Say of the parameters that are known worst what would help most; empty without a budget.
+
+    So it is where the solution is astray: stiffer fixtures and longer samples lead nothing back.
+    """
+    if solution.components is None or solution.judgement.astray:
         return ()
     budget, estimate = solution.components.budget, solution.estimate
     found = []
@@ -71,6 +76,22 @@ def halvings(solution: Solution) -> tuple[Halving, ...]:
         )
     found.sort(key=lambda h: -h.sigma / (COARSE_RAD if h.parameter.is_angle else COARSE_M))
     return tuple(found[:WORST])
+
+
+def remedy_beside_poses(found: Calibrated, name: str) -> str:
+    """What else than other poses narrows a parameter's sigma: where most of it is a source larger than stated.
+
+    Empty where none is: what is as stated, poses that differ more see through.
+    """
+    budget, names = found.components.budget, [p.name for p in found.estimate.parameters]
+    if not budget or name not in names:
+        return ""
+    k = names.index(name)
+    source = max(budget, key=lambda s: float(budget[s][k]))
+    if not 2.0 * float(budget[source][k]) > float(found.estimate.covariance[k, k]):
+        return ""
+    larger = {x.component.partition("_")[0] for x in larger_than_stated(found.linear)}
+    return remedy_of(source) if source.partition("_")[0] in larger else ""
 
 
 def remedy_of(source: str) -> str:

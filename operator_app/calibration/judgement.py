@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import radians
 
 from fixtures.base import Fixture, SetupCheck, Severity
-from operator_app.calibration.causes import NamedCause, poses_named
+from operator_app.calibration.causes import NamedCause, Words, poses_named
 from operator_app.calibration.hand_error import HandAccuracy
 from operator_app.calibration.mounted_twice import Alike
 from operator_app.config.procedure import AcceptanceLimits
@@ -113,6 +113,14 @@ def noise_notices(chi2: float, dof: int) -> tuple[Notice, ...]:
     )
 
 
+ASTRAY = Notice(
+    code="ASTRAY",
+    text="what refuses this calibration has led it where no file would have the arm, or left it known to "
+    "nobody's use: none of its figures says anything of the arm or the fixture, and no advice is drawn from "
+    "them. Mend the cause that comes first and calibrate again",
+)
+
+
 def held_notices(held: tuple[str, ...], accuracy: HandAccuracy) -> tuple[Notice, ...]:
     """Say what was dropped on request."""
     if not held:
@@ -185,18 +193,9 @@ def rival_notices(found: GlobalStart | None) -> tuple[Notice, ...]:
     )
 
 
-def flipped_notices(flipped: tuple[int, ...], labels: tuple[str, ...]) -> tuple[Notice, ...]:
-    """Name the poses left out because the hand is upside down on the hinge."""
-    if not flipped:
-        return ()
-    names = ", ".join(labels[k] for k in flipped)
-    return (
-        Notice(
-            code="FLIPPED_BRANCH",
-            text=f"pose{'s' if len(flipped) > 1 else ''} {names} close only with the hand upside "
-            "down on the hinge and were left out: take them again or remove them",
-        ),
-    )
+def left_out_notices(found: tuple[Words, ...]) -> tuple[Notice, ...]:
+    """Name the poses left out, for whatever reason."""
+    return tuple(Notice(code=w.code, text=f"{w.text}: {w.remedy}") for w in found)
 
 
 def flexure_notices(

@@ -35,6 +35,7 @@ def perhaps(text: str) -> str:
     """Return a cause's sentence as a possibility."""
     found = [(text.find(fact), fact, maybe) for fact, maybe in PERHAPS if fact in text]
     if not found:
-        return f"perhaps {text}"
+        # As "with two lengths exchanged the loops close": what was found, not what was done.
+        return text
     _, fact, maybe = min(found)
     return text.replace(fact, maybe, 1)

@@ -81,7 +81,10 @@ def is_near(arm: ArmModel, rival: Rival) -> bool:
     """Whether a rival's loop closes near its nominal values."""
 
     def near() -> bool:
-        model = loop_of_poses(rival.arm or arm, rival.fixture, rival.poses)
+        unsensed = tuple(sorted(rival.unsensed))
+        model = loop_of_poses(
+            rival.arm or arm, rival.fixture, rival.poses, unsensed_joints=unsensed
+        )
         return not far_from_nominal(model.parameters, start(arm, rival)[0])
 
     return tried(near, otherwise=False)

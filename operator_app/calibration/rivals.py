@@ -21,6 +21,7 @@ from operator_app.calibration.causes import (
     shift_in_words,
     wrong_reading,
 )
+from operator_app.calibration.likely import as_likely
 from operator_app.calibration.loop import pick
 from operator_app.calibration.other_fixtures import hinge_instead, instead
 from operator_app.calibration.rival import (
@@ -76,6 +77,7 @@ def named_rivals(
     dof: int,
     near: bool = False,
     of_files: bool = False,
+    sensors: bool = False,
 ) -> tuple[NamedCause, ...]:
     """Name the mistakes that explain a gross misfit, the most probable first.
 
@@ -88,6 +90,8 @@ def named_rivals(
         it fits without.
     of_files
         Only simple mistakes of the files.
+    sensors
+        With `near` also a sensor that says nothing in any pose.
     """
     deadline = thread_time() + SECONDS
     as_it_is = np.inf
@@ -96,7 +100,10 @@ def named_rivals(
         as_it_is = cost_of(arm, plain)
     found: list[tuple[Rival, float]] = []
     families = (
-        (_same_loop(fixture, poses, arm, unsensed),)
+        (
+            _same_loop(fixture, poses, arm, unsensed),
+            *((_unread(arm, fixture, poses, unsensed),) if sensors else ()),
+        )
         if near or of_files
         else (
             _frozen(arm, fixture, poses, unsensed),
@@ -174,7 +181,7 @@ def _named(found: list[tuple[Rival, float]]) -> tuple[NamedCause, ...]:
         NamedCause(
             code=found[k][0].words.code,
             probability=float(chance[k]),
-            text=found[k][0].words.text,
+            text=as_likely(found[k][0].words.text, float(chance[k])),
             remedy=found[k][0].words.remedy,
             refuses=True,
         )
@@ -244,6 +251,13 @@ def _blind(
     """A fixture that is another one; a sensor that says nothing in any pose."""
     for other in instead(arm, fixture, poses):
         yield Rival(words=other.words, poses=poses, fixture=other.fixture)
+    yield from _unread(arm, fixture, poses, unsensed)
+
+
+def _unread(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
+) -> Iterator[Rival]:
+    """A sensor that says nothing in any pose."""
     for j in range(1, poses.joint_count + 1):
         if j not in unsensed:
             yield Rival(

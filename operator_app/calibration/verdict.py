@@ -6,7 +6,7 @@ shows. Knows results and words; computes no estimate.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -81,11 +81,14 @@ class Judgement:
         Every test that was made.
     stated_chi2_per_dof
         chi2/dof with the variances that the files state; None where it was not asked.
+    astray
+        What refuses it has led the solution where no file would have it: nothing may be advised from there.
     """
 
     causes: tuple[NamedCause, ...] = ()
     tests: tuple[Test, ...] = ()
     stated_chi2_per_dof: float | None = None
+    astray: bool = False
 
     @property
     def verdict(self) -> Verdict:
@@ -240,6 +243,7 @@ def of_the_fit(
     estimate: Estimate,
     judged: tuple[str, ...],
     known: Mapping[str, float] = NOTHING_KNOWN,
+    narrows: Callable[[str], str] | None = None,
 ) -> tuple[NamedCause, ...]:
     """Name what the fit itself shows: that it did not converge, that its sigmas are of no use."""
     found = []
@@ -255,7 +259,7 @@ def of_the_fit(
         )
     return (
         *found,
-        *little_motion(estimate.parameters, estimate.standard_deviation, judged, known),
+        *little_motion(estimate.parameters, estimate.standard_deviation, judged, known, narrows),
     )
 
 
@@ -264,6 +268,7 @@ def little_motion(
     standard_deviation: FloatArray,
     judged: tuple[str, ...],
     known: Mapping[str, float] = NOTHING_KNOWN,
+    narrows: Callable[[str], str] | None = None,
 ) -> tuple[NamedCause, ...]:
     """Name the parameters whose sigmas (P,) say little, because the poses differ little.
 
@@ -272,8 +277,11 @@ def little_motion(
     known
         How well (rad, m) files state some of the parameters, by name. A sigma beyond that is named; it
         refuses when it is of no use to anybody.
+    narrows
+        What to do about one parameter's sigma beside other poses; empty where nothing else makes it so wide.
     """
     wide, coarse, refuses = [], [], False
+    worst, farthest = "", 0.0
     for p, sd in zip(parameters, standard_deviation, strict=True):
         if p.name not in judged:
             continue
@@ -284,6 +292,11 @@ def little_motion(
             refuses |= not sd <= worthless
         elif sd > (COARSE_RAD if p.is_angle else COARSE_M):
             coarse.append(size)
+        else:
+            continue
+        over = sd / (COARSE_RAD if p.is_angle else COARSE_M)
+        if not over <= farthest:
+            worst, farthest = p.name, over
     if not wide and not coarse:
         return ()
     return (
@@ -293,8 +306,8 @@ def little_motion(
             text=f"these poses tell {', '.join((*wide, *coarse)[:4])} "
             f"{'no better than was known before' if wide else 'only roughly'}: standard "
             "deviations in brackets",
-            remedy="take more poses that differ more: every joint through a larger part of its "
-            "range",
+            remedy=(narrows(worst) if narrows is not None else "")
+            or "take more poses that differ more: every joint through a larger part of its range",
             refuses=refuses,
         ),
     )

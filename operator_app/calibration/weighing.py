@@ -6,12 +6,16 @@ Knows calibrations, files' objects and verdicts; no screen. Solves anew only whe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
+from operator_app.calibration.astray import led_astray
 from operator_app.calibration.causes import NamedCause, larger_in_words
+from operator_app.calibration.halving import remedy_beside_poses
 from operator_app.calibration.judgement import range_text
+from operator_app.calibration.left_out import left_out_in_words, out_of_range_besides
 from operator_app.calibration.loop import pick
 from operator_app.calibration.other_basins import other_basin
 from operator_app.calibration.refusals import placement_checks
@@ -157,21 +161,31 @@ def weigh(
             ),
             *far,
         )
-    lost = () if not (far or gross) else _hardly_seen(found, used, fixture, arm, judged)
+    astray = led_astray((*far, *by_tests), scale, judging, judged)
+    lost = _hardly_seen(found, used, fixture, arm, judged) if far or gross or astray else ()
     of_returns, since = return_tests(known.returned, found.estimate)
     tests = (*trial.tests, *of_returns)
     of_paper: tuple[NamedCause, ...] = ()
     if paper is not None:
         test, of_paper = paper_test(paper, found.estimate)
         tests = (*tests, test)
-    of_fit = of_the_fit(judging, judged, known_beforehand(model.parameters, arm, fixture))
+    of_fit = of_the_fit(
+        judging,
+        judged,
+        known_beforehand(model.parameters, arm, fixture),
+        partial(remedy_beside_poses, found),
+    )
+    if lost or astray:
+        # Said already as it is at the nominal values; where the solution is astray its sigmas tell of no pose.
+        of_fit = tuple(cause for cause in of_fit if cause.code != "LITTLE_MOTION")
     if any(cause.refuses for cause in of_fit):
         of_fit = (*named_hinge(arm, fixture, used, unsensed=unsensed), *of_fit)
     first = (
-        *_beforehand(poses, known),
+        *_beforehand(arm, poses, known),
         *too_few(judging),
         *lost,
-        *(() if gross else (*_of_geometry(known.checks), *far)),
+        *(() if gross or astray else _of_geometry(known.checks)),
+        *(() if gross else far),
     )
     shaken = unsteady(arm, used, unsensed, _labels(used))
     if not judging.converged:
@@ -192,6 +206,7 @@ def weigh(
         ),
         tests=tests,
         stated_chi2_per_dof=scale,
+        astray=astray,
     )
 
 
@@ -336,25 +351,16 @@ def _left(trial: Trial) -> float:
     return found.chi2 / max(found.dof, 1)
 
 
-def _beforehand(poses: PoseSet, known: Known) -> tuple[NamedCause, ...]:
+def _beforehand(arm: ArmModel, poses: PoseSet, known: Known) -> tuple[NamedCause, ...]:
     """What needs no test: it was read off the file, or off the geometry."""
-    found = []
-    for f in known.out_of_range:
+    many = len(known.flipped) > FLIPPED_SHARE * len(poses)
+    left_out = (known.flipped, known.out_of_range, arm, poses)
+    found = [_certain(*words, refuses=many) for words in left_out_in_words(*left_out)]
+    for f in out_of_range_besides(*left_out):
         saturated = f.fault is Fault.SATURATED
         text, remedy = range_text(f, poses.label)
         code = f"{'SATURATED' if saturated else 'RANGE'}_{f.joint}"
         found.append(_certain(code, text, remedy, refuses=saturated))
-    if known.flipped:
-        share = len(known.flipped) / len(poses)
-        found.append(
-            _certain(
-                "FLIPPED_BRANCH",
-                f"{len(known.flipped)} of {len(poses)} poses close only with the hand upside down "
-                "on the hinge; they were left out",
-                "take them again with the hand the right way up, or remove them",
-                refuses=share > FLIPPED_SHARE,
-            )
-        )
     if known.search is not None and known.search.rivals:
         found.append(
             _certain(

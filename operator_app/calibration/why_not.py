@@ -10,13 +10,16 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.judgement import range_text
+from operator_app.calibration.loop import loop_of_poses
 from operator_app.calibration.rivals import named_hinge, named_rivals
 from operator_app.calibration.stuck import explained
 from operator_app.units.figure import SIGMA_ORI, SIGMA_POS
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate
+from solver.judging.identifiability import identifiability
 from solver.judging.ranges import Fault, RangeFinding
 
 NO_CLOSURE_M, NO_CLOSURE_RAD = 0.01, 0.03
@@ -40,14 +43,39 @@ def why_blind(
         return saturated
     if hinge := named_hinge(arm, fixture, used, unsensed=unsensed):
         return do_not_fit(hinge)
-    if paper is None or _closes(paper):
-        return error
-    if error.note or any(d.immobile_joints for d in error.directions):
+    if paper is None or error.note or any(d.immobile_joints for d in error.directions):
         # Poses so few, or a joint that stands still: no parameter has to be believed for that.
         return error
+    if _closes(paper):
+        back = _led_away(arm, fixture, used, unsensed, paper)
+        return do_not_fit(back) if back else error
     # Where nothing closes the solution is nowhere, and what it cannot see there says nothing.
     rivals = named_rivals(arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof)
     return do_not_fit(rivals) if rivals else PosesDoNotFitError((_open_words(paper),))
+
+
+def _led_away(
+    arm: ArmModel,
+    fixture: Fixture,
+    used: PoseSet,
+    unsensed: tuple[int, ...],
+    paper: Estimate,
+) -> tuple[NamedCause, ...]:
+    """What led a solution to where these poses see less than at the files' own values, which would see everything."""
+    model, q = loop_of_poses(arm, fixture, used, unsensed_joints=unsensed), used.q_rad
+    nominal = nominal_vector(model.parameters)
+    if identifiability(model, nominal, q, sigma_rad=arm.sigma_rad()).directions:
+        return ()
+    return named_rivals(
+        arm,
+        fixture,
+        used,
+        unsensed=unsensed,
+        scale=np.inf,
+        dof=paper.dof,
+        near=True,
+        sensors=True,
+    )
 
 
 def saturated_readings(

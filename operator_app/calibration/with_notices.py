@@ -11,14 +11,15 @@ from fixtures.base import Fixture
 from operator_app.calibration.calibrated_arm import calibrated_arm, hand_accuracy, hand_errors
 from operator_app.calibration.held_offsets import offsets_not_sought, with_held
 from operator_app.calibration.judgement import (
+    ASTRAY,
     alike_notices,
     as_stated_notices,
     cause_notices,
     condition_notices,
     endpoint_notices,
     flexure_notices,
-    flipped_notices,
     held_notices,
+    left_out_notices,
     noise_notices,
     not_sought_notices,
     outlier_notices,
@@ -28,6 +29,7 @@ from operator_app.calibration.judgement import (
     rvdt_notices,
     setup_notices,
 )
+from operator_app.calibration.left_out import left_out_in_words, out_of_range_besides
 from operator_app.calibration.mounted_twice import Alike
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verdict import Judgement
@@ -66,25 +68,28 @@ def with_notices(
     not_sought = tuple(
         j for j in offsets_not_sought(solution.model, arm) if f"theta_off_{j}" not in solution.held
     )
+    astray = judgement.astray
+    left_out = (solution.dropped_flipped, known.out_of_range, arm, poses)
     return replace(
         solution,
         accuracy=accuracy,
         warnings=(
+            *((ASTRAY,) if astray else ()),
             *noise_notices(whole.linear.stated.chi2, whole.linear.dof),
-            *range_notices(known.out_of_range, poses.label),
+            *range_notices(out_of_range_besides(*left_out), poses.label),
             *endpoint_notices(fixture, poses),
-            *setup_notices(known.checks),
-            *flipped_notices(solution.dropped_flipped, poses.label),
+            *(() if astray else setup_notices(known.checks)),
+            *left_out_notices(left_out_in_words(*left_out)),
             *held_notices(solution.held, accuracy),
             *not_sought_notices(not_sought, accuracy, arm),
             *as_stated_notices(as_stated, arm),
             *rival_notices(solution.search),
-            *flexure_notices(solution.components, solution.tolerated),
+            *(() if astray else flexure_notices(solution.components, solution.tolerated)),
             *alike_notices(same),
-            *outlier_notices(solution.outliers),
+            *(() if astray else outlier_notices(solution.outliers)),
             *rvdt_notices(solution.rvdt),
             *cause_notices(judgement.causes),
-            *condition_notices(solution.seen, limits),
+            *(() if astray else condition_notices(solution.seen, limits)),
         ),
         judgement=judgement,
         reasons=(*judgement.reasons, *reasons_against(solution.estimate, limits)),

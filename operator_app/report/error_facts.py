@@ -22,8 +22,8 @@ LARGEST = 3
 """Sources of error that are named where there is no room for all."""
 
 
-def components_table(found: VarianceComponents | None) -> Table | None:
-    """Size of every source of error that was estimated, with its interval."""
+def components_table(found: VarianceComponents | None, *, astray: bool = False) -> Table | None:
+    """Size of every source of error that was estimated, with its interval; `astray` ones ask for nothing."""
     if found is None or (not found.components and found.flexure is None):
         return None
     rows: list[tuple[Cell, ...]] = []
@@ -42,7 +42,7 @@ def components_table(found: VarianceComponents | None) -> Table | None:
             )
         )
     note = ""
-    if found.flexure is not None:
+    if found.flexure is not None and not astray:
         p = found.flexure.p_value
         chance = f"= {significant(p, 2)}" if p > SMALLEST_P else f"< {SMALLEST_P:.0e}"
         asks = "ask" if found.flexure.gives else "do not ask"

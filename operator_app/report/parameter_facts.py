@@ -132,8 +132,13 @@ def _beside(p: Parameter, places: int, other: Estimate) -> Cell:
     return Figure(float(other.x[known.index(p.name)]), quantity_of(p), places=places)
 
 
-def estimators_table(estimate: Estimate, beside: Estimate | None) -> Table | None:
-    """Both estimators' values, sigmas and their difference from the same poses; None without a second one."""
+def estimators_table(
+    estimate: Estimate, beside: Estimate | None, *, astray: bool = False
+) -> Table | None:
+    """Both estimators' values, sigmas and their difference from the same poses; None without a second one.
+
+    Neither is believed where what refuses the calibration has led it `astray`.
+    """
     if beside is None:
         return None
     paper, implicit = sorted((estimate, beside), key=lambda e: e.estimator == "implicit")
@@ -169,7 +174,9 @@ def estimators_table(estimate: Estimate, beside: Estimate | None) -> Table | Non
             *figures("difference"),
         ),
         rows=tuple(rows),
-        note="Believe implicit: it weighs every reading by its noise and knows of lengths, twists and "
+        note="Believe neither: what refuses this calibration has led it astray."
+        if astray
+        else "Believe implicit: it weighs every reading by its noise and knows of lengths, twists and "
         "curves. The paper's counts 1 m as 1 rad and takes every joint as read, so its sigma is only what "
         "its own residuals scatter"
         + (

@@ -45,6 +45,8 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table
     )
     freedom = f"{plural(solution.model.equations_per_pose, 'equation')} a pose, less parameters"
     ended = "converged" if estimate.converged else "did not converge"
+    if solution.judgement.astray and estimate.converged:
+        ended += ", astray"
 
     def key(figure: Figure, *key: str) -> Figure:
         return Figure(figure.value, places=figure.places, digits=figure.digits, key=key)

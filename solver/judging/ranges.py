@@ -134,6 +134,17 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
                 remedy=f"a poses file has degrees (multiply the angles of {of} by 57.29578)",
                 q_rad=turned,
             )
+    rows = rows_in_radians(arm, q)
+    if 0 < len(rows) < len(q):
+        turned = q.copy()
+        turned[rows] = np.rad2deg(q[rows])
+        first = f"{len(rows)} of {len(q)} poses, number {rows[0] + 1} the first of them,"
+        yield Mistake(
+            code="RADIANS_POSES",
+            text=f"with the readings of {first} taken as radians they make sense",
+            remedy="a poses file has degrees (multiply the angles of these rows by 57.29578)",
+            q_rad=turned,
+        )
     middle = np.array([joint.middle_rad for joint in arm.joints])
     wrapped = q - 2.0 * np.pi * np.round((q - middle) / (2.0 * np.pi))
     if far := [j + 1 for j in np.flatnonzero((np.abs(wrapped - q) > np.pi).any(axis=0))]:
@@ -173,6 +184,14 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
     moved = np.ptp(as_degrees, axis=0) > LEAST_MOTION_RAD
     return [int(j) for j in np.flatnonzero(inside & small & moved)]
+
+
+def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
+    """Poses (0-based) of which several readings are outside their ranges, and none is as radians."""
+    outside = (_outside(arm, q) > 0.0).sum(axis=1) > 1
+    inside = ~(_outside(arm, np.rad2deg(q)) > 0.0).any(axis=1)
+    small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=1)
+    return [int(k) for k in np.flatnonzero(outside & inside & small)]
 
 
 def makes_sense(arm: ArmModel, q: FloatArray) -> bool:

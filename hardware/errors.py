@@ -295,5 +295,9 @@ class UploadRefused(HardwareError):
     """The supervisor refused a parameter document; its previous one stays active."""
 
 
+class UploadUnknown(HardwareError):
+    """The supervisor was told to make a parameter document the active one, and nobody knows whether it has."""
+
+
 class InstrumentError(HardwareError):
     """The instrument that measures the endpoint is silent, gone, or says what cannot be used."""

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import struct
+import sys
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Any
 
 import canopen
 from canopen.sdo.client import SdoClient
-from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from hardware.errors import BusError, HardwareError, SdoRefused, TwoDevices
 from hardware.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER
@@ -124,17 +125,19 @@ class ObjectAccess:
         self.write(node, index, subindex, value.to_bytes(size, "little"))
 
     def _guarded(self, node: int, index: int, subindex: int, access: Callable[[Any], Any]) -> Any:
+        outside = sys.exception()  # what a caller is busy with is nothing that this access met
         with self._locks[node]:
             try:
                 return access(self._clients[node])
             except (SdoAbortedError, SdoCommunicationError) as error:
-                raise self._in_words(node, index, subindex, error) from error
+                met = tuple(_met(error, outside))
+                raise self._in_words(node, index, subindex, met) from error
 
     def _in_words(
-        self, node: int, index: int, subindex: int, error: SdoError
+        self, node: int, index: int, subindex: int, met: tuple[BaseException, ...]
     ) -> HardwareError | KeyboardInterrupt:
-        """Say what went wrong with an access."""
-        if _was_interrupted(error):
+        """Say what went wrong with an access, that met these, the last first."""
+        if any(isinstance(error, KeyboardInterrupt) for error in met):
             # The client wanted to end the transfer in good order, and could not: that is not the reason.
             self._network.send_message(
                 COB_SDO_TO_SERVER + node,
@@ -143,18 +146,20 @@ class ObjectAccess:
             return KeyboardInterrupt()
         if self._answered[node] > self._network.asked[node]:
             return TwoDevices((node,))
-        if isinstance(error, SdoAbortedError):
-            text = str(error).partition(",")[2].strip() or "refused"
-            return SdoRefused(node, index, subindex, error.code, text)
+        silence = next((error for error in met if isinstance(error, SdoCommunicationError)), None)
+        if silence is None and isinstance(met[0], SdoAbortedError):
+            text = str(met[0]).partition(",")[2].strip() or "refused"
+            return SdoRefused(node, index, subindex, met[0].code, text)
+        # After a silence the client still closes its transfer, of which the node knows nothing any more: that
+        # it refuses this is not the reason.
         return BusError(
             f"Node {node} does not answer when asked for {index:04X}h sub {subindex} "
-            f"({error}). Check its power and the bus."
+            f"({silence}). Check its power and the bus."
         )
 
 
-def _was_interrupted(error: BaseException | None) -> bool:
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt):
-            return True
+def _met(error: BaseException | None, outside: BaseException | None) -> Iterator[BaseException]:
+    """An error and those that it came upon, the last first, without what was there before."""
+    while error is not None and error is not outside:
+        yield error
         error = error.__context__
-    return False

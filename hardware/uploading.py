@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import threading
+from contextlib import suppress
 
 from hardware.arm import UploadReceipt
-from hardware.errors import ControlDenied, SdoRefused, UploadRefused
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    SdoRefused,
+    TwoDevices,
+    UploadRefused,
+    UploadUnknown,
+)
 from hardware.objects import (
     COMMAND,
     DIGEST,
@@ -16,6 +25,7 @@ from hardware.objects import (
     REFUSAL,
     SLOTS,
     SLOTS_ACTIVE,
+    SLOTS_STAGED,
     TOKEN,
     Abort,
     ParameterCommand,
@@ -23,6 +33,9 @@ from hardware.objects import (
 )
 from hardware.profile import BusProfile
 from hardware.sdo import ObjectAccess
+
+LOOKS, LOOK_AGAIN_S = 5, 0.2
+"""How often a supervisor is told and asked, and how long it is given in between, once an answer was lost."""
 
 
 def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
@@ -47,6 +60,10 @@ def upload(access: ObjectAccess, document: bytes, profile: BusProfile) -> Upload
         keeps one.
     ControlDenied
         If the control token is not held.
+    BusError
+        The supervisor does not answer; the document that was active stays active.
+    UploadUnknown
+        It does not answer any more since it was told to make the document the active one.
     """
     supervisor = profile.supervisor
     if supervisor is None:
@@ -55,12 +72,63 @@ def upload(access: ObjectAccess, document: bytes, profile: BusProfile) -> Upload
             "are in parameters.yaml of the session's folder."
         )
     try:
-        access.write(supervisor, DOCUMENT, 0, document)
+        _write(access, supervisor, document)
         _command(access, supervisor, ParameterCommand.STAGE)
         _compare(access, supervisor, document)
-        _command(access, supervisor, ParameterCommand.COMMIT)
     except SdoRefused as refused:
         raise _in_its_words(access, supervisor, refused) from refused
+    try:
+        try:
+            _commit(access, supervisor, document)
+        except SdoRefused as refused:
+            raise _in_its_words(access, supervisor, refused) from refused
+        return _receipt(access, supervisor, profile)
+    except (BusError, TwoDevices, SdoRefused) as lost:
+        raise UploadUnknown(
+            f"whether the controller has taken the parameters is not known: it was told to, and then: {lost}"
+        ) from lost
+
+
+def _write(access: ObjectAccess, supervisor: int, document: bytes) -> None:
+    """Write a document; once more from its beginning if a frame of it was lost."""
+    with suppress(BusError):
+        access.write(supervisor, DOCUMENT, 0, document)
+        return
+    access.write(supervisor, DOCUMENT, 0, document)
+
+
+def _commit(access: ObjectAccess, supervisor: int, document: bytes) -> None:
+    """Make the staged document the active one; where no answer comes, what 2003h says counts.
+
+    Raises
+    ------
+    BusError
+        It is still not known.
+    """
+    silence: BusError | None = None
+    for _ in range(LOOKS):
+        try:
+            _command(access, supervisor, ParameterCommand.COMMIT)
+        except BusError as lost:
+            silence = lost
+        except SdoRefused as refused:
+            if refused.code != Abort.DEVICE_STATE or silence is None:
+                raise
+            # It is at it still, or was done just now.
+        else:
+            return
+        if not access.read_unsigned(supervisor, SLOTS, SLOTS_STAGED):
+            if access.read(supervisor, DIGEST, DIGEST_SHA256) == hashlib.sha256(document).digest():
+                return
+            raise UploadRefused(
+                "The controller dropped the document before it was made the active one; the one before stays active."
+            )
+        threading.Event().wait(LOOK_AGAIN_S)
+    raise silence or BusError("The supervisor does not say that it is done.")
+
+
+def _receipt(access: ObjectAccess, supervisor: int, profile: BusProfile) -> UploadReceipt:
+    """Read back what is active."""
     sha256 = access.read(supervisor, DIGEST, DIGEST_SHA256)
     active = access.read_unsigned(supervisor, SLOTS, SLOTS_ACTIVE)
     return UploadReceipt(

@@ -84,6 +84,8 @@ def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
         return "\n".join([*lines, f"Parameters  not written{why}"])
     lines.append(f"Parameters  {folder / exported['file']}")
     uploaded = exported["uploaded"]
+    if exported.get("unknown"):
+        return "\n".join([*lines, f"Controller  not known: {exported['unknown']}"])
     if uploaded is None:
         return "\n".join([*lines, "Controller  nothing uploaded"])
     slot, length = uploaded["slot"], uploaded["length"]

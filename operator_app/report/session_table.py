@@ -79,6 +79,8 @@ def _exported(state: SessionState) -> str:
         return "not yet"
     uploaded = exported["uploaded"]
     where = f", slot {uploaded['slot']} of the controller" if uploaded else ", nothing uploaded"
+    if exported.get("unknown"):
+        where = ", what the controller has of it is not known"
     forced = f"; for a reason: {exported['forced']}" if exported.get("forced") else ""
     return f"{exported['file']}{where}{forced}"
 

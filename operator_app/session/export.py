@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from hardware.arm import Arm, UploadReceipt
+from hardware.errors import HardwareError, UploadUnknown
 from operator_app.calibration.record import to_dict
 from operator_app.calibration.solution import Solution
 from operator_app.config.atomic import write_atomically
@@ -38,6 +39,11 @@ def export(
 
     A calibration that was not accepted is refused, but for a reason: `forced`. It is kept in the
     journal and in the file, for whoever finds these parameters on the controller one day.
+
+    Raises
+    ------
+    UploadUnknown, SessionError
+        The controller may have the parameters, whole or not: the journal says so.
     """
     forced = why_used(solution, forced, say_it_by="--force REASON")
     if to_dict(solution) != session.state.solution:
@@ -49,19 +55,21 @@ def export(
     save_poses(folder / POSES_NAME, poses)
     data = format_parameters(document)
     write_atomically(folder / PARAMETERS_NAME, data)
+    kept = {
+        "file": PARAMETERS_NAME,
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "uploaded": None,
+        "forced": forced,
+    }
     receipt = None
     if session.procedure.upload if upload_too is None else upload_too:
         counts = tuple(joint.home_offset_counts for joint in document.joints)
-        receipt = _upload(session.arm, data, counts)
-    session.record(
-        "exported",
-        {
-            "file": PARAMETERS_NAME,
-            "sha256": hashlib.sha256(data).hexdigest(),
-            "uploaded": None if receipt is None else asdict(receipt),
-            "forced": forced,
-        },
-    )
+        try:
+            receipt = _upload(session.arm, data, counts)
+        except (UploadUnknown, SessionError) as error:
+            session.record("exported", {**kept, "unknown": str(error)})
+            raise
+    session.record("exported", {**kept, "uploaded": None if receipt is None else asdict(receipt)})
     return Exported(
         folder=folder,
         parameters=folder / PARAMETERS_NAME,
@@ -77,9 +85,17 @@ def _upload(arm: Arm, document: bytes, expected_counts: tuple[int | None, ...]) 
     ------
     SessionError
         What was read back is not what was sent.
+    UploadUnknown
+        It could not be read back.
     """
     receipt = arm.upload_parameters(document)
-    if arm.active_parameters() != document:
+    try:
+        active = arm.active_parameters()
+    except HardwareError as error:
+        raise UploadUnknown(
+            f"the parameters were uploaded to slot {receipt.slot}, and could not be read back: {error}"
+        ) from error
+    if active != document:
         raise SessionError(
             "the controller's active parameters are not the ones that were uploaded",
             "upload again; if it happens twice, do not move the arm and look at the supervisor",

@@ -27,6 +27,7 @@ from hardware.errors import (
     Stopped,
     TwoDevices,
     UploadRefused,
+    UploadUnknown,
     WrongArm,
 )
 from operator_app.config.errors import ConfigError, WriteError
@@ -88,6 +89,8 @@ _REMEDIES: Mapping[type, str] = {
     DriveFault: "The arm holds. Find out what it met, reset (R) and apply the modes again",
     Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     CommandRefused: "Nothing was sent to the drives",
+    UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on what the "
+    "controller has",
     UploadRefused: "The parameters that were active before stay active",
     UnidentifiableError: "Take poses that differ more, or free a joint that stands still",
     TooFewPosesError: "Capture more poses (step 4)",

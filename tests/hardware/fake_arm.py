@@ -104,6 +104,9 @@ class FakeArmBus(can.BusABC):
         self.written: bytes | None = None
         self.refusal = ""
         self.corrupts = False
+        self.loses: Callable[[int, bytes], bool] = lambda _identifier, _data: False
+        """Of SDO frames, by identifier: which do not arrive."""
+        self.staged = False
         self.on_sync: Callable[[int], None] = lambda _sync: None
         self.broken: Exception | None = None
         self.model, self.serial = "fake", "FAKE-1"
@@ -198,7 +201,8 @@ class FakeArmBus(can.BusABC):
             self.drives[identifier - 0x200].rpdo(data)
         elif 0x601 <= identifier <= 0x67F:
             node = identifier - 0x600
-            if node in (*self.drives, SUPERVISOR) and node not in self.dead:
+            lost = self.loses(identifier, data)
+            if node in (*self.drives, SUPERVISOR) and node not in self.dead and not lost:
                 self._sdo(node, data)
 
     # ---- SDO server --------------------------------------------------------------------------------
@@ -211,6 +215,9 @@ class FakeArmBus(can.BusABC):
         elif kind == 2:  # initiate upload
             self._start_upload(node, index, sub)
         elif kind == 3:  # upload segment
+            if node not in self._transfer:
+                self._answer(node, struct.pack("<BHBL", 0x80, index, sub, 0x05040001))
+                return
             rest, toggle = self._transfer[node]
             piece, rest = rest[:7], rest[7:]
             head = toggle << 4 | (7 - len(piece)) << 1 | (not rest)
@@ -223,6 +230,8 @@ class FakeArmBus(can.BusABC):
                 self._store(node, index, sub, data[4 : 4 + size])
             else:
                 self._transfer[node] = (index, sub, bytearray())
+        elif node not in self._transfer:
+            self._answer(node, struct.pack("<BHBL", 0x80, index, sub, 0x05040001))
         elif kind == 0:  # download segment
             index, sub, held = self._transfer[node]
             held += data[1 : 8 - (command >> 1 & 7)]
@@ -242,6 +251,8 @@ class FakeArmBus(can.BusABC):
             self._transfer[node] = (value, 0)
 
     def _answer(self, node: int, data: bytes) -> None:
+        if self.loses(0x580 + node, data):
+            return
         self._queue.append((0x580 + node, data))
         if node in self.twins:
             self._queue.append((0x580 + node, data))
@@ -310,6 +321,7 @@ class FakeArmBus(can.BusABC):
             (0x2001, 1): hashlib.sha256(held).digest(),
             (0x2001, 2): struct.pack("<L", len(held)),
             (0x2003, 1): b"\x01" if self.document else b"\x00",
+            (0x2003, 4): bytes([self.staged]),
             (0x2004, 0): self.refusal.encode() or 0x08000024,
             (0x2010, 0): struct.pack("<L", self.token),
             (0x2020, 1): self.model.encode(),
@@ -330,10 +342,12 @@ class FakeArmBus(can.BusABC):
             if self.refusal:
                 self.written = None
                 self._refuse(node, 0x08000020)
+            else:
+                self.staged = True
         elif index == 0x2002 and value == b"\x02" and self.written is not None:
-            self.document, self.written = self.written, None
+            self.document, self.written, self.staged = self.written, None, False
         elif index == 0x2002:
-            self.written = None
+            self.written, self.staged = None, False
         else:
             self._refuse(node, 0x06020000)
 

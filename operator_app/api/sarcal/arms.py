@@ -42,6 +42,7 @@ from hardware.errors import (
     SensorFault,
     Stopped,
     UploadRefused,
+    UploadUnknown,
 )
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenario_names import DEFAULT_SCENARIO
@@ -78,6 +79,7 @@ __all__ = [
     "Stopped",
     "UploadReceipt",
     "UploadRefused",
+    "UploadUnknown",
     "Watch",
     "identity_of",
     "reading_of",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fixtures.rigid import Rigid
+from hardware.errors import BusError, UploadUnknown
 from hardware.virtual.truth import paper_loop
 from operator_app.calibration.refusals import FixtureRefusedError
 from operator_app.config.fixture_file import load_fixture
@@ -18,6 +19,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
 from operator_app.headless.runner import run
+from operator_app.report.session_result import session_text
 from operator_app.session.export import export
 from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
@@ -79,6 +81,30 @@ def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
     assert len(poses) == 20
     assert document.pose_set_sha256 == session.state.pose_set().sha256() == poses.sha256()
     assert session.arm.active_parameters() == result.exported.parameters.read_bytes()
+
+
+@pytest.mark.parametrize("silent", ["upload_parameters", "active_parameters"])
+def test_an_upload_of_which_nobody_knows_the_outcome_is_in_the_journal(
+    make_session: MakeSession, monkeypatch: pytest.MonkeyPatch, silent: str
+) -> None:
+    """The controller may have it: that nothing was written and nothing uploaded would be wrong."""
+    session = make_session(hinge(8))
+
+    def lost(*_: object) -> None:
+        raise (UploadUnknown if silent == "upload_parameters" else BusError)("lost at the commit")
+
+    monkeypatch.setattr(session.arm, silent, lost)
+    with pytest.raises(UploadUnknown, match="lost at the commit"):
+        run(session, Counting(), forced="a test of the upload")
+    session.close("failed")
+    told = session.state.exported
+    assert told["uploaded"] is None
+    assert "lost at the commit" in told["unknown"]
+    folder = session.journal.path.parent
+    assert [e.name for e in read_journal(folder).events][-2:] == ["exported", "closed"]
+    said = session_text(folder, session.state, accepted=True)
+    assert "Controller  not known: " in said
+    assert "nothing uploaded" not in said
 
 
 @pytest.mark.parametrize(("joints", "reason"), [((), "sag"), ((1,), "sag"), ((1, 2, 5), "trip")])

@@ -18,7 +18,7 @@ from typing import NoReturn
 from operator_app.commands.completion import asked, complete
 from operator_app.commands.table import APP, COMMANDS, module
 from operator_app.own_names import ForeignPackageError, require_own_names
-from operator_app.words_out import harmless, say
+from operator_app.words_out import harmless, say, silence, stand_in_for_closed
 
 NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)+")
 OPTION = re.compile(r"--[a-z-]+")
@@ -41,6 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     # Our matrices are small: more threads only fight each other and the bus for two cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    stand_in_for_closed()
     try:
         require_own_names()
     except ForeignPackageError as error:
@@ -52,13 +53,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         say("sarcal: interrupted.", err=True)
         return 130
     except BrokenPipeError:
-        # Whoever read our output has gone; the interpreter must not complain at exit either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # Whoever watched has gone.
+        silence(sys.stdout)
         return 0
     except OSError as error:
         if error.filename is not None or error.errno != errno.ENOSPC:
             raise
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        silence(sys.stdout)
         say("sarcal: the results cannot be written: no space left. Free some.", err=True)
         return 2
 
@@ -100,7 +101,10 @@ def _dispatch(argv: Sequence[str]) -> int:
         say(_in_words(error), err=True)
         return int(exit_code(error))
     # Here, where a full disk can still be said in words.
-    sys.stdout.flush()
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        silence(sys.stdout)
     return code
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import sys
 from collections.abc import Callable, Mapping
@@ -98,11 +97,11 @@ def execute(args: argparse.Namespace) -> int:
     reason = _plain(args, make_source()) if args.plain else _full_screen(args, make_source)
     for sessions in made:
         if sessions.lost is not None:
-            _tell(f"sarcal: {sessions.lost}")
+            say(f"sarcal: {sessions.lost}", err=True)
         if sessions.last is not None:
-            _tell(farewell(sessions, sessions.last, reason))
+            say(farewell(sessions, sessions.last, reason), err=True)
         if sessions.not_held is not None:
-            _tell(f"sarcal: {sessions.not_held}")
+            say(f"sarcal: {sessions.not_held}", err=True)
             return ExitCode.ARM_FAULT
     return ExitCode.ACCEPTED if reason in ("left", "end of input") else ExitCode.INTERRUPTED
 
@@ -127,15 +126,6 @@ def farewell(sessions: Sessions, folder: Path, reason: str) -> str:
             f"parameters.yaml and poses.csv are in it. A page about it: sarcal report {folder}\n"
         )
     return f"{said}Go on with: sarcal --resume {folder}"
-
-
-def _tell(text: str) -> None:
-    """Say it, if there is still a terminal to say it on."""
-    try:
-        say(text, err=True)
-    except OSError:
-        # What is left in the buffer must not fail once more when the interpreter ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) -> str:

@@ -102,7 +102,7 @@ def execute(args: argparse.Namespace) -> int:
             )
             for finding in check(bench, last=Stage(args.through)):
                 findings.append(finding)
-                say(_line(finding), err=args.json)
+                say(_line(finding), err=args.json, streaming=True)
         finally:
             with ending_signals_wait():
                 held = arm.close()

@@ -77,5 +77,5 @@ def _say(args: argparse.Namespace, sentences: Iterable[str]) -> None:
     """One line a sentence; beside a JSON object they go to stderr."""
     for sentence in sentences:
         time_utc = f"{datetime.now(UTC):%H:%M:%S}"
-        say(f"{time_utc}  {sentence}", err=args.json)
+        say(f"{time_utc}  {sentence}", err=args.json, streaming=True)
         (sys.stderr if args.json else sys.stdout).flush()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+from typing import IO, cast
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -18,7 +18,7 @@ from operator_app.session.lateness import late_words
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.state import SessionState
-from operator_app.words_out import harmless
+from operator_app.words_out import Stderr, harmless
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
 
@@ -27,7 +27,9 @@ class ConsoleListener(Listener):
     """Writes to stderr; the bar appears only on a terminal."""
 
     def __init__(self) -> None:
-        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+        # What is kept counts: progress that cannot be written ends no calibration.
+        self._stderr = Stderr()
+        self._console = Console(file=cast("IO[str]", self._stderr), highlight=False, soft_wrap=True)
         self._progress: Progress | None = None
         self._joints = 0
         self._late_times = 0
@@ -80,7 +82,7 @@ class ConsoleListener(Listener):
             self._late_times = state.late.times
             longest_s = state.late.last_s if new == 1 else state.late.longest_s
             self.say(f"Warning: {late_words(new, longest_s)}.")
-        if not sys.stderr.isatty():
+        if not self._stderr.isatty():
             return
         if self._progress is None:
             self._progress = Progress(

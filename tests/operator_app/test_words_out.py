@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import ast
 import json
+import os
+import subprocess
+import sys
 import unicodedata
+from collections.abc import Callable
 from pathlib import Path
+from typing import TextIO
 
 import pytest
 from hypothesis import given
@@ -22,7 +27,7 @@ from operator_app.report.text import aligned, paragraph, table_lines
 from operator_app.session.folder import read_session
 from operator_app.session.journal import JOURNAL_NAME
 from operator_app.tui.look import DARK, look
-from operator_app.words_out import MARK, harmless, lines
+from operator_app.words_out import MARK, harmless, lines, say
 from oracles.journals import events, written
 
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\u2028z\ud800"
@@ -152,6 +157,65 @@ def test_a_session_keeps_what_was_written_and_shows_it_as_text(
     data = capsys.readouterr().out
     assert obeyed(data) == set()
     assert json.loads(data)["serial_number"] == HOSTILE
+
+
+def full() -> TextIO:
+    """A stream on a full disk."""
+    return Path("/dev/full").open("w", encoding="utf-8", buffering=1)
+
+
+def unread() -> TextIO:
+    """A stream whose reader has gone."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    return os.fdopen(writer, "w", buffering=1, encoding="utf-8")
+
+
+@pytest.mark.parametrize("stream", [full, unread])
+def test_progress_that_cannot_be_written_goes_nowhere(
+    monkeypatch: pytest.MonkeyPatch, stream: Callable[[], TextIO]
+) -> None:
+    """It ended a calibration in mid-run."""
+    with stream() as broken:
+        monkeypatch.setattr("sys.stderr", broken)
+        for _ in range(3):
+            ConsoleListener().say("one line of progress")
+            say("another", err=True)
+
+
+@pytest.mark.parametrize("stream", [full, unread])
+def test_of_results_nobody_reads_the_exit_code_is_what_was_found(
+    tmp_path: Path,
+    reference_data: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    stream: Callable[[], TextIO],
+) -> None:
+    source = (reference_data / "hinge" / "hinge_exact.csv").read_text().splitlines()
+    rows = [row.split(",") for row in source[:14]]
+    rows[5][3] = str(float(rows[5][3]) + 3.0)
+    path = tmp_path / "poses.csv"
+    path.write_text("\n".join(",".join(row) for row in rows))
+    with stream() as broken:
+        monkeypatch.setattr("sys.stdout", broken)
+        code = main(["solve", str(path), "--arm", "sarcos_dextrous", "--fixture", "hinge"])
+    # An odd pose is not accepted; a result that is to be kept and cannot be is an error of its own.
+    assert code == (4 if stream is unread else 2)
+
+
+def test_who_watches_ends_by_going(monkeypatch: pytest.MonkeyPatch) -> None:
+    with unread() as broken:
+        monkeypatch.setattr("sys.stdout", broken)
+        with pytest.raises(BrokenPipeError):
+            say("what was seen", streaming=True)
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&-"])
+def test_closed_streams_are_no_defect(closed: str, tmp_path: Path) -> None:
+    """Nor does a file of ours get their numbers."""
+    command = f"{sys.executable} -m operator_app.cli session list --sessions {tmp_path} {closed}"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "Traceback" not in done.stdout + done.stderr
 
 
 def test_nothing_prints_but_the_one_function() -> None:

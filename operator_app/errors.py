@@ -90,6 +90,10 @@ class JournalError(SessionError):
     """A session's journal cannot be read, written or locked."""
 
 
+class JournalExistsError(JournalError):
+    """Where a journal was to begin there is one."""
+
+
 class JournalDamagedError(JournalError):
     """A complete line of a journal is not what was written, or says what no session can mean.
 

@@ -112,7 +112,8 @@ def execute(args: argparse.Namespace) -> int:
             if result is None:
                 session.require_let_go()
                 drives_off = True
-                opening = replace(opening, next_due=True)
+                folder = session.journal.path.parent  # another program may have been faster
+                opening = replace(opening, folder=folder, next_due=True)
     except UnidentifiableError as error:
         # Only an open session calibrates.
         _report_unidentifiable(args, session, error)

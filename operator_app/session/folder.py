@@ -12,6 +12,7 @@ from pathlib import Path
 from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.journal import read_journal
+from operator_app.session.journal_files import names_from
 from operator_app.session.journal_lines import JOURNAL_NAME
 from operator_app.session.replay import session_state
 from operator_app.session.state import SessionState
@@ -39,12 +40,12 @@ class SessionEntry:
 
 
 def new_folder(root: Path, name: str, utc: datetime) -> Path:
-    """Return a folder for a new session that does not exist yet, e.g. ``20261121-093000-hinge``."""
+    """Return a folder for a new session that does not exist yet, e.g. ``20261121-093000-hinge``.
+
+    Until a journal is made in it, another program may be faster: `Journal.create_beside`.
+    """
     stem = f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}"
-    candidate, k = root / stem, 2
-    while candidate.exists():
-        candidate, k = root / f"{stem}-{k}", k + 1
-    return candidate
+    return next(f for f in names_from(root / stem) if not f.exists())
 
 
 def begun_later(root: Path, utc: datetime) -> str:

@@ -12,12 +12,19 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from operator_app.errors import JournalError, JournalForeignError, JournalLostError
+from operator_app.errors import (
+    JournalError,
+    JournalExistsError,
+    JournalForeignError,
+    JournalLostError,
+)
 from operator_app.session.journal_files import (
+    names_from,
     new_file,
     new_session,
     stamped,
@@ -70,15 +77,23 @@ class Journal:
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sarcal-journal")
 
     @classmethod
+    def create_beside(cls, folder: Path) -> Journal:
+        """Start a journal in a new `folder`; where another program was faster, in the next of its name that is free."""
+        for candidate in names_from(folder):
+            with suppress(JournalExistsError):
+                return cls.create(candidate)
+        raise AssertionError("names do not end")
+
+    @classmethod
     def create(cls, folder: Path) -> Journal:
-        """Start a journal in a new or empty `folder`; JournalError if there is one already."""
+        """Start a journal in a new or empty `folder`; JournalExistsError if there is one already."""
         path = folder / JOURNAL_NAME
         made = tuple(f for f in (folder, *folder.parents) if not f.exists())
         try:
             folder.mkdir(parents=True, exist_ok=True)
             descriptor = new_file(path)
         except FileExistsError as error:
-            raise JournalError(
+            raise JournalExistsError(
                 f"{path} exists already",
                 f"resume it with --resume {folder}, or name another folder",
             ) from error

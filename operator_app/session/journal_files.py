@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 
 from operator_app.session.journal_lines import JOURNAL_NAME
@@ -16,6 +18,13 @@ def stamped(path: Path, what: str) -> Path:
     while os.path.lexists(candidate):
         candidate, k = path.with_name(f"{stem}-{k}"), k + 1
     return candidate
+
+
+def names_from(folder: Path) -> Iterator[Path]:
+    """Return a folder, then others of its name with a number, for as long as they are taken."""
+    yield folder
+    for k in count(2):
+        yield folder.with_name(f"{folder.name}-{k}")
 
 
 def write_new(path: Path, data: bytes) -> None:
@@ -33,9 +42,7 @@ def write_new(path: Path, data: bytes) -> None:
 
 def new_session(root: Path, stem: str, lines: list[bytes]) -> Path:
     """Write a session folder of these lines below `root`; OSError when it cannot be."""
-    folder, k = root / stem, 2
-    while os.path.lexists(folder):
-        folder, k = root / f"{stem}-{k}", k + 1
+    folder = next(f for f in names_from(root / stem) if not os.path.lexists(f))
     folder.mkdir(parents=True)
     write_new(folder / JOURNAL_NAME, b"".join(lines))
     sync_folder(root)

@@ -134,7 +134,7 @@ class Rig:
 def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     """Make the session of a rig, its journal begun or gone on with; raises JournalError."""
     opening, settings = rig.opening, asdict(rig.opening.choices)
-    journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
+    journal = (Journal.resume if opening.resumed else Journal.create_beside)(opening.folder)
     try:
         session = Session(
             journal=journal,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from operator_app.composition import open_arm, unattended
 from operator_app.config.resources import resolve
 from operator_app.errors import SessionError
 from operator_app.session.folder import read_session
-from operator_app.session.opening import Choices, begin, open_session, resume
+from operator_app.session.opening import Choices, Rig, begin, open_session, resume
 from operator_app.session.sessions import Sessions
+from oracles.plant_arm import PlantArm
 
 CHANNEL = f"test-opening-{os.getpid()}"
 
@@ -105,3 +107,19 @@ def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(
     assert again.procedure.profile.name == "own"
     with pytest.raises(SessionError, match=r"other\.yaml is not that\. Leave --profile out"):
         resume(str(opening.folder), Choices(profile=str(other)), root=tmp_path)
+
+
+def test_sessions_begun_in_one_second_have_a_folder_each(tmp_path: Path) -> None:
+    """Each looked which name was free before any of them was there."""
+    now = datetime(2026, 11, 23, 8, tzinfo=UTC)
+    openings = [begin("hinge", Choices(), root=tmp_path, clock=lambda: now) for _ in range(3)]
+    arms = [PlantArm(opening.procedure, "exact") for opening in openings]
+    made = [
+        open_session(Rig(arm=arm, opening=opening, simulated=True))
+        for arm, opening in zip(arms, openings, strict=True)
+    ]
+    names = [session.journal.path.parent.name for session in made]
+    assert names == [f"20261123-080000-hinge{more}" for more in ("", "-2", "-3")]
+    for session in made:
+        session.close("done")
+        assert read_session(session.journal.path.parent).problem == ""

@@ -33,8 +33,8 @@ class Log(Lines, can_focus=False):
     alarm: ShownAlarm | None = None
 
     def rows_for(self, s: SessionSnapshot, width: int, most: int) -> int:
-        """Rows that an alarm needs, and one for other messages: `ROWS` to `most`."""
-        return min(max(len(_alarm_rows(s, width)) + 1, ROWS), most)
+        """Rows that an alarm needs: `ROWS` to `most`."""
+        return min(max(len(_alarm_rows(s, width)), ROWS), most)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """As many lines as there are rows; what has no room says which key shows all of it."""

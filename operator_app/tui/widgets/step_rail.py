@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from textual import events
 
 from hardware.arm import JointMode
-from operator_app.report.spans import Line, Span, line
+from operator_app.report.spans import Line, Span, length, line
 from operator_app.session.guards import missing_for
 from operator_app.session.snapshot import SessionSnapshot
 from operator_app.session.steps import Step
@@ -71,15 +71,21 @@ class StepRail(Lines, can_focus=False):
 
     def on_click(self, event: events.Click) -> None:
         """A click on a step goes there."""
-        number = event.y // 3 + 1
-        if number <= len(Step):
-            self.post_message(Clicked(f"step_{number}"))
+        action = self._action_at(event.x, event.y)
+        if action:
+            self.post_message(Clicked(action))
+
+    def _action_at(self, x: int, y: int) -> str:
+        """What a click does; a handler of its own in a subclass would not take this one's place."""
+        number = y // 3 + 1
+        return f"step_{number}" if number <= len(Step) else ""
 
 
 class StepRow(StepRail, can_focus=False):
     """All steps in one row, for small terminals. `place`: which of how many views is shown."""
 
     place = (1, 1)
+    _view_at: int | None = None
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Only the present step has its name."""
@@ -91,16 +97,18 @@ class StepRow(StepRail, can_focus=False):
             row.append((text, "accent" if here else "dim"))
         row.append((f"  {detail(self.current, s)}", "dim"))
         view, count = self.place
+        self._view_at = length(tuple(row)) if count > 1 else None
         if count > 1:
             row += [("   v", "key"), (f" view {view}/{count}", "dim")]
         return [tuple(row)]
 
-    def on_click(self, event: events.Click) -> None:
-        """A click on a number goes there."""
-        x = 1
+    def _action_at(self, x: int, y: int) -> str:
+        """A number goes there; the view is turned over, which ends no motion."""
+        if self._view_at is not None and x >= self._view_at:
+            return "view"
+        end = 0
         for step in Step:
-            width = 5 + (len(step.title) + 1 if step is self.current else 0) - 1
-            if x - 1 <= event.x < x - 1 + width:
-                self.post_message(Clicked(f"step_{int(step)}"))
-                return
-            x += width
+            end += 4 + (len(step.title) + 1 if step is self.current else 0)
+            if x < end:
+                return f"step_{int(step)}"
+        return ""

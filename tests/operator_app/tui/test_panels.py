@@ -134,3 +134,29 @@ def test_how_old_a_joint_is_is_said_with_its_unit_or_not_at_all(width, age):
     rows = said(JointTable(), stale(story()["capturing"]), width, 8)
     assert rows[5].endswith(f"┤ ▲ STALE{age}")
     assert max(map(len, rows)) <= width
+
+
+@pytest.mark.parametrize("ascii_only", [False, True])
+async def test_on_a_small_terminal_the_focused_panel_is_marked_and_no_joint_out_of_sight(
+    still, ascii_only
+):
+    picture = story()["capturing"]
+    async with still(picture, step=Step.CAPTURE, size=(80, 24), ascii_only=ascii_only) as d:
+        joints = d.app.main.query_one("#capture-joints")
+        assert joints.content_size.height >= 8  # a head, and seven
+        assert joints.styles.outline_right[0] == ""
+        await d.press("tab")
+        assert d.app.main.focused is joints
+        assert joints.styles.outline_right[0] == ("ascii" if ascii_only else "vkey")
+        assert joints.content_size.height >= 8
+
+
+async def test_a_click_on_the_view_turns_it_over_and_ends_no_motion(still):
+    moving = busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True)
+    async with still(moving, step=Step.CAPTURE, size=(80, 24)) as d:
+        assert "view 1/3" in d.text("#row")
+        await d.pilot.click("#row", offset=(d.text("#row").index("view"), 0))
+        await d.until(lambda: d.app.main.view.view == 1, "turned over")
+        assert d.runner.cancels == 0
+        await d.pilot.click("#row", offset=(d.text("#row").index("✓3"), 0))
+        await d.until(lambda: d.app.step is Step.MODES, "another step")

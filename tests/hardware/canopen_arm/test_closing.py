@@ -65,7 +65,7 @@ def test_closing_holds_disables_and_gives_the_token_back(
 
 def test_closing_after_stop_does_not_lift_the_stop(driven: CanopenArm, bus: FakeArmBus) -> None:
     driven.stop()
-    driven.close()
+    assert driven.close(), "whoever answers is held"
     assert {drive.status for drive in bus.drives.values()} == {0x07}
     assert bus.token == 0
 

@@ -38,6 +38,16 @@ def test_lost_heartbeats_are_named(driven: CanopenArm, bus: FakeArmBus) -> None:
         capture_for_ever(driven)
 
 
+def test_an_arm_that_was_stopped_and_then_fell_silent_is_not_said_to_be_held(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    bus.dead = {16}
+    with pytest.raises(BusError, match="no heartbeat from node 16"):
+        capture_for_ever(driven)
+    driven.stop()
+    assert not driven.close()
+
+
 def test_a_broken_bus_is_a_bus_error_everywhere(driven: CanopenArm, bus: FakeArmBus) -> None:
     bus.broken = can.CanOperationError("cable cut")
     with pytest.raises(BusError, match="cable cut"):

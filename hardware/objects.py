@@ -239,6 +239,9 @@ class EmergencyCode(IntEnum):
     REFERENCE_LIMIT = 0x8612
 
 
+STOP_CONTACTS: Final = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP_SECOND)
+"""Somebody pressed the external stop."""
+
 EMERGENCY_TEXT: Final = {
     EmergencyCode.NONE: "no error",
     EmergencyCode.EXTERNAL_STOP: "external stop, first contact",

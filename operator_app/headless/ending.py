@@ -11,12 +11,10 @@ from hardware.errors import (
     NotConfigured,
     WrongArm,
 )
-from hardware.objects import EmergencyCode
+from hardware.objects import STOP_CONTACTS, EmergencyCode
 from operator_app.composition import CutShort
 from operator_app.session.folder import read_session
 from operator_app.session.wording import stopped_words, words
-
-_STOP_CONTACT = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP_SECOND)
 
 
 def cut_short_lines(found: CutShort) -> list[str]:
@@ -77,7 +75,7 @@ def _way_on(found: CutShort) -> list[str]:
     if isinstance(cause, DriveFault) and cause.code != EmergencyCode.HEARTBEAT_LOST:
         embedded = session.state.settings.get("interface") in (None, "virtual")
         reset = "" if embedded else f" Then clear its trip with: sarcal reset {folder}"
-        if cause.code in _STOP_CONTACT:
+        if cause.code in STOP_CONTACTS:
             return [f"Release the external stop when it is safe.{reset}", goes_on]
         if isinstance(cause, DriveLeft):
             return [

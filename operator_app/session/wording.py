@@ -30,6 +30,7 @@ from hardware.errors import (
     UploadUnknown,
     WrongArm,
 )
+from hardware.objects import STOP_CONTACTS, EmergencyCode
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
@@ -65,6 +66,8 @@ def _remedy(error: BaseException) -> str:
         )
     if isinstance(error, SensorFault) and error.stuck:
         return "The other poses stay"
+    if isinstance(error, DriveFault) and error.code in _TRIPS:
+        return _TRIPS[error.code]
     found = next((kind for kind in type(error).__mro__ if kind in _REMEDIES), None)
     return "Nothing was changed" if found is None else _REMEDIES[found]
 
@@ -98,6 +101,17 @@ _REMEDIES: Mapping[type, str] = {
     WriteError: "Free space or choose another folder; the journal is whole",
 }
 """By the class of the error, or the nearest one above it."""
+
+_TRIPS: Mapping[int, str] = {
+    **dict.fromkeys(
+        STOP_CONTACTS,
+        "Release the external stop when it is safe, then reset (R) and apply the modes again",
+    ),
+    EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer paused, or its bus did: reset (R) and apply the "
+    "modes again",
+    EmergencyCode.SENSOR: "The arm holds. Mend that sensor or its cable, then reset (R) and apply the modes again",
+}
+"""Of trips in which no joint met anything."""
 
 
 def drive_words(state: DriveState) -> str:

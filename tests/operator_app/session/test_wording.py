@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hardware.errors import BusError, Intruder, NodeRestarted, SensorFault, TwoDevices
+from hardware.errors import BusError, DriveFault, Intruder, NodeRestarted, SensorFault, TwoDevices
 from operator_app.session.wording import words
 
 
@@ -25,3 +25,19 @@ def test_what_happened_and_what_to_do_are_sentences(error: Exception) -> None:
     assert ".." not in str(said)
     # Poses were left out, or what a drive counts is in doubt.
     assert "Nothing was changed" not in said.remedy
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        (0x5441, "Release the external stop"),
+        (0x5442, "Release the external stop"),
+        (0x7305, "Mend that sensor"),
+        (0x8130, "This computer paused"),
+        (0x8311, "Find out what it met"),
+    ],
+)
+def test_a_trip_is_told_by_what_brought_it_about(code: int, said: str) -> None:
+    remedy = words(DriveFault(1, code, "as it says")).remedy
+    assert said in remedy
+    assert "reset (R)" in remedy

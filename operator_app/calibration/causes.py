@@ -287,7 +287,7 @@ def _reading(joint: int, found: Evidence, scene: Scene) -> Words:
 def _scatter(found: Evidence) -> Words:
     """Say by how much all readings scatter from pose to pose."""
     # Coefficients are shrunk; with what stays uncertain of each their mean square is not.
-    squares = float(found.b @ found.b + np.trace(found.covariance))
+    squares = float(found.b @ found.b + found.covariance.sum())
     size = SCATTER.not_zero(np.sqrt(squares / found.dof_used)).with_unit
     return Words(
         "SCATTER",
@@ -352,13 +352,13 @@ def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> 
 def _rms_along(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> float:
     """Size (rms, rad) of columns that act along one joint."""
     B = scene.system.B[:, :, joint - 1]
-    moved = candidate.columns @ found.b
+    moved = candidate.moves(found.b, len(B))
     return _rms((moved * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
 
 
 def _rms_displacement(candidate: Candidate, found: Evidence, scene: Scene) -> tuple[float, float]:
     """Size of a displacement of the fixture: rad and m, largest over the poses it is about."""
-    moved = candidate.columns @ found.b
+    moved = candidate.moves(found.b, len(scene.system.w))
     whole = (scene.system.E @ moved[..., None])[..., 0]
     there = np.abs(moved).sum(-1) > 0.0
     turn = whole[there, :-3]

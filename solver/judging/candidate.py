@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 
 CERTAIN = 3.0
 """Nothing is out of specification that is within so many of its own sigmas of it."""
@@ -63,6 +63,9 @@ class Candidate:
         What and of which joint, entry or side.
     columns, natural
         Rates (m, r, c) of the misclosures and the natural size (c,) of each coefficient.
+    own
+        Poses (p,) that have columns of their own: then `columns` are theirs (p, r, c), a coefficient for each
+        of each, and `natural` is (p * c,).
     places
         How many like it were looked through to find it (poses, say).
     poses
@@ -88,6 +91,7 @@ class Candidate:
     subject: str
     columns: FloatArray
     natural: FloatArray
+    own: IntArray | None = None
     places: int = 1
     poses: tuple[int, ...] = ()
     most: float = 300.0
@@ -104,6 +108,14 @@ class Candidate:
         if self.most_stated:
             return not self.stray(b, covariance).beyond(self.most_stated)
         return float(np.sqrt(np.mean(size**2))) < self.least
+
+    def moves(self, b: FloatArray, poses: int) -> FloatArray:
+        """How much the misclosures (m, r) of so many poses are by coefficients b."""
+        if self.own is None:
+            return np.asarray(self.columns @ b)
+        out = np.zeros((poses, self.columns.shape[1]))
+        out[self.own] = (self.columns @ b.reshape(len(self.own), -1, 1))[..., 0]
+        return out
 
     def stray(self, b: FloatArray, covariance: FloatArray) -> Stray:
         """Largest deviation over the poses, gain and all or from its best line: the more certain one.

@@ -148,12 +148,11 @@ class Scene:
         stated = self.design.joint_variance(self.design.stated_variances())
         for j in self.sensed:
             some = self._some(1)
-            columns = np.zeros((*self.system.w.shape, len(some)))
-            columns[some, :, np.arange(len(some))] = self.system.B[some, :, j - 1]
             yield Candidate(
                 cause=Cause.READING,
                 subject=str(j),
-                columns=columns,
+                columns=self.joint(j)[some],
+                own=some,
                 natural=np.full(len(some), ANGLE_RAD),
                 least=2.0 * float(np.sqrt(np.mean(stated[:, j - 1]))),
             )
@@ -162,16 +161,13 @@ class Scene:
         """Every reading of every joint wrong in its own way and by one size: an arm that was not still."""
         sensed = np.array(self.sensed) - 1
         some = self._some(len(sensed))
-        m, r, _ = self.system.B.shape
-        each = np.zeros((m, r, len(some), len(sensed)))
-        each[some, :, np.arange(len(some)), :] = self.system.B[some][:, :, sensed]
-        columns = each.reshape(m, r, -1)
         stated = self.design.joint_variance(self.design.stated_variances())[:, sensed]
         return Candidate(
             cause=Cause.SCATTER,
             subject="all joints",
-            columns=columns,
-            natural=np.full(columns.shape[-1], ANGLE_RAD),
+            columns=self.system.B[some][:, :, sensed],
+            own=some,
+            natural=np.full(len(some) * len(sensed), ANGLE_RAD),
             most=15.0,
             least=2.0 * float(np.sqrt(np.mean(stated))),
         )
@@ -204,12 +200,11 @@ class Scene:
         for j in self.sensed:
             for first, last in still_runs(self.readings, j, 3.0 * self._noise(j)):
                 poses = np.arange(first + 1, last)
-                columns = np.zeros((*self.system.w.shape, len(poses)))
-                columns[poses, :, np.arange(len(poses))] = self.system.B[poses, :, j - 1]
                 yield Candidate(
                     cause=Cause.FROZEN,
                     subject=str(j),
-                    columns=columns,
+                    columns=self.joint(j)[poses],
+                    own=poses,
                     natural=np.full(len(poses), 10.0 * ANGLE_RAD),
                     poses=tuple(range(first, last)),
                 )
@@ -289,12 +284,11 @@ class Scene:
         m, r, k = Et.shape
         natural = np.concatenate((np.full(k - 3, ANGLE_RAD), np.full(3, LENGTH_M)))
         some = self._some(k)
-        columns = np.zeros((m, r, len(some), k))
-        columns[some, :, np.arange(len(some)), :] = Et[some]
         yield Candidate(
             cause=Cause.GIVES,
             subject="in every pose",
-            columns=columns.reshape(m, r, -1),
+            columns=Et[some],
+            own=some,
             natural=np.tile(natural, len(some)),
             most=15.0,
         )

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.judging.left_over import LeftOver
+from solver.judging.own_columns import OwnColumns
 
 LEAST_SCALE = 0.25
 """Stated errors are upper figures: chi2/dof of sound sets lies below 1, but below this nothing is believed."""
@@ -38,7 +39,7 @@ class Evidence:
     size
         Standard deviation of the coefficients, in units of the natural one.
     b, covariance
-        Coefficients (c,) and their covariance (c, c).
+        Coefficients (c,) and their covariance (c, c); of columns of poses of their own only the variances (c,).
     moved
         How much the parameters (P,) change when it is believed (rad, m).
     """
@@ -110,6 +111,39 @@ def evidence(
         b=b,
         covariance=np.outer(natural, natural) * ((vectors * shrunk[best]) @ vectors.T),
         moved=left.moved(G, b),
+    )
+
+
+def evidence_of_own(
+    left: LeftOver, own: IntArray, G: FloatArray, natural: FloatArray, *, most: float = np.inf
+) -> Evidence | None:
+    """Weigh columns G (p, r, c) that poses (p,) have each of their own; otherwise as `evidence`."""
+    p, _, c = G.shape
+    columns = OwnColumns.of(left, own, G * natural.reshape(p, 1, c))
+    if not (columns.own > 0.0).any():
+        return None
+    sizes, dof = SIZES[most >= SIZES], max(left.dof, 1)
+    best, gain, found = -1, -np.inf, None
+    for k, size in enumerate(sizes):
+        there = columns.solved(float(size) ** 2)
+        chi2 = max(left.chi2 - there.drop, 1e-12)
+        f = max(LEAST_SCALE, chi2 / dof)
+        here = -0.5 * there.logdet - 0.5 * (dof * float(np.log(f)) + chi2 / f)
+        if here > gain:
+            best, gain, found = k, here, there
+    if found is None:
+        return None
+    b, variance = columns.coefficients(found)
+    return Evidence(
+        log_likelihood=gain,
+        chi2=max(left.chi2 - found.drop, 1e-12),
+        dof=dof,
+        drop=there.drop,
+        dof_used=p * c,
+        size=float(sizes[best]),
+        b=natural * b,
+        covariance=natural**2 * variance,
+        moved=columns.moved(left, found),
     )
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import BoolArray, FloatArray
+from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.judging.left_over import LeftOver
 
 FALSE_ALARM = 1e-3
@@ -93,13 +93,9 @@ def odd_poses(left: LeftOver, *, scale: float = 1.0) -> OddPoses:
     return OddPoses(worst=first, odd=tuple(odd), rest=rest)
 
 
-def pose_columns(left: LeftOver, poses: tuple[int, ...]) -> FloatArray:
-    """Columns (m, r, r len(poses)) that free all equations of some poses, in units of their noise."""
-    m, r, _ = left.U.shape
-    out = np.zeros((m, r, r * len(poses)))
-    for n, k in enumerate(poses):
-        out[k, :, n * r : (n + 1) * r] = np.linalg.inv(left.whitener[k])
-    return out
+def pose_columns(left: LeftOver, poses: IntArray) -> FloatArray:
+    """Columns (p, r, r) of their own that free all equations of poses (p,), in units of their noise."""
+    return np.asarray(np.linalg.inv(left.whitener[poses]))
 
 
 def left_out(left: LeftOver) -> tuple[FloatArray, FloatArray]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from solver.judging.curves import but_curves_as_stated
 from solver.judging.evidence import (
     Evidence,
     evidence,
+    evidence_of_own,
     noise_scale,
     probabilities,
     sound,
@@ -28,6 +30,7 @@ from solver.judging.evidence import (
 )
 from solver.judging.left_over import LeftOver
 from solver.judging.odd_poses import OddPoses, odd_poses, pose_columns
+from solver.judging.own_columns import OwnColumns
 from solver.judging.quiet_noise import as_quiet_as_found
 from solver.judging.stated_tests import (
     DOUBT,
@@ -161,8 +164,8 @@ def judge(
     doubtful = not fires and any(test.fires for test in pull_tests(stated, DOUBT))
     return Trial(
         tests=tuple(tests),
-        rounds=tuple(_explain(scene, left, measured)) if fires else (),
-        doubts=_doubted(scene, left, measured) if doubtful else (),
+        rounds=tuple(_explain(scene, left, odd, measured)) if fires else (),
+        doubts=_doubted(scene, left, odd, measured) if doubtful else (),
         odd=odd,
         step=largest,
         left=left,
@@ -201,12 +204,12 @@ def _look(
 
 
 def _explain(
-    scene: Scene, left: LeftOver, measured: Mapping[int, Stray]
+    scene: Scene, left: LeftOver, odd: OddPoses, measured: Mapping[int, Stray]
 ) -> Iterable[tuple[Explanation, ...]]:
     """Take in the best explanation of what is left over, until nothing fires any more."""
     standing = tuple(scene.standing(measured))
     for _ in range(MOST_CAUSES):
-        found = _weighed(left, (*_changes(scene, left), *standing))
+        found = _weighed(left, (*_changes(scene, left, odd), *standing))
         yield found
         best = found[0]
         if best.candidate is None or best.evidence is None:
@@ -215,41 +218,58 @@ def _explain(
             # Nothing linear explains this.
             return
         size = best.evidence.size * best.candidate.natural
-        left = left.also_drawn(best.candidate.columns, size)
-        _, _, tests = _look(scene, left, left)
+        left = _taken_in(left, best.candidate, size)
+        odd, _, tests = _look(scene, left, left)
         if left.dof <= 0 or not any(t.fires for t in (chi2_test(left.chi2, left.dof), *tests)):
             return
 
 
+def _taken_in(left: LeftOver, cause: Candidate, sd: FloatArray) -> LeftOver:
+    """Return what is left over when a cause is believed, its coefficients of known size `sd`."""
+    if cause.own is None:
+        return left.also_drawn(cause.columns, sd)
+    return OwnColumns.of(left, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)).drawn(
+        left
+    )
+
+
 def _doubted(
-    scene: Scene, left: LeftOver, measured: Mapping[int, Stray]
+    scene: Scene, left: LeftOver, odd: OddPoses, measured: Mapping[int, Stray]
 ) -> tuple[Explanation, ...]:
     """Toleranced entries that may well be off their file, where no test is sure that anything is wrong."""
-    found = _weighed(left, (*_changes(scene, left), *scene.standing(measured)))
+    found = _weighed(left, (*_changes(scene, left, odd), *scene.standing(measured)))
     return tuple(
         x for x in found if x.candidate and x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
     )
 
 
-def _changes(scene: Scene, left: LeftOver) -> Iterable[Candidate]:
-    """Steps and odd poses: candidates that are looked for in what is left."""
+def _changes(scene: Scene, left: LeftOver, odd: OddPoses) -> Iterable[Candidate]:
+    """Steps and odd poses: candidates that are looked for in what is left; `odd` are those with noise as believed."""
     scale = noise_scale(left.chi2, left.dof)
     suspects = {s.name: s for s in scene.suspects()}
     for step in steps(left, tuple(suspects.values()), scale=scale):
         yield scene.of_suspect(suspects[step.suspect], step.pose)
-    odd = tuple(pose.pose for pose in odd_poses(left, scale=scale).odd)
+    found = odd if scale == 1.0 else odd_poses(left, scale=scale)
+    poses = tuple(pose.pose for pose in found.odd)
     m = len(left.white)
-    for count in range(1, len(odd) + 1):
-        if count in (1, 2, 3, len(odd)):
-            columns = pose_columns(left, odd[:count])
+    for count in range(1, len(poses) + 1):
+        if count in (1, 2, 3, len(poses)):
+            own = np.array(poses[:count])
             yield Candidate(
                 cause=Cause.ODD_POSES,
                 subject="",
-                columns=columns,
-                natural=np.full(columns.shape[-1], 3.0),
+                columns=pose_columns(left, own),
+                own=own,
+                natural=np.full(count * left.white.shape[1], 3.0),
                 places=m**count,
-                poses=odd[:count],
+                poses=poses[:count],
             )
+
+
+def _evidence(left: LeftOver, c: Candidate) -> Evidence | None:
+    if c.own is None:
+        return evidence(left, c.columns, c.natural, most=c.most)
+    return evidence_of_own(left, c.own, c.columns, c.natural, most=c.most)
 
 
 def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanation, ...]:
@@ -257,7 +277,7 @@ def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanati
     listed = [
         (c, e)
         for c in candidates
-        if (e := evidence(left, c.columns, c.natural, most=c.most)) is not None
+        if (e := _evidence(left, c)) is not None
         and not c.is_stated(e.b, e.covariance)
         and float(np.sqrt(np.mean((e.b / c.natural) ** 2))) <= c.most
     ]
@@ -266,7 +286,8 @@ def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanati
         counts[c.cause] = counts.get(c.cause, 0) + 1
     weights = [
         e.log_likelihood
-        + np.log(PRIORS[c.cause] / counts[c.cause] / c.places)
+        + np.log(PRIORS[c.cause] / counts[c.cause])
+        - log(c.places)
         # What leaves the rest larger than stated needs a second cause, and that one has no name.
         + (np.log(UNNAMED) if e.chi2 > PARTLY * max(e.dof, 1) else 0.0)
         for c, e in listed

@@ -115,7 +115,7 @@ def test_poses_that_nothing_is_asked_of_are_poses_with_columns_of_their_own() ->
     A[9, :, -1] = 1.0
     left = left_over(w, A, V)
     poses = np.array([4, 9])
-    there, fitted = left.without(poses), left.also(pose_columns(left, (4, 9)))
+    there, fitted = left.without(poses), left.also(own_columns(left, poses))
     assert there.U.shape == left.U.shape
     assert there.dof == fitted.dof
     assert there.chi2 == pytest.approx(fitted.chi2)
@@ -125,6 +125,13 @@ def test_poses_that_nothing_is_asked_of_are_poses_with_columns_of_their_own() ->
     np.testing.assert_allclose(there.covariance, fitted.covariance, rtol=1e-8, atol=1e-12)
     one_by_one = left.without(poses[:1]).without(poses[1:])
     np.testing.assert_allclose(one_by_one.white, there.white, atol=1e-9)
+
+
+def own_columns(left: LeftOver, poses: np.ndarray) -> np.ndarray:
+    """Columns that free all equations of some poses, written out."""
+    out = np.zeros((POSES, ROWS, len(poses), ROWS))
+    out[poses, :, np.arange(len(poses)), :] = pose_columns(left, poses)
+    return out.reshape(POSES, ROWS, -1)
 
 
 def test_of_many_poses_the_odd_ones_are_found_in_few_rounds() -> None:

@@ -6,6 +6,7 @@ models and error models; judges nothing.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 
 import numpy as np
@@ -19,6 +20,12 @@ from solver.loops.closure import ClosureModel
 
 GROSS = 30.0
 """chi2/dof at stated variances of a fit that says nothing about its readings."""
+
+FEW = 600
+"""Poses, evenly among all, that tell which of several starts is the best one."""
+
+BETTER = 0.5
+"""Share of the misfit that another start has to leave at most to be gone to with all poses."""
 
 SUSPECT = 2.0
 """And beyond which another start is tried: an optimum that is only local leaves as little as this where
@@ -41,6 +48,45 @@ def fitted(
     PosesDoNotFitError
         No start leads to anything.
     """
+    starts = iter(starts)
+    if len(q) <= 2 * FEW:
+        return _best(model, q, errors, starts, group=group, progress=progress)[0]
+    whole: Calibrated | None = None
+    x0, least = next(starts), np.inf
+    with contextlib.suppress(PosesDoNotFitError):
+        whole, least = _best(model, q, errors, (x0,), group=group, progress=progress)
+    if whole is not None and least < SUSPECT:
+        return whole
+    some = evenly(len(q), FEW)
+    few, misfit = _best(
+        model.at_poses(some),
+        q[some],
+        errors.at_poses(some),
+        starts,
+        group=group[some],
+        progress=None,
+    )
+    if whole is not None and not misfit < BETTER * least:
+        return whole
+    again = (few.estimate.x,)
+    return _best(model, q, errors, again, group=group, progress=progress)[0]
+
+
+def evenly(poses: int, most: int) -> IntArray:
+    """Indices of `most` of so many poses."""
+    return np.linspace(0, poses - 1, min(most, poses)).astype(np.int64)
+
+
+def _best(
+    model: ClosureModel,
+    q: FloatArray,
+    errors: ErrorModel,
+    starts: Iterable[FloatArray | None],
+    *,
+    group: IntArray,
+    progress: Progress | None,
+) -> tuple[Calibrated, float]:
+    """Return the best fit of some starts, the first that is good enough, and its misfit."""
     best: Calibrated | None = None
     least, last = np.inf, None
     for x0 in starts:
@@ -59,7 +105,7 @@ def fitted(
             break
     if best is None:
         raise PosesDoNotFitError from last
-    return best
+    return best, least
 
 
 def gross_misfit(found: Calibrated) -> float:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.attempts import GROSS, fitted, gross_misfit
+from operator_app.calibration.attempts import FEW, GROSS, evenly, fitted, gross_misfit
 from operator_app.calibration.hand_error import tip_sigma
 from operator_app.calibration.loop import in_order, loop_of_poses, pick
 from operator_app.calibration.mounted_twice import alike
@@ -150,7 +150,8 @@ def calibrate(
         yield None if x0 is None else in_order(model, hard, x0)
         yield nominal_vector(model.parameters)
         if not unsensed_joints:
-            yield in_order(model, hard, best_about_nominal(hard, q))
+            few = evenly(len(q), FEW)
+            yield in_order(model, hard, best_about_nominal(hard.at_poses(few), q[few]))
 
     try:
         whole = fitted(

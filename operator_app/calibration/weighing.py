@@ -125,25 +125,23 @@ def weigh(
         by_tests = rivals or by_tests
     elif scale > MOST_BELIEVED and _of_metal(trial):
         # A fixture that gives, or a length that is off, by so much may as well be a file that is wrong.
-        by_tests = (
-            named_rivals(
-                arm,
-                fixture,
-                used,
-                unsensed=unsensed,
-                scale=scale,
-                dof=trial.left.dof,
-                of_files=True,
-            )
-            or by_tests
+        rivals = named_rivals(
+            arm,
+            fixture,
+            used,
+            unsensed=unsensed,
+            scale=scale,
+            dof=trial.left.dof,
+            of_files=True,
         )
+        by_tests = rivals or by_tests
     elif joint := _seems_wrong(trial):
         by_tests = (
             named_shift(arm, fixture, used, unsensed=unsensed, joint=joint, scale=scale) or by_tests
         )
     elif not by_tests:
         by_tests = of_rvdts(known.rvdt, arm)
-    if by_tests and not gross and not _one_story(trial):
+    if by_tests and not rivals and not gross and not _one_story(trial):
         by_tests = (*_several(found.linear, trial), *by_tests)
     if scale > MOST_BELIEVED and by_tests:
         # What is named may move nothing by more than its sigmas: these are as wide as the misfit made them.

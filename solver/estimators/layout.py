@@ -37,6 +37,14 @@ few that poses do tell say little of how large all are, and where they happen to
 FIRST_GIVE = 5e-4
 """Where a give that nothing stated is looked for (rad, m)."""
 
+WORST = 10.0
+"""Times its statement that lengths, twists, encoders, play and sag are ever believed to be off: what is farther off
+is a fault, to be found by the tests. Of many poses a fit would explain any fault by some of these without bounds,
+and leave an arm that is none."""
+
+LARGEST_DISCREPANCY = 5.0
+"""In its unit, below: what moves a hand by more has a name."""
+
 UNIT_DISCREPANCY = 1e-3
 """Discrepancy is counted in mm and mrad."""
 
@@ -192,7 +200,7 @@ class Layout:
         self.play_component: int | None = None
         if self.backlash.any():
             self.play_component = self._component(
-                Component(name="joint_play", start=ANEW**2, floor=ANEW**2)
+                Component(name="joint_play", start=ANEW**2, floor=ANEW**2, wall=WORST**2)
             )
         for k, source in enumerate(_SOFT):
             listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
@@ -308,7 +316,14 @@ class Layout:
         c = None
         if self.errors.discrepancy:
             c = self._component(
-                Component(name="discrepancy", start=1e-8, floor=1e-8, leap=0.04, soft=1.0)
+                Component(
+                    name="discrepancy",
+                    start=1e-8,
+                    floor=1e-8,
+                    leap=0.04,
+                    soft=1.0,
+                    wall=LARGEST_DISCREPANCY**2,
+                )
             )
         k = self.give_basis.phi.shape[1]
         # The basis has a variance of 2: a constant and a linear part beside its scales.
@@ -327,7 +342,7 @@ class Layout:
             )
 
     def _stated_group(self, source: str, names: tuple[str, ...]) -> None:
-        c = self._component(Component(name=source, start=1.0, floor=1.0))
+        c = self._component(Component(name=source, start=1.0, floor=1.0, wall=WORST**2))
         self.groups.append(
             Group(source=source, width=len(names), fixed=0.0, component=c, scale=1.0, names=names)
         )

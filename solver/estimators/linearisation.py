@@ -18,11 +18,18 @@ from solver.estimators.effects import Design, System
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class State:
-    """Parameters x (P,), joint corrections e (m, n) and unsensed angles u (m, U)."""
+    """Parameters x (P,), joint corrections e (m, n), unsensed angles u (m, U), and where loops are linearised.
+
+    That is where they close, the joints turned by what the fixture gives as well: `closed_q` (m, n) and `closed_u`
+    (m, U). A loop that is left open by what gives looks as if a smaller arm closed it better: a scale that no loop
+    has would be found by the square of the noise, and of many poses nothing else.
+    """
 
     x: FloatArray
     e: FloatArray
     u: FloatArray
+    closed_q: FloatArray
+    closed_u: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,9 +80,9 @@ class Linearisation:
         state, m = self.state, len(self._q)
         everything = len(poses) == m and bool((poses == np.arange(m)).all())
         model = self._model if everything else self._model.at_poses(poses)
-        e = state.e[poses]
-        angle = self._q[poses] + e
-        error = model.loop(state.x, angle, state.u[poses])
+        angle = state.closed_q[poses]
+        e = angle - self._q[poses]
+        error = model.loop(state.x, angle, state.closed_u[poses])
         E = left_null_space(error.jac_u)
         Et = np.swapaxes(E, -1, -2)
         A = Et @ error.jac_x

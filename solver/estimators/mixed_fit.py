@@ -16,7 +16,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.closing import close_loops
 from solver.errors import PosesDoNotFitError
-from solver.estimators.effects import Design
+from solver.estimators.effects import Design, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
@@ -54,9 +54,16 @@ NOTHING_TO_GAIN = 0.1
 SURPRISE = 4.0
 """chi2 per degree of freedom from which the search starts at large variances."""
 
+HOPELESS = 30.0
+"""chi2 per degree of freedom, where much may give and solved to the end, from which no variance is looked for: what
+is so far from every statement is a fault for the tests to find, whatever variances are made to explain of it."""
+
 CURVED = 3.0
 """Share of a step that the loops' curvature leaves undone, for each rad or m of its largest change: Newton's
 steps err by their square."""
+
+STIFF, TINY = 1e-3, 1e-200
+"""Share of what its joints move a loop by below which it is left open along a way; and keeps from dividing by zero."""
 
 FOR_VARIANCES = 600
 """Poses from which variances are found: more know them no better than a few per cent matter."""
@@ -198,6 +205,9 @@ def _iterate(
         if rounds == 1 and free and fit.chi2 > SURPRISE * fit.dof:
             # Nothing stated explains these readings: start where much may give.
             v = np.maximum(v, [c.leap for c in design.components])
+            calm = _iterate(design, x0, v, progress, near, unseen)
+            if not calm.fit.chi2 <= HOPELESS * calm.fit.dof:
+                return calm
             fit = LinearFit(design, here, v)
         state, moved, left = _advance(design, here, fit)
         if not np.isfinite(moved):
@@ -252,7 +262,8 @@ def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> 
     """Poses as they were left, or as they were read with loops that close as well as `x0` allows."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
-        return State(x=x, e=near.corrections, u=near.unsensed)
+        e, u = near.corrections, near.unsensed
+        return State(x=x, e=e, u=u, closed_q=q + e, closed_u=u)
     if design.model.unsensed_joints:
         sd = np.sqrt(design.joint_variance(v).mean(axis=0))
         u = close_loops(design.model, x, q, sigma_rad=sd, max_iterations=3).u
@@ -261,7 +272,7 @@ def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> 
         u = np.concatenate(
             [p.initial_unsensed(x, here) for p, here in pose_blocks(design.model, q)]
         )
-    return State(x=x, e=np.zeros_like(q), u=u)
+    return State(x=x, e=np.zeros_like(q), u=u, closed_q=q, closed_u=u)
 
 
 def _advance(design: Design, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
@@ -274,25 +285,46 @@ def _advance(design: Design, at: Linearisation, fit: LinearFit) -> tuple[State, 
     x[design.hard_index] += fit.step
     x[design.soft_index] = design.nominal[design.soft_index] + design.soft_sd * fit.b[:soft]
     dx = x - old.x
-    e, give = design.effects_at(fit.b, design.q + old.e)
-    du = np.zeros_like(old.u)
+    e, give = design.effects_at(fit.b, old.closed_q)
+    u, closed_q, closed_u = old.closed_u.copy(), design.q.copy(), old.closed_u.copy()
     for part in fit.parts():
         here, system = part.poses, at.part(part.poses)
         left = (part.w + part.times(fit.coefficients))[..., None]
         multipliers = np.swapaxes(part.L_inverse, -1, -2) @ left
         e[here] -= part.S * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
         give[here] -= part.F * (system.E @ multipliers)[..., 0]
-        du[here] = at.rates(here).unsensed_step(dx, e[here], give[here])
-    de = e - old.e
-    largest = max(float(np.abs(d).max(initial=0.0)) for d in (dx, de, du))
+        turned = e[here] + _closing(system, give[here])
+        closed_q[here] += turned
+        rates = at.rates(here)
+        u[here] += rates.unsensed_step(dx, e[here], give[here])
+        closed_u[here] += rates.unsensed_step(dx, turned, np.zeros_like(give[here]))
+    changes = (dx, closed_q - old.closed_q, closed_u - old.closed_u)
+    largest = max(float(np.abs(d).max(initial=0.0)) for d in changes)
     if not np.isfinite(largest):
         return old, float("nan"), float("nan")
     sd = np.maximum(fit.standard_deviation, 1e-150)
     moved = float(np.abs(dx / sd).max(initial=0.0))
     # Far from closure a full step can wrap an angle; nothing physical turns this much at once.
     shrink = min(1.0, 1.0 / max(largest, 1e-300))
-    new = State(x=old.x + shrink * dx, e=old.e + shrink * de, u=old.u + shrink * du)
+    new = State(
+        x=old.x + shrink * dx,
+        e=old.e + shrink * (e - old.e),
+        u=old.u + shrink * (u - old.u),
+        closed_q=old.closed_q + shrink * (closed_q - old.closed_q),
+        closed_u=old.closed_u + shrink * (closed_u - old.closed_u),
+    )
     return new, moved, moved * (1.0 - shrink + min(1.0, CURVED * largest))
+
+
+def _closing(system: System, give: FloatArray) -> FloatArray:
+    """Smallest turns of the joints (m, n) that close what displacements `give` (m, k) of the fixture leave open."""
+    open_by = np.swapaxes(system.E, -1, -2) @ give[..., None]
+    Bt = np.swapaxes(system.B, -1, -2)
+    square = system.B @ Bt
+    # Of a pose that hardly moves some way no joint is turned far for it.
+    ridge = STIFF**2 * np.trace(square, axis1=-2, axis2=-1) + TINY
+    square += ridge[:, None, None] * np.eye(square.shape[-1])
+    return np.asarray((Bt @ np.linalg.solve(square, open_by))[..., 0])
 
 
 def expected_fit(
@@ -312,5 +344,8 @@ def expected_fit(
     closed = close_loops(model, x, q, sigma_rad=sd)
     here = np.where(closed.closed[:, None], closed.q, q)
     design = Design(model, here, errors, group=group)
-    at = State(x=np.array(x, dtype=float), e=np.zeros_like(here), u=closed.u)
+    at = State(
+        x=np.array(x, dtype=float), e=np.zeros_like(here), u=closed.u,
+        closed_q=here, closed_u=closed.u,
+    )  # fmt: skip
     return LinearFit(design, Linearisation(design, at), design.stated_variances())

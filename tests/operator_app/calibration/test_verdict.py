@@ -17,13 +17,15 @@ from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
 from operator_app.calibration.verdict import NamedCause, Verdict, causes_of, each_once
 from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
+from operator_app.calibration.why_not import why_blind
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
-from solver.errors import PosesDoNotFitError, UnidentifiableError
+from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
 from solver.estimators.estimate import Estimate
+from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.candidate import Candidate, Cause
 from solver.judging.evidence import Evidence, evidence
@@ -432,5 +434,16 @@ def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_un
         # The third draw is the one that came out as parameters that cannot be seen.
         noise.normal(size=found.readings.shape)
     readings = found.readings + np.deg2rad(2.0) * noise.normal(size=found.readings.shape)
-    with pytest.raises(PosesDoNotFitError, match=r"the loops stay open by 10\.53 mm and"):
-        solved(replace(found, readings=readings))
+    taken = replace(found, readings=readings)
+    judgement = solved(taken).judgement
+    assert judgement is not None
+    assert judgement.verdict is Verdict.NOT_ACCEPTED
+    poses = parse_poses(taken.csv().encode(), "poses.csv").poses
+    arm, hinge = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    blind = UnidentifiableError(
+        (UnidentifiableDirection(parameters=("theta_off_1",), weights=(1.0,)),)
+    )
+    paper = estimate_paper(hinge.model(arm), poses.q_rad)
+    why = why_blind(blind, arm, hinge, poses, (), paper, None)
+    assert isinstance(why, PosesDoNotFitError)
+    assert "the loops stay open by 10.53 mm and" in str(why)

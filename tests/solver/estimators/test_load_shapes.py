@@ -82,7 +82,8 @@ def test_what_is_expected_is_taken_out_of_the_readings(model, q, errors):
     e = design.effects_at(np.zeros(design.width - design.hard), q)[0]
     assert np.abs(e).max() > 1e-5
     x = nominal_vector(model.parameters)
-    state = State(x=x, e=np.zeros_like(q), u=model.initial_unsensed(x, q))
+    u = model.initial_unsensed(x, q)
+    state = State(x=x, e=np.zeros_like(q), u=u, closed_q=q, closed_u=u)
     plain = Design(model, q, replace(errors, loads=None, approach=None))
     assert not plain.expected.any()
     here = Linearisation(design, state).part(slice(None))

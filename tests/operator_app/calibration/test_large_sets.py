@@ -1,0 +1,49 @@
+"""Pose sets of a thousand and more: sound ones keep the arm's scale, faults keep their names."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.attempts import FEW
+from operator_app.calibration.verdict import Verdict
+from tests.benchmarks.shop_floor_outcome import outcome
+from tests.oracles.shop_floor_large import LARGE_FAULTS, large
+
+
+def test_a_sound_set_of_a_thousand_poses_is_accepted() -> None:
+    """The fit made the arm smaller and smaller: with 1,000 poses it was refused, s_3 and s_5 exchanged."""
+    found = outcome(large(1, 1000))
+    assert found.verdict == Verdict.ACCEPTED.value, found.said
+    assert np.abs(found.z).max() < 4.0
+
+
+@pytest.mark.campaign
+def test_a_length_that_is_off_is_named_by_many_poses_as_by_few() -> None:
+    """Upper arm and forearm were said to be exchanged where one of them was 30 mm longer."""
+    fault, right = LARGE_FAULTS["elbow 30 mm"]
+    found = outcome(fault(large(1, 2 * FEW + 1)))
+    assert re.fullmatch(right, found.causes[0]), found.said
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_sound_set_of_ten_thousand_poses_keeps_the_scale(seed) -> None:
+    """Accepted with every length of the hinge 3 to 12 mm short: 11 and 18 sigma."""
+    found = outcome(large(seed, 10_000))
+    assert found.verdict in (Verdict.ACCEPTED.value, Verdict.WITH_WARNINGS.value), found.said
+    lengths = found.error[[7, 8, 10, 11, 12]]
+    assert np.abs(lengths).max() < 1.5e-3
+    assert np.abs(found.z).max() < 6.0
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("poses", [1000, 3000])
+@pytest.mark.parametrize("name", ["slip of a fifth", "1 % odd", "30 % odd"])
+def test_odd_poses_of_a_large_set_are_named(name, poses) -> None:
+    """Of 1,000 poses it was said that theta_off_1 cannot be seen."""
+    fault, _ = LARGE_FAULTS[name]
+    found = outcome(fault(large(1, poses)))
+    assert found.causes[0] in ("OUTLIERS", "ENCODER_2"), found.said

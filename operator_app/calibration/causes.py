@@ -102,7 +102,7 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
         case Cause.READING:
             return _reading(int(subject), found, scene)
         case Cause.SCATTER:
-            return _scatter(found)
+            return _scatter(candidate, found)
         case Cause.SCALE:
             return Words(
                 f"SCALE_{subject}",
@@ -284,11 +284,11 @@ def _reading(joint: int, found: Evidence, scene: Scene) -> Words:
     )
 
 
-def _scatter(found: Evidence) -> Words:
+def _scatter(candidate: Candidate, found: Evidence) -> Words:
     """Say by how much all readings scatter from pose to pose."""
-    # Coefficients are shrunk; with what stays uncertain of each their mean square is not.
-    squares = float(found.b @ found.b + found.covariance.sum())
-    size = SCATTER.not_zero(np.sqrt(squares / found.dof_used)).with_unit
+    # Coefficients are shrunk by as much as the poses leave them open: the share that these do tell counts.
+    told = float((1.0 - found.covariance / (found.size * candidate.natural) ** 2).sum())
+    size = SCATTER.not_zero(float(np.sqrt(found.b @ found.b / max(told, 1.0)))).with_unit
     return Words(
         "SCATTER",
         f"the readings of all joints scatter by about {size} from pose to "

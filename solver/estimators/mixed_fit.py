@@ -186,6 +186,7 @@ def _iterate(
     found: Derivatives | None = None,
 ) -> MixedFit:
     """Rounds until nothing moves; `variances` (K,) that are given stay, `found` where they come from."""
+    said = _nothing if progress is None else progress
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     if near is not None and free:
@@ -212,8 +213,7 @@ def _iterate(
         state, moved, left = _advance(design, here, fit)
         if not np.isfinite(moved):
             raise PosesDoNotFitError
-        if progress is not None:
-            progress(rounds, fit.chi2)
+        said(rounds, fit.chi2)
         if free:
             found = with_priors(fit)
             before, wanted = wanted.largest, step(fit, found)
@@ -244,6 +244,10 @@ def _iterate(
         found=with_priors(fit) if found is None else found,
         iterations=rounds, converged=converged,
     )  # fmt: skip
+
+
+def _nothing(_rounds: int, _chi2: float) -> None:
+    """Nobody asked how far it is."""
 
 
 def gravity_share(fit: LinearFit) -> float:

@@ -17,6 +17,9 @@ from solver.chain.poses import PoseSet
 SAME_RAD = 1e-5
 """Readings that differ by less in every joint are one reading, written with three decimals of a degree."""
 
+HUNDREDTH_RAD = np.deg2rad(0.01)
+"""Readings that are all whole multiples of this were written with two decimals: no arm comes back so closely."""
+
 SAME_M = 1e-6
 """Measured points that differ by less in every coordinate are one, written with three decimals of a mm."""
 
@@ -91,7 +94,9 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: Fixture) -> None:
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
     """Whether each of the new poses is one of the others to the decimals that are written: (m,)."""
-    both = [p.q_rad / SAME_RAD for p in (new, made_from)]
+    rounded = any(_in_hundredths(p) for p in (new, made_from))
+    same_rad = 0.5 * HUNDREDTH_RAD + SAME_RAD if rounded else SAME_RAD
+    both = [p.q_rad / same_rad for p in (new, made_from)]
     if measured and new.endpoint is not None and made_from.endpoint is not None:
         columns = min(new.endpoint.shape[1], made_from.endpoint.shape[1])
         size = np.repeat((SAME_M, SAME_RAD), 3)[:columns]
@@ -99,3 +104,8 @@ def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray
         both = [np.hstack(pair) for pair in zip(both, ends, strict=True)]
     distance, _ = KDTree(both[1]).query(both[0], p=np.inf)
     return np.asarray(distance < 1.0)
+
+
+def _in_hundredths(poses: PoseSet) -> bool:
+    steps = poses.q_rad / HUNDREDTH_RAD
+    return bool(np.all(np.abs(steps - np.round(steps)) < 1e-6))

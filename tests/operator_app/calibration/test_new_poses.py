@@ -76,3 +76,18 @@ def test_full_poses_and_points_are_compared_by_the_points(
     with pytest.raises(NoTestError, match="these are poses"):
         require_new(measured, full, tracker)
     require_new(again(measured), full, tracker)
+
+
+def test_poses_written_with_two_decimals_are_not_new_and_those_a_little_elsewhere_are(
+    measured: PoseSet,
+) -> None:
+    """Own poses, rounded to 0.01 deg, passed as poses that took no part."""
+    own = replace(measured, endpoint=None)
+    hinge = load_fixture("hinge").fixture
+    rounded = replace(own, q_rad=np.deg2rad(np.rad2deg(own.q_rad).round(2)))
+    for new, made_from in ((rounded, own), (own, rounded)):
+        with pytest.raises(NoTestError, match="these are poses that the calibration was made from"):
+            require_new(new, made_from, hinge)
+    require_new(replace(rounded, q_rad=rounded.q_rad + np.deg2rad(0.02)), own, hinge)
+    # With more decimals what differs in the third is another pose.
+    require_new(replace(own, q_rad=own.q_rad + np.deg2rad(0.004)), own, hinge)

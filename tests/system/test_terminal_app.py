@@ -245,7 +245,7 @@ def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path
         t.until(lambda screen: re.search(r"Poses +[2-9]/10", screen) is not None)
         node.send_signal(signal.SIGSTOP)
         t.until("no data from the arm")
-        t.until("SOFTWARE STOP latched")
+        t.until("DATA LOST quick stop sent")
         accepted = read_session(the_session(tmp_path)).state.poses
         node.send_signal(signal.SIGCONT)
         t.until("the data are back")

@@ -28,7 +28,7 @@ from solver.estimators.estimate import Estimate
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
 from solver.judging.candidate import Candidate, Cause
-from solver.judging.evidence import Evidence, evidence
+from solver.judging.evidence import Evidence, evidence, evidence_of_own
 from solver.judging.ranges import ReadingsOutOfRangeError
 from solver.judging.stated_tests import Test as Trying
 from solver.judging.trial import Explanation, Trial, judge
@@ -145,7 +145,7 @@ def campaign(*values: str):
         ),
         campaign("1 outlier 0.5 deg", r"pose p\d+ does not fit the others"),
         campaign("RVDT 5 %", r"joint [67] (strays|scatters) .*deg"),
-        campaign("12 flipped", r"12 of 40 poses close only with the hand upside down"),
+        campaign("12 flipped", r"12 of 40\) close only with the hand upside down"),
     ],
 )
 def test_the_fault_is_the_first_cause_with_its_size_and_a_remedy(name: str, words: str) -> None:
@@ -421,7 +421,10 @@ def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
 
 def weighed(trial: Trial, candidate: Candidate, *, b: float) -> Evidence:
     """Its evidence, had its coefficients come out as `b` and moved no parameter."""
-    found = evidence(trial.left, candidate.columns, candidate.natural)
+    if candidate.own is None:
+        found = evidence(trial.left, candidate.columns, candidate.natural)
+    else:
+        found = evidence_of_own(trial.left, candidate.own, candidate.columns, candidate.natural)
     assert found is not None
     return replace(found, b=np.full_like(found.b, b), moved=np.zeros_like(found.moved))
 

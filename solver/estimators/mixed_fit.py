@@ -27,7 +27,7 @@ from solver.estimators.scoring import Ascent, Step, step, with_priors
 from solver.loops.closure import ClosureModel, pose_blocks
 
 MAX_ROUNDS = 40
-SETTLED, STEADY, CREEPING = 1e-3, 3e-2, 3e-3
+SETTLED, STEADY, CREEPING = 1e-3, 5e-2, 3e-3
 """What a round may leave of every parameter and of every variance, in standard errors, and be the last: so
 little of a variance moves no parameter by more than that share of its sigma. The last figure is for variances
 that creep, of which much more is left than one round shows."""

@@ -27,10 +27,13 @@ from solver.estimators.scoring import Ascent, Step, step, with_priors
 from solver.loops.closure import ClosureModel, pose_blocks
 
 MAX_ROUNDS = 40
-SETTLED, STEADY, CREEPING = 1e-3, 5e-2, 3e-3
-"""What a round may leave of every parameter and of every variance, in standard errors, and be the last: so
-little of a variance moves no parameter by more than that share of its sigma. The last figure is for variances
-that creep, of which much more is left than one round shows."""
+SETTLED, BESIDE_VARIANCES = 1e-3, 2e-3
+"""What a round may leave of every parameter, in standard errors, and be the last; the second where variances are
+looked for as well, which are known less well by far."""
+
+STEADY, CREEPING = 5e-2, 3e-3
+"""The same of every variance: so little of one moves no parameter by more than that share of its sigma. The second is
+for variances that creep, of which much more is left than one round shows."""
 
 FAST = 0.3
 """Variances creep where a round leaves more than this share of what the one before left."""
@@ -189,6 +192,7 @@ def _iterate(
     said = _nothing if progress is None else progress
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
+    settled = BESIDE_VARIANCES if free else SETTLED
     if near is not None and free:
         v = np.array([near.variances.get(c.name, c.start) for c in design.components])
         v = np.clip(v, [c.floor for c in design.components], [c.wall for c in design.components])
@@ -222,7 +226,7 @@ def _iterate(
             if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
                 # That is no reason to go on: the parameters settle under the variances as they are.
                 free, wanted, v = False, Step.none(len(v)), fit.v
-        converged = left < SETTLED and wanted.largest < enough
+        converged = left < settled and wanted.largest < enough
         nearly = left < NEARLY and wanted.largest < ALMOST_STEADY
         if sign_asked and (nearly or rounds >= FREE_ROUNDS):
             surplus = gravity_share(fit) - 0.5

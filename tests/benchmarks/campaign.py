@@ -1,4 +1,4 @@
-"""Everything that can go wrong, in one command: 300 kills, 195 sessions with a fault, 39 uploads; a table.
+"""All that can go wrong, in one command: kills, every fault in each phase of a session and in an upload; a table.
 
     python -m tests.benchmarks.campaign [--kills 300] [--processes 3] [--seed 0] [--without-faults]
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from hardware.arm import DriveState, JointMode
 from hardware.cia402 import Command, command_of
 from hardware.cyclic import Sample, Setpoint, Setpoints
-from hardware.errors import CommandRefused, Stopped
+from hardware.errors import CommandRefused, StopLatched
 from hardware.limits import (
     JointLimits,
     Reason,
@@ -41,7 +41,7 @@ def admit(
     ------
     CommandRefused
         With the reason in words.
-    Stopped
+    StopLatched
         If STOP was pressed since the commands were made.
     """
     if before is commands:
@@ -65,7 +65,7 @@ def admit(
             sample.counts[joint],
         )
         if refusal is not None and refusal.reason is Reason.STOPPED:
-            raise Stopped(refusal.text)
+            raise StopLatched(refusal.text)
         if refusal is not None:
             raise CommandRefused(refusal.text)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -289,3 +290,10 @@ class TellsPower(Protocol):
     def left_powered(self) -> tuple[int, ...]:
         """Joints whose drives said that they were powered, those that STOP holds included."""
         ...
+
+
+@runtime_checkable
+class Records(Protocol):
+    """An arm whose bus is recorded, from the next connection on: `record_to` is the file, None for none."""
+
+    record_to: Path | None

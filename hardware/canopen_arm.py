@@ -134,6 +134,15 @@ class CanopenArm:
         return self._link.snapshot()
 
     @property
+    def record_to(self) -> Path | None:
+        """File that the bus is recorded to from the next connection on; None for none."""
+        return self._connector.record_to
+
+    @record_to.setter
+    def record_to(self, path: Path | None) -> None:
+        self._connector.record_to = path
+
+    @property
     def recording_failure(self) -> str | None:
         """Why the recording of the bus ended early (a full disk, say), None if it did not."""
         return self._connector.recording_failure

@@ -87,6 +87,7 @@ _DECODED: Final = MappingProxyType(
         },
     }
 )
+_MASK: Final = MappingProxyType({state: mask for (mask, _), state in _DECODED.items()})
 
 
 class Command(Enum):
@@ -209,6 +210,11 @@ def drive_state(status: int) -> DriveState:
         if state is not None:
             return state
     raise ValueError(f"statusword {status:04X}h shows no CiA 402 state")
+
+
+def shows(status: int, state: DriveState) -> bool:
+    """Whether a statusword shows that state; for what is asked with every sample."""
+    return status & _MASK[state] == STATE_BITS[state]
 
 
 def reached(state: DriveState, wish: Wish) -> bool:

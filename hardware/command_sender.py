@@ -56,7 +56,7 @@ class CommandSender:
         staying = self._watch.staying
         for joint, given in enumerate(commands):
             before, command = self._sent[joint], staying.command(joint + 1, given)
-            if command == before and joint != again:
+            if command is None or (command == before and joint != again):
                 continue
             if self._latch.latched:
                 break

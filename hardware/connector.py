@@ -29,6 +29,8 @@ class Connector:
 
     Attributes
     ----------
+    record_to
+        As above: of the next connection.
     latch
         Of STOP: it outlives a connection, so that a new one does not lift a STOP.
     takes_over
@@ -37,7 +39,7 @@ class Connector:
     """
 
     def __init__(self, on_bus: ArmOnBus, record_to: Path | None) -> None:
-        self._on_bus, self._record_to = on_bus, record_to
+        self._on_bus, self.record_to = on_bus, record_to
         self.latch = StopLatch()
         self.takes_over = False
         self._connection: Connection | None = None
@@ -69,7 +71,7 @@ class Connector:
         press, self._connecting = self.latch.last, True
         try:
             self._opening = connection = Connection(
-                self._on_bus, record_to=self._record_to, latch=self.latch
+                self._on_bus, record_to=self.record_to, latch=self.latch
             )
             # For this one alone: who enables drives later is not known.
             takes_over, self.takes_over = self.takes_over, False

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from hardware.arm import DriveState
-from hardware.cia402 import STATE_BITS, StatusBit
+from hardware.cia402 import StatusBit, shows
 from hardware.cyclic import LATE_SYNCS, Sample, Setpoints
 from hardware.objects import CYCLIC_POSITION
 
@@ -25,9 +25,6 @@ AWAY_SYNCS: Final = 10
 """So many SYNCs in a row: a target that was just sent, or a frame that came late, is no error."""
 
 _NOWHERE: Final = (math.inf, -math.inf)
-
-_STATE: Final = 0x6F
-_ENABLED: Final = STATE_BITS[DriveState.OPERATION_ENABLED]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +79,7 @@ class Following:
             counts = sample.counts[at]
             error = min(counts - min(low, lower), 0) or max(counts - max(high, higher), 0)
             follows = bool(status & StatusBit.FOLLOWS_COMMAND) or self._followed[at]
-            self._followed[at] = follows and status & _STATE == _ENABLED
+            self._followed[at] = follows and shows(status, DriveState.OPERATION_ENABLED)
             away = self._followed[at] and abs(error) > window
             self._away[at] = self._away[at] + 1 if away else 0
             if self._away[at] >= AWAY_SYNCS:

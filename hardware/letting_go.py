@@ -14,6 +14,7 @@ from hardware.cia402 import LOOP_CLOSED, Wish, reached
 from hardware.control_loop import ControlLoop
 from hardware.cyclic import Sample, Setpoints
 from hardware.errors import (
+    BusError,
     CommandRefused,
     ControlDenied,
     DriveFault,
@@ -63,8 +64,9 @@ def let_go(loop: ControlLoop) -> LetGo:
 
 
 def _hold_and_disable(loop: ControlLoop) -> None:
-    # A latched STOP holds the drives by itself. What a supervisor reports does not: off with them.
-    despite = _DESPITE if loop.stop_latched else (*_DESPITE, Stopped)
+    # A latched STOP holds the drives by itself. What a supervisor reports does not: off with them. Nor does a
+    # node that is silent: the others hear.
+    despite = (*_DESPITE, BusError, *(() if loop.stop_latched else (Stopped,)))
     try:
         if loop.commands is not None:  # else no drive was given any
             loop.run(steps.hold_where_it_is(loop), despite=despite)

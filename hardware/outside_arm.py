@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -54,6 +55,13 @@ class OutsideArm:
         What it is called in errors.
     keeps_parameters
         Whether it takes a parameter document, as its offer says.
+    record_to
+        Where `make` is to have it recorded; None for nowhere.
+
+    Attributes
+    ----------
+    record_to
+        As above: of the next connection.
     """
 
     def __init__(
@@ -63,7 +71,9 @@ class OutsideArm:
         name: str,
         *,
         keeps_parameters: bool = False,
+        record_to: Path | None = None,
     ) -> None:
+        self.record_to = record_to
         self._keeps_parameters = keeps_parameters
         self._make, self._description, self._name = make, description, name
         self._arm: Arm | None = None

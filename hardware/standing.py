@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from hardware.arm import DriveState
-from hardware.cia402 import STATE_BITS
+from hardware.cia402 import shows
 from hardware.cyclic import Sample, Setpoints
 from hardware.following import AWAY_SYNCS, Astray
 from hardware.objects import CYCLIC_POSITION
@@ -24,9 +24,6 @@ LONGEST_REST_SYNCS: Final = 200
 """2 s: and this for as long as it becomes slower. How steep its drive brakes (6085h) is its maker's affair."""
 STRETCH_SYNCS: Final = 10
 """Whether it does is looked at from one such stretch to the next. One that creeps on does not."""
-
-_STATE: Final = 0x6F
-_STOPPED: Final = STATE_BITS[DriveState.QUICK_STOP_ACTIVE]
 
 
 @dataclass(slots=True)
@@ -76,7 +73,7 @@ class Standing:
             return None
         found = None
         for at, (joint, window) in enumerate(zip(self._joints, self._windows, strict=True)):
-            stopped = sample.statuswords[at] & _STATE == _STOPPED
+            stopped = shows(sample.statuswords[at], DriveState.QUICK_STOP_ACTIVE)
             if not stopped or commands[at].mode != CYCLIC_POSITION:
                 joint.stopped = joint.away = 0
                 continue

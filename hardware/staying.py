@@ -17,20 +17,19 @@ from hardware.cia402 import (
     CONTROLWORD_DISABLE_VOLTAGE,
     CONTROLWORD_ENABLE_OPERATION,
     CONTROLWORD_QUICK_STOP,
-    STATE_BITS,
     StatusBit,
+    shows,
 )
 from hardware.cyclic import Sample, Setpoint, Setpoints
 from hardware.objects import CYCLIC_POSITION
 from hardware.steps import state_of
 
 SURE_SYNCS: Final = 10
-"""So often a drive has to have been seen as it should be: an answer from before may come after the first."""
+"""Once a drive was seen as it should be so often, no answer from before can come any more."""
+DOUBT_SYNCS: Final = 2
+"""Until then it has left when it says so as often as this, one answer after the other; it is told nothing meanwhile."""
 DEAF_SYNCS: Final = 50
 """0.5 s in a row without bit 12: longer than a drive takes from one mode to another, where it may say either."""
-
-_STATE: Final = 0x6F
-_ENABLED: Final = STATE_BITS[DriveState.OPERATION_ENABLED]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,21 +54,24 @@ class Left:
 
 @dataclass(slots=True)
 class _Joint:
-    """How often its drive was seen enabled, and following, since it was told to be; SYNCs since it follows no more."""
+    """How often its drive was seen enabled, and following, since it was told to be; SYNCs since it does no more."""
 
     enabled: int = 0
+    doubts: int = 0
     followed: int = 0
     deaf: int = 0
 
     def see(self, status: int, command: Setpoint) -> DriveState | None:
         """Take in its statusword; the state it is in, where that is not as it was put."""
         if command.controlword != CONTROLWORD_ENABLE_OPERATION:
-            self.enabled = self.followed = self.deaf = 0
+            self.enabled = self.doubts = self.followed = self.deaf = 0
             return None
-        if status & _STATE != _ENABLED:
+        if not shows(status, DriveState.OPERATION_ENABLED):
             self.followed = self.deaf = 0
-            return state_of(status) if self.enabled >= SURE_SYNCS else None
-        self.enabled += 1
+            self.doubts += self.enabled > 0
+            sure = self.enabled >= SURE_SYNCS or self.doubts >= DOUBT_SYNCS
+            return state_of(status) if sure else None
+        self.enabled, self.doubts = self.enabled + 1, 0
         if command.mode != CYCLIC_POSITION:
             self.followed = self.deaf = 0
         elif status & StatusBit.FOLLOWS_COMMAND:
@@ -93,10 +95,16 @@ class Staying:
         """Drives that did not stay as they were put, those first that may be why others did not."""
         return tuple(sorted(self._left.values(), key=_urgency))
 
-    def command(self, joint: int, command: Setpoint) -> Setpoint:
-        """What a joint is sent in place of a command once a drive has left: nothing that keeps one enabled."""
-        if not self._left or command.controlword != CONTROLWORD_ENABLE_OPERATION:
+    def command(self, joint: int, command: Setpoint) -> Setpoint | None:
+        """What a joint is sent in place of a command once a drive has left: nothing that keeps one enabled.
+
+        None, and nothing is sent, for as long as its own may have: it might switch that one on again.
+        """
+        if command.controlword != CONTROLWORD_ENABLE_OPERATION:
             return command
+        if not self._left:
+            doubted = bool(self._joints) and self._joints[joint - 1].doubts > 0
+            return None if doubted else command
         left = self._left.get(joint)
         word = CONTROLWORD_QUICK_STOP if left is None else left.controlword
         return Setpoint(word, command.target_counts, command.mode)

@@ -96,18 +96,24 @@ def look_until_whole(desk: Desk) -> Generator[Setpoints | None, Sample, Sample]:
 def drive_to(desk: Desk, wish: Wish) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Bring all drives to a state, in position mode, the target being where each one is now.
 
+    One that was there is told to stay, and no more: whether it does is the alarm's affair.
+
     Returns
     -------
     Joints that did not get there, in time or because they are in a fault.
     """
     sample = yield None
     targets = sample.counts
-    words = [0] * len(targets)
+    words, there = [0] * len(targets), [False] * len(targets)
     for _ in range(TRANSITION_SYNCS):
         raise_alarm(desk)
         words = [
-            _next_controlword(status, wish, word)
-            for status, word in zip(sample.statuswords, words, strict=True)
+            word if stays else _next_controlword(status, wish, word)
+            for status, word, stays in zip(sample.statuswords, words, there, strict=True)
+        ]
+        there = [
+            stays or reached(state_of(status), wish)
+            for status, stays in zip(sample.statuswords, there, strict=True)
         ]
         sample = yield tuple(
             Setpoint(word, target, CYCLIC_POSITION)
@@ -197,6 +203,8 @@ def move(
     )
     reason, first, incomplete = "", sample.sync_count, 0
     ending: Exception | None = None
+    # Whatever turns out to be the reason, the others hold once a drive was not as it was put.
+    faulted = False
     desk.moving = True
     try:
         while not path.finished:
@@ -211,6 +219,7 @@ def move(
                 raise_alarm(desk)
             incomplete = 0 if sample.complete else incomplete + 1
             ending = _more_urgent(desk.alarm() or _not_enabled(sample), ending)
+            faulted = faulted or isinstance(ending, DriveFault)
             if ending is None and incomplete >= INCOMPLETE_SYNCS:
                 ending = incomplete_samples(sample)
             if isinstance(ending, Stopped):
@@ -224,7 +233,7 @@ def move(
                 path.brake()
     finally:
         desk.moving = False
-    if isinstance(ending, DriveFault):
+    if faulted:
         yield from hold_where_it_is(desk)
     if ending is not None:
         raise ending
@@ -289,9 +298,11 @@ def _more_urgent(found: HardwareError | None, ending: Exception | None) -> Excep
     if ending is None or isinstance(found, Stopped):
         return found
     # A trip is often seen in the statusword first, as a drive that is not enabled: its own, or its neighbour's.
-    if isinstance(ending, DriveLeft) and isinstance(found, DriveFault):
+    # A node that is cut off shows so as well: its neighbours stop before it is missed.
+    if isinstance(ending, DriveLeft) and isinstance(found, DriveFault | BusError):
         stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
-        return found if stopped or found.joint == ending.joint else ending
+        own = isinstance(found, DriveFault) and found.joint == ending.joint
+        return found if stopped or own else ending
     if isinstance(found, DriveFault) and not isinstance(ending, DriveFault):
         return found
     return ending

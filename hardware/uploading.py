@@ -111,10 +111,10 @@ def _commit(access: ObjectAccess, supervisor: int, document: bytes) -> None:
             _command(access, supervisor, ParameterCommand.COMMIT)
         except BusError as lost:
             silence = lost
-        except SdoRefused as refused:
-            if refused.code != Abort.DEVICE_STATE or silence is None:
+        except SdoRefused:
+            if silence is None:
                 raise
-            # It is at it still, or was done just now.
+            # It is at it still, or was done just now; or somebody else has the arm since.
         else:
             return
         if not access.read_unsigned(supervisor, SLOTS, SLOTS_STAGED):

@@ -349,7 +349,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
         ),
         "lost-enable": FaultWords(
             broken="a drive's enable is taken away for a moment: it is off, and sends no emergency",
-            # As it is being enabled it goes on: it is told to be enabled until it is.
+            # One that drops out before it has said that it is enabled is told to be until it says so.
             says=("the drive is in",),
             goes_on=True,
             remedy="Ask who switched it off, and why: it is not switched on again by itself. Reset (R, or "

@@ -52,7 +52,8 @@ OPERATOR_SIDE: Mapping[str, FaultWords] = MappingProxyType(
             remedy="End them, or give `sarcal` real-time priority.",
             arm=Arm.HOLDS,
         ),
-        # tests/contracts/test_arm_contract.py, two operators exclude each other; tests/hardware/test_watching.py
+        # tests/contracts/arm/test_contract.py, two operators exclude each other;
+        # tests/hardware/canopen_arm/test_watching.py
         "second operator": FaultWords(
             broken="another program wants to command the arm",
             says=("in control", "Somebody else commands this arm"),

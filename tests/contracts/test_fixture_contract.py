@@ -244,7 +244,7 @@ def test_what_the_fixture_hides_is_warned_of_and_dropped(planted):
     x = nominal_vector(model.parameters)
     hidden = {
         check.code.removeprefix("HIDDEN_")
-        for check in fixture.placement_checks(planted.arm, x)
+        for check in fixture.placement_checks(planted.arm, model, x)
         if check.code.startswith("HIDDEN_")
     }
     q = closed_poses(model, x, planted.arm, seed=12)

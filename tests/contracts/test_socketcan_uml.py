@@ -56,7 +56,10 @@ PYTEST = [
 def test_socketcan_keeps_the_contracts_of_transport_and_arm() -> None:
     # Timing under a user-mode kernel on one processor says nothing; two sessions of the arm are enough.
     chosen = "socketcan and (transport_contract or two_driven or stop_in_a_move)"
-    contracts = [f"tests/contracts/test_{what}_contract.py" for what in ("transport", "arm")]
+    contracts = [
+        "tests/contracts/test_transport_contract.py",
+        "tests/contracts/arm/test_contract.py",
+    ]
     said = in_user_mode_linux(*PYTEST, "--no-cov", "-n0", "-k", chosen, *contracts)
     assert "skipped" not in said
     assert " passed" in said

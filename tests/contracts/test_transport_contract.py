@@ -11,14 +11,8 @@ import can
 import pytest
 
 from hardware.buses import BusSettings, open_bus, open_sender
-from tests.contracts.transports import TRANSPORTS
 
 Opener = Callable[..., can.BusABC]
-
-
-@pytest.fixture(params=TRANSPORTS)
-def settings(request: pytest.FixtureRequest) -> BusSettings:
-    return BusSettings(interface=request.param, channel=TRANSPORTS[request.param]())
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from hardware.admission import admit, admit_modes, admit_move
 from hardware.arm import JointMode
 from hardware.cyclic import Sample, Setpoint
-from hardware.errors import CommandRefused, Stopped
+from hardware.errors import CommandRefused, StopLatched
 from hardware.limits import JointLimits
 from hardware.scale import JointScale
 
@@ -77,7 +77,7 @@ def test_a_new_target_needs_the_right_situation(situation: dict[str, Any], words
 
 
 def test_stop_is_said_as_stop() -> None:
-    with pytest.raises(Stopped):
+    with pytest.raises(StopLatched):
         try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), stopped=True)
 
 

@@ -108,3 +108,16 @@ def test_a_virtual_sender_leaves_the_channel_as_it_found_it() -> None:
     assert bus.recv(0.0) is not None
     second.shutdown()
     bus.shutdown()
+
+
+@pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])
+def test_an_adapter_without_its_driver_is_one_clear_error(interface: str) -> None:
+    with pytest.raises(BusError, match=interface):
+        open_bus(bus_settings(interface, "0", 1_000_000))
+
+
+@pytest.mark.parametrize("channel", ["a\0b", "\udc80", "\x1b[31mred", "x\ny"])
+def test_a_strange_channel_is_one_clear_error(channel: str) -> None:
+    with pytest.raises(BusError, match="channel name") as refused:
+        bus_settings("loopback", channel)
+    assert str(refused.value).isprintable()

@@ -26,6 +26,7 @@ from hardware.cia402 import (
     next_controlword,
     raises_power,
     reached,
+    shows,
     statusword,
 )
 
@@ -218,6 +219,8 @@ def test_statuswords_of_the_standard(pattern: str, state: DriveState) -> None:
     for word in words:
         assert drive_state(word) is state
         assert drive_state(word | 0xFF00) is state
+    for high in (0x0000, 0xFF00):
+        assert [word for word in range(256) if shows(word | high, state)] == words
 
 
 def test_patterns_that_are_no_state_are_refused() -> None:

@@ -116,10 +116,32 @@ def test_one_that_does_not_answer_has_said_nothing(staying: Staying) -> None:
 
 
 def test_an_answer_from_before_it_was_enabled_may_still_come() -> None:
-    staying = Staying()
+    """A drive that is switched off, for all that is known, is told nothing before it has answered once more."""
+    staying, told = Staying(), Setpoint(ENABLE, 5, CSP)
     see(staying, FOLLOWS)
     see(staying, SWITCHED_ON)
+    see(staying, SWITCHED_ON, missing=(1,))
+    assert (staying.left, staying.command(1, told)) == ((), None)
+    assert staying.command(1, Setpoint(DISABLE, 5, CSP)) == Setpoint(DISABLE, 5, CSP)
+    see(staying, FOLLOWS)
+    assert (staying.left, staying.command(1, told)) == ((), told)
+
+
+@pytest.mark.parametrize("seen", range(1, SURE_SYNCS))
+def test_one_that_was_enabled_just_now_has_left_when_it_says_so_twice(seen: int) -> None:
+    staying = Staying()
+    see(staying, FOLLOWS, FOLLOWS, times=seen)
+    see(staying, FOLLOWS, SWITCHED_ON, times=2)
+    assert [left.joint for left in staying.left] == [2]
+    words = [staying.command(j, Setpoint(ENABLE, 5, CSP)) for j in (1, 2)]
+    assert words == [Setpoint(QUICK_STOP, 5, CSP), Setpoint(DISABLE, 5, CSP)]
+
+
+def test_one_that_was_never_enabled_has_not_left() -> None:
+    staying = Staying()
+    see(staying, SWITCHED_ON, times=100)
     assert staying.left == ()
+    assert staying.command(1, Setpoint(ENABLE, 5, CSP)) == Setpoint(ENABLE, 5, CSP)
 
 
 def test_one_that_flickers_from_the_beginning_is_named_as_well() -> None:

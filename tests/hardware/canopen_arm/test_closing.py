@@ -15,7 +15,7 @@ from hardware.canopen_arm import CanopenArm
 from hardware.errors import BusError, DriveFault
 from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import make, wait_for
+from tests.hardware.on_fake_bus import capture_for_ever, make, wait_for
 
 
 def test_fast_forward_sends_no_sync_between_commands(driven: CanopenArm, bus: FakeArmBus) -> None:
@@ -79,6 +79,20 @@ def test_a_drive_that_does_not_switch_off_is_no_arm_let_go(
     assert driven.left_powered == (1,)
     assert not driven.close(), "asked again, the same is true"
     assert [j for j, drive in bus.drives.items() if drive.status != 0x40] == [1]
+    assert bus.token == 0
+
+
+@pytest.mark.parametrize("gone", ["dead", "mute", "silent"])
+def test_a_node_that_is_silent_keeps_no_other_drive_enabled(
+    driven: CanopenArm, bus: FakeArmBus, gone: str
+) -> None:
+    """They missed this program's heartbeat only, a second or more after it had gone."""
+    setattr(bus, gone, {3})
+    with pytest.raises(BusError, match=r"has gone silent: no .* from node 3"):
+        capture_for_ever(driven)
+    assert not driven.close(), "nobody knows what the silent one does"
+    others = [drive.status for joint, drive in bus.drives.items() if joint != 3]
+    assert others == [0x40] * (JOINTS - 1)
     assert bus.token == 0
 
 

@@ -8,23 +8,29 @@ from collections.abc import Callable
 import pytest
 
 from hardware.canopen_arm import CanopenArm
-from hardware.errors import CommandRefused, DriveAstray, DriveFault, DriveLeft
+from hardware.errors import BusError, CommandRefused, DriveAstray, DriveFault, DriveLeft
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, make, wait_for
 
-SWITCHED_ON, ENABLED, OFF, STOPPED = 0x23, 0x27, 0x40, 0x07
+SWITCHED_ON, READY, ENABLED, OFF, STOPPED = 0x23, 0x21, 0x27, 0x40, 0x07
 
 
-def drop(bus: FakeArmBus, joint: int, *, after: int = 30) -> None:
-    """Let a drive fall back to *switched on* some SYNCs from now, once, and say nothing of it."""
+def drop(bus: FakeArmBus, joint: int, *, after: int = 30, to: int = SWITCHED_ON) -> None:
+    """Let a drive fall back, to *switched on* say, some SYNCs from now, once, and say nothing of it."""
     at = bus.syncs + after
 
     def happen(sync: int) -> None:
         if sync == at:
-            bus.drives[joint].status = SWITCHED_ON
+            bus.drives[joint].status = to
 
     bus.on_sync = happen
+
+
+def hear_words(bus: FakeArmBus, joint: int, since: int) -> list[int]:
+    """Controlwords that a joint was sent since."""
+    sent = [data for i, data in bus.sent[since:] if i == 0x200 + joint]
+    return [struct.unpack("<Hib", data)[0] for data in sent]
 
 
 def settle_for_ever(arm: CanopenArm) -> None:
@@ -54,10 +60,69 @@ def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
     assert {j: drive.status for j, drive in bus.drives.items()} == {
         j: OFF if j == joint else STOPPED for j in bus.drives
     }
-    sent = [data for i, data in bus.sent[since:] if i == 0x200 + joint]
-    words = [struct.unpack("<Hib", data)[0] for data in sent]
+    words = hear_words(bus, joint, since)
     assert words == sorted(words, reverse=True), "switched on again"
     assert words[-1] == 0x0000
+
+
+@pytest.mark.parametrize("after", range(1, 10))
+@pytest.mark.parametrize("state", [SWITCHED_ON, OFF, STOPPED])
+def test_one_that_leaves_as_soon_as_it_was_enabled_is_not_switched_on_again_either(
+    arm: CanopenArm, bus: FakeArmBus, after: int, state: int
+) -> None:
+    arm.take_control()
+    drop(bus, 3, after=after, to=state)
+    since = len(bus.sent)
+
+    def go_on() -> None:
+        arm.set_modes(TWO_DRIVEN)
+        arm.capture(50)
+
+    with pytest.raises(DriveLeft, match="joint 3: the drive is in"):
+        go_on()
+    assert bus.drives[3].status == (STOPPED if state == STOPPED else OFF)
+    assert {bus.drives[j].status for j in (1, 2, 4, 5, 6, 7)} == {STOPPED}
+    words = hear_words(bus, 3, since)
+    assert words == sorted(words, reverse=True), "switched on again"
+
+
+@pytest.mark.parametrize("state", [SWITCHED_ON, READY, OFF, STOPPED])
+def test_one_that_leaves_while_another_is_still_being_enabled_ends_that(
+    arm: CanopenArm, bus: FakeArmBus, state: int
+) -> None:
+    begun = bus.syncs
+
+    def happen(sync: int) -> None:
+        if sync < begun + 30:
+            bus.drives[7].status = SWITCHED_ON  # it takes longer
+        if sync == begun + 8:
+            bus.drives[3].status = state
+
+    bus.on_sync = happen
+    with pytest.raises(DriveLeft, match="joint 3: the drive is in"):
+        arm.take_control()
+    heard = [word for word, _, _ in bus.drives[3].heard]
+    assert heard[: heard.index(0x0F)] == [0x06, 0x07]
+    after = heard[heard.index(0x0F) :]
+    assert after == sorted(after, reverse=True), "switched on again"
+    assert ENABLED not in {drive.status for drive in bus.drives.values()}
+
+
+def test_an_old_answer_that_comes_late_is_no_leaving(arm: CanopenArm, bus: FakeArmBus) -> None:
+    arm.take_control()
+    drop(bus, 3, after=2)
+    happen, at = bus.on_sync, bus.syncs + 3
+
+    def once(sync: int) -> None:
+        happen(sync)
+        if sync == at:
+            bus.drives[3].status = ENABLED  # as it was all the while
+
+    bus.on_sync = once
+    since = len(bus.sent)
+    arm.capture(50)
+    assert set(hear_words(bus, 3, since)) == {0x0F}
+    assert bus.drives[3].status == ENABLED
 
 
 def test_nothing_is_enabled_before_it_is_reset(driven: CanopenArm, bus: FakeArmBus) -> None:
@@ -136,3 +201,21 @@ def test_one_that_goes_astray_is_stopped_though_it_says_that_it_does_not_follow(
     with pytest.raises(DriveAstray, match=r"joint 5 is \+1600 counts from where it was told"):
         capture_for_ever(driven)
     assert bus.drives[5].status == OFF
+
+
+def test_a_node_that_is_cut_off_is_named_and_not_a_neighbour_that_stops_for_it(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    """The others stop by themselves at once; that the node is missed, answers and heartbeat, shows later."""
+    driven.capture(20)
+    at = bus.syncs + 30
+
+    def happen(sync: int) -> None:
+        if sync == at:
+            bus.dead = {3}
+            for drive in (d for j, d in bus.drives.items() if j != 3):
+                drive.status = STOPPED
+
+    bus.on_sync = happen
+    with pytest.raises(BusError, match=r"has gone silent: .* from node 3"):
+        move_to_and_fro(driven)

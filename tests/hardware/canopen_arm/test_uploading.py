@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import struct
 
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
@@ -101,6 +102,28 @@ def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(
         driven.upload_parameters(DOCUMENT)
     bus.loses = lambda _identifier, _data: False
     assert driven.active_parameters() == DOCUMENT
+
+
+def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_since(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    """Its answer was lost, and it was repeated: what 2003h says counts, and not why the repetition is refused."""
+    asked = 0
+
+    def loses(identifier: int, data: bytes) -> bool:
+        nonlocal asked
+        if identifier != 0x610 or not data.startswith(COMMIT):
+            return False
+        asked += 1
+        if asked == 2:
+            assert bus.written is not None
+            bus.document, bus.written, bus.staged = bus.written, None, False
+            bus.say(0x590, struct.pack("<BHBL", 0x80, 0x2002, 0, 0x08000021))
+        return True
+
+    bus.document, bus.loses = b"the one before", loses
+    receipt = driven.upload_parameters(DOCUMENT)
+    assert receipt.sha256 == hashlib.sha256(DOCUMENT).hexdigest()
 
 
 def test_a_document_dropped_before_its_commit_came_is_refused(

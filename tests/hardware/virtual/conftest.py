@@ -1,8 +1,8 @@
-"""The Sarcos arm as an arm file would describe it, and commands for its plant."""
+"""The Sarcos arm as an arm file would describe it, commands for its plant, and a controller on a bus."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from hardware.virtual.truth import PAPER_HOME_RAD
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
 from solver.chain.sensors import Encoder, Rvdt
+from tests.oracles.virtual_rig import Rig, rig
 
 Commands = Callable[[Mapping[int, float]], list[JointCommand]]
 
@@ -68,3 +69,10 @@ def drive() -> Commands:
         ]
 
     return commands
+
+
+@pytest.fixture
+def arm() -> Iterator[Rig]:
+    """A controller with a plant that is simple enough to predict, and a raw peer on its bus."""
+    with rig() as made:
+        yield made

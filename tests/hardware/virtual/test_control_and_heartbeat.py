@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 
 import pytest
 
@@ -13,12 +12,6 @@ from tests.oracles.virtual_rig import Rig, rig
 
 STATE = 0x006F
 FREE = b"\0\0\0\0"
-
-
-@pytest.fixture
-def arm() -> Iterator[Rig]:
-    with rig() as made:
-        yield made
 
 
 def token(node: int) -> bytes:

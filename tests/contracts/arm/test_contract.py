@@ -8,145 +8,29 @@ import os
 import signal
 import struct
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import can
 import numpy as np
 import pytest
 
-from hardware.arm import ArmSnapshot, DriveState, JointMode
+from hardware.arm import ArmSnapshot, DriveState
 from hardware.buses import BusSettings, open_bus
 from hardware.canopen_arm import CanopenArm
-from hardware.description import (
-    ArmDescription,
-    EncoderDescription,
-    JointDescription,
-    RvdtDescription,
-)
 from hardware.errors import (
-    BusError,
     ControlDenied,
-    DriveFault,
-    ModeNotReached,
-    SensorFault,
     Stopped,
-    TwoDevices,
     UploadRefused,
 )
 from hardware.timing import Pace
-from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.parameters import ValidatedParameters
-from hardware.virtual.scenarios import scenario
-from hardware.virtual.supervisor_node import ArmLabel
-from operator_app.config.arm_file import load_arm
-from oracles.profiles import sarcos
-from solver.chain.arm_model import ArmModel
-from solver.chain.sensors import Encoder, Rvdt
-from tests.contracts.transports import TRANSPORTS
-
-FREE, POSITION = JointMode.FREE, JointMode.POSITION
-TWO_DRIVEN = [FREE, POSITION, FREE, FREE, POSITION, FREE, FREE]
-SERIAL = "SDA-0007"
-PATIENCE_S = 10.0
-SCENARIO = scenario("datasheet", 3)
-MODEL = SCENARIO.arm(load_arm("sarcos_dextrous"))
-Connect = Callable[..., CanopenArm]
-
-
-def describe(model: ArmModel) -> ArmDescription:
-    def sensor(of: object) -> EncoderDescription | RvdtDescription:
-        match of:
-            case Encoder():
-                return EncoderDescription(counts_per_rev=of.counts_per_rev)
-            case Rvdt():
-                return RvdtDescription(bits=of.bits, full_scale_rad=of.full_scale_rad)
-        raise TypeError(of)
-
-    return ArmDescription(
-        model=model.name,
-        joints=tuple(
-            JointDescription(
-                name=joint.name,
-                lower_rad=joint.lower_rad,
-                upper_rad=joint.upper_rad,
-                max_speed_rad_per_s=joint.max_speed_rad_per_s,
-                max_torque_nm=joint.max_torque_nm,
-                sensor=sensor(joint.sensor),
-            )
-            for joint in model.joints
-        ),
-    )
-
-
-def validate(document: bytes) -> ValidatedParameters:
-    """A schema of this test's own: seven whole numbers, the home offsets in counts."""
-    counts = tuple(int(word) for word in document.split())
-    return ValidatedParameters(
-        arm_serial=SERIAL,
-        home_offset_counts=counts,
-        theta_off_rad=tuple(
-            count / axis.scale.counts_per_rad
-            for count, axis in zip(counts, arm_axes(MODEL), strict=False)
-        ),
-    )
-
-
-@contextmanager
-def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
-    bus = open_bus(settings)
-    try:
-        with VirtualController(
-            bus,
-            SCENARIO.build(MODEL),
-            axes=arm_axes(MODEL),
-            arm=ArmLabel(model=MODEL.name, serial_number=SERIAL),
-            validate=validate,
-            # Both ends share a processor, and neither is in real time: either may wait for it.
-            heartbeat_timeout_s=PATIENCE_S,
-        ) as controller:
-            yield controller
-        assert controller.failure is None
-    finally:
-        bus.shutdown()
-
-
-@pytest.fixture(params=TRANSPORTS)
-def settings(request: pytest.FixtureRequest) -> BusSettings:
-    return BusSettings(interface=request.param, channel=TRANSPORTS[request.param]())
-
-
-@pytest.fixture(autouse=True)
-def a_shorter_listen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.15)
-
-
-@pytest.fixture
-def controller(settings: BusSettings) -> Iterator[VirtualController]:
-    with controller_on(settings) as running:
-        yield running
-
-
-@pytest.fixture
-def arm(controller: VirtualController, settings: BusSettings) -> Iterator[CanopenArm]:
-    made = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
-    made.connect()
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def driven(arm: CanopenArm) -> CanopenArm:
-    arm.take_control()
-    arm.set_modes(TWO_DRIVEN)
-    return arm
+from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on
 
 
 def run_a_little(settings: BusSettings) -> tuple[int, list[float], list[float]]:
     """A short session from scratch: SYNCs taken, and what was read."""
     with controller_on(settings):
-        arm = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
+        arm = operator_on(settings)
         arm.connect()
         arm.take_control()
         arm.set_modes(TWO_DRIVEN)
@@ -186,31 +70,6 @@ def test_a_seeded_run_is_the_same_every_time(settings: BusSettings) -> None:
         busy.set()
         thread.join()
     assert first == second
-
-
-def test_a_third_driven_joint_trips_the_torque_limit(arm: CanopenArm) -> None:
-    arm.take_control()
-    arm.set_modes([FREE, POSITION, POSITION, FREE, POSITION, FREE, FREE])
-    start = arm.snapshot().positions_rad
-    with pytest.raises(DriveFault) as fault:
-        arm.move({3: start[2] + 0.3}, speed_rad_per_s=0.3)
-    assert fault.value.code == 0x8311
-    snapshot = arm.snapshot()
-    assert 0x8311 in {found.code for found in snapshot.faults}
-    assert DriveState.OPERATION_ENABLED not in {joint.drive for joint in snapshot.joints}
-    arm.reset_stop()
-    arm.take_control()
-    assert {joint.drive for joint in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
-
-
-def test_a_drive_that_refuses_a_mode_is_named(
-    arm: CanopenArm, controller: VirtualController
-) -> None:
-    arm.take_control()
-    controller.faults.refuse_modes(6)
-    with pytest.raises(ModeNotReached) as late:
-        arm.set_modes(TWO_DRIVEN)
-    assert late.value.joint == 6
 
 
 def test_stop_in_a_move_stops_everything(driven: CanopenArm) -> None:
@@ -274,7 +133,7 @@ def test_a_controller_without_parameters_has_none(arm: CanopenArm) -> None:
 
 
 def test_two_operators_exclude_each_other(driven: CanopenArm, settings: BusSettings) -> None:
-    second = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
+    second = operator_on(settings)
     with pytest.raises(ControlDenied):
         second.connect()
     assert driven.snapshot().token == 127
@@ -287,7 +146,7 @@ def test_closing_leaves_the_arm_held_and_free_to_take(
     before = driven.capture(10).mean_rad
     driven.close()
     driven.close()
-    again = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
+    again = operator_on(settings)
     again.connect()
     try:
         assert again.snapshot().token == 0
@@ -299,7 +158,7 @@ def test_closing_leaves_the_arm_held_and_free_to_take(
 
 
 def test_real_time_keeps_the_period(controller: VirtualController, settings: BusSettings) -> None:
-    arm = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.REAL_TIME)
+    arm = operator_on(settings, Pace.REAL_TIME)
     observer = open_bus(settings)
     try:
         arm.connect()
@@ -336,63 +195,6 @@ def test_an_observer_sees_standard_frames(driven: CanopenArm, settings: BusSetti
         status, counts, _torque = struct.unpack("<Hih", answers[0x180 + joint].data)
         assert status & 0x6F == 0x27
         assert counts == state.position_counts
-
-
-@pytest.mark.parametrize("counts", [5, 500, -1111])
-def test_counts_lost_at_rest_are_noticed_before_the_pose_counts(
-    driven: CanopenArm, controller: VirtualController, counts: int
-) -> None:
-    driven.settle(window=10, spread_rad=[0.01] * 7, timeout_syncs=300)
-    driven.capture(20)
-    controller.faults.lose_counts(3, counts)
-    with pytest.raises(SensorFault, match="joint 3 jumped") as told:
-        driven.capture(40)
-    assert told.value.joint == 3
-    assert f"by {counts:+d} counts" in str(told.value)
-
-
-@pytest.mark.parametrize("counts", [500, -1111])
-def test_counts_lost_in_a_move_are_noticed(
-    driven: CanopenArm, controller: VirtualController, counts: int
-) -> None:
-    here = driven.snapshot().positions_rad
-    lost = threading.Event()
-
-    def watch(snapshot: ArmSnapshot) -> None:
-        if abs(snapshot.positions_rad[1] - here[1]) > 0.1 and not lost.is_set():
-            controller.faults.lose_counts(4, counts)
-            lost.set()
-
-    with pytest.raises(SensorFault, match="joint 4 jumped") as told:
-        driven.move({2: here[1] + 0.3}, speed_rad_per_s=0.5, watch=watch)
-    assert lost.is_set()
-    assert told.value.joint == 4
-
-
-def test_a_drive_that_restarts_with_its_counter_at_zero_is_named(
-    driven: CanopenArm, controller: VirtualController
-) -> None:
-    controller.faults.restart_node(5)
-    with pytest.raises(BusError, match="5") as told:
-        driven.capture(2000)
-    assert "restart" in str(told.value) or "left operation" in str(told.value)
-
-
-def test_a_joint_that_answers_twice_is_two_devices(
-    driven: CanopenArm, controller: VirtualController
-) -> None:
-    controller.faults.answer_twice(7)
-    with pytest.raises(TwoDevices, match="node 7"):
-        driven.capture(2000)
-
-
-def test_two_controllers_on_one_bus_are_named(
-    controller: VirtualController, settings: BusSettings
-) -> None:
-    with controller_on(settings):
-        arm = CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD)
-        with pytest.raises(TwoDevices, match="two devices answer as node"):
-            arm.connect()
 
 
 @pytest.mark.parametrize("frame", [2, 3, 9])

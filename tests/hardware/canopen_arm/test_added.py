@@ -11,19 +11,6 @@ from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
 
 
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 1.0)
-
-
-@pytest.fixture
-def bus() -> FakeArmBus:
-    fake = FakeArmBus()
-    fake.drives[7].counts = 100
-    return fake
-
-
 @pytest.mark.parametrize(
     ("index", "form", "value"), [(0x6071, "<h", -50), (0x60B2, "<h", 200), (0x60B0, "<l", 4000)]
 )

@@ -14,20 +14,12 @@ from tests.hardware.on_fake_bus import make
 ABSENT = 0x06020000
 
 
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.5)
-
-
 @pytest.fixture
-def bus() -> Iterator[FakeArmBus]:
-    fake = FakeArmBus()
-    fake.drives[7].counts = 100
-    yield fake
+def bus(bus: FakeArmBus) -> Iterator[FakeArmBus]:
+    yield bus
     # Whatever was refused, no drive was told anything.
-    assert not [i for i, _ in fake.sent if 0x200 < i <= 0x207]
-    assert fake.token == 0
+    assert not [i for i, _ in bus.sent if 0x200 < i <= 0x207]
+    assert bus.token == 0
 
 
 def u32(value: int) -> bytes:

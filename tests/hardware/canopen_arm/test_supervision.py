@@ -18,12 +18,6 @@ from tests.hardware.on_fake_bus import make
 OPERATOR = 127
 
 
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.5)
-
-
 def watches(bus: FakeArmBus, node: int, *entries: tuple[int, int]) -> None:
     """Give a drive its 1016h: nodes and milliseconds."""
     bus.objects[node, 0x1016, 0] = bytes([len(entries)])

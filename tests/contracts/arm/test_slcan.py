@@ -10,14 +10,10 @@ from hardware.arm import DriveState
 from hardware.buses import BusSettings, open_bus
 from hardware.canopen_arm import CanopenArm
 from hardware.control_loop import Pace, Timing
+from operator_app.config.description import describe
 from oracles.profiles import sarcos
 from oracles.slcan_adapter import SlcanAdapter
-from tests.contracts.test_arm_contract import MODEL, TWO_DRIVEN, controller_on, describe
-
-
-@pytest.fixture(autouse=True)
-def a_shorter_listen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.15)
+from tests.contracts.arm.bench import MODEL, TWO_DRIVEN, controller_on
 
 
 def test_the_arm_is_driven_and_stopped_over_a_serial_line() -> None:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import can
 import pytest
 
-from hardware.buses import BusSettings, bus_settings, open_bus
+from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
 from hardware.errors import (
     BusError,
@@ -27,31 +25,7 @@ from hardware.on_bus import BusOpeners
 from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, describe, make
-
-
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.5)
-
-
-@pytest.fixture
-def bus() -> FakeArmBus:
-    fake = FakeArmBus()
-    fake.drives[7].counts = 100
-    return fake
-
-
-@pytest.fixture
-def driven(bus: FakeArmBus) -> Iterator[CanopenArm]:
-    arm = make(bus)
-    arm.connect()
-    arm.take_control()
-    arm.set_modes(TWO_DRIVEN)
-    yield arm
-    arm.close()
-
+from tests.hardware.on_fake_bus import capture_for_ever, describe, make
 
 # ---- somebody else -----------------------------------------------------------------------------------
 
@@ -277,74 +251,6 @@ def test_an_adapter_that_opens_once_connects_and_stops(bus: FakeArmBus) -> None:
     arm.stop()
     assert {drive.status for drive in bus.drives.values()} == {0x07}
     arm.close()
-
-
-def test_the_recording_has_stop_and_every_frame_before_its_answer(
-    bus: FakeArmBus, tmp_path: Path
-) -> None:
-    arm = make(bus, record_to=tmp_path / "bus.blf")
-    arm.connect()
-    arm.take_control()
-    arm.stop()
-    arm.close()
-    frames = list(can.LogReader(tmp_path / "bus.blf"))
-    stops = [f for f in frames if 0x200 < f.arbitration_id <= 0x207 and f.data[:2] == b"\x02\x00"]
-    assert {f.arbitration_id for f in stops} == {0x201 + k for k in range(JOINTS)}
-    assert not any(f.is_rx for f in stops)
-    in_time = sorted(frames, key=lambda f: f.timestamp)
-    asked = 0
-    for frame in in_time:
-        asked += frame.arbitration_id == 0x604
-        if frame.arbitration_id == 0x584:
-            assert asked > 0
-            asked -= 1
-
-
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
-def test_a_channel_of_any_name_is_recorded(bus: FakeArmBus, tmp_path: Path, suffix: str) -> None:
-    """python-can takes digits at the end of a channel's name for a number, and packs it into two bytes."""
-    received = bus._recv_internal
-
-    def named(timeout: float | None) -> tuple[can.Message | None, bool]:
-        message, filtered = received(timeout)
-        if message is not None:
-            message.channel = "bench-4294967296"
-        return message, filtered
-
-    bus._recv_internal = named  # type: ignore[method-assign]
-    arm = make(bus, record_to=tmp_path / f"bus{suffix}")
-    arm.connect()
-    arm.close()
-    assert arm.recording_failure is None
-    with can.LogReader(tmp_path / f"bus{suffix}") as recorded:
-        assert sum(frame.arbitration_id == 0x701 for frame in recorded) >= 1
-
-
-def test_connecting_again_leaves_the_recording_before_alone(
-    bus: FakeArmBus, tmp_path: Path
-) -> None:
-    arm = make(bus, record_to=tmp_path / "bus.blf")
-    arm.connect()
-    arm.close()
-    first = (tmp_path / "bus.blf").read_bytes()
-    arm.connect()
-    arm.close()
-    assert (tmp_path / "bus.blf").read_bytes() == first
-    with can.LogReader(tmp_path / "bus-2.blf") as again:
-        assert sum(frame.arbitration_id == 0x701 for frame in again) >= 1
-
-
-@pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])
-def test_an_adapter_without_its_driver_is_one_clear_error(interface: str) -> None:
-    with pytest.raises(BusError, match=interface):
-        open_bus(bus_settings(interface, "0", 1_000_000))
-
-
-@pytest.mark.parametrize("channel", ["a\0b", "\udc80", "\x1b[31mred", "x\ny"])
-def test_a_strange_channel_is_one_clear_error(channel: str) -> None:
-    with pytest.raises(BusError, match="channel name") as refused:
-        bus_settings("loopback", channel)
-    assert str(refused.value).isprintable()
 
 
 def test_a_drive_that_goes_on_complaining_is_one_fault() -> None:

@@ -1,0 +1,63 @@
+"""The arm that the contract is run on: a virtual controller on a bus, and who commands it. No test in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from hardware.arm import JointMode
+from hardware.buses import BusSettings, open_bus
+from hardware.canopen_arm import CanopenArm
+from hardware.timing import Pace
+from hardware.virtual.axis import arm_axes
+from hardware.virtual.controller import VirtualController
+from hardware.virtual.parameters import ValidatedParameters
+from hardware.virtual.scenarios import scenario
+from hardware.virtual.supervisor_node import ArmLabel
+from operator_app.config.arm_file import load_arm
+from operator_app.config.description import describe
+from oracles.profiles import sarcos
+
+FREE, POSITION = JointMode.FREE, JointMode.POSITION
+TWO_DRIVEN = [FREE, POSITION, FREE, FREE, POSITION, FREE, FREE]
+SERIAL = "SDA-0007"
+PATIENCE_S = 10.0
+SCENARIO = scenario("datasheet", 3)
+MODEL = SCENARIO.arm(load_arm("sarcos_dextrous"))
+
+
+def validate(document: bytes) -> ValidatedParameters:
+    """A schema of this test's own: seven whole numbers, the home offsets in counts."""
+    counts = tuple(int(word) for word in document.split())
+    return ValidatedParameters(
+        arm_serial=SERIAL,
+        home_offset_counts=counts,
+        theta_off_rad=tuple(
+            count / axis.scale.counts_per_rad
+            for count, axis in zip(counts, arm_axes(MODEL), strict=False)
+        ),
+    )
+
+
+@contextmanager
+def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
+    bus = open_bus(settings)
+    try:
+        with VirtualController(
+            bus,
+            SCENARIO.build(MODEL),
+            axes=arm_axes(MODEL),
+            arm=ArmLabel(model=MODEL.name, serial_number=SERIAL),
+            validate=validate,
+            # Both ends share a processor, and neither is in real time: either may wait for it.
+            heartbeat_timeout_s=PATIENCE_S,
+        ) as controller:
+            yield controller
+        assert controller.failure is None
+    finally:
+        bus.shutdown()
+
+
+def operator_on(settings: BusSettings, pace: Pace = Pace.FAST_FORWARD) -> CanopenArm:
+    """The arm as its operator has it, not connected."""
+    return CanopenArm(describe(MODEL), settings, sarcos(), pace=pace)

@@ -1,0 +1,102 @@
+"""What a session may lose on every transport, and is told by name: counts, a drive, the one device of a number."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from hardware.arm import ArmSnapshot, DriveState
+from hardware.buses import BusSettings
+from hardware.canopen_arm import CanopenArm
+from hardware.errors import (
+    BusError,
+    DriveFault,
+    ModeNotReached,
+    SensorFault,
+    TwoDevices,
+)
+from hardware.virtual.controller import VirtualController
+from tests.contracts.arm.bench import FREE, POSITION, TWO_DRIVEN, controller_on, operator_on
+
+
+def test_a_third_driven_joint_trips_the_torque_limit(arm: CanopenArm) -> None:
+    arm.take_control()
+    arm.set_modes([FREE, POSITION, POSITION, FREE, POSITION, FREE, FREE])
+    start = arm.snapshot().positions_rad
+    with pytest.raises(DriveFault) as fault:
+        arm.move({3: start[2] + 0.3}, speed_rad_per_s=0.3)
+    assert fault.value.code == 0x8311
+    snapshot = arm.snapshot()
+    assert 0x8311 in {found.code for found in snapshot.faults}
+    assert DriveState.OPERATION_ENABLED not in {joint.drive for joint in snapshot.joints}
+    arm.reset_stop()
+    arm.take_control()
+    assert {joint.drive for joint in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
+
+
+def test_a_drive_that_refuses_a_mode_is_named(
+    arm: CanopenArm, controller: VirtualController
+) -> None:
+    arm.take_control()
+    controller.faults.refuse_modes(6)
+    with pytest.raises(ModeNotReached) as late:
+        arm.set_modes(TWO_DRIVEN)
+    assert late.value.joint == 6
+
+
+@pytest.mark.parametrize("counts", [5, 500, -1111])
+def test_counts_lost_at_rest_are_noticed_before_the_pose_counts(
+    driven: CanopenArm, controller: VirtualController, counts: int
+) -> None:
+    driven.settle(window=10, spread_rad=[0.01] * 7, timeout_syncs=300)
+    driven.capture(20)
+    controller.faults.lose_counts(3, counts)
+    with pytest.raises(SensorFault, match="joint 3 jumped") as told:
+        driven.capture(40)
+    assert told.value.joint == 3
+    assert f"by {counts:+d} counts" in str(told.value)
+
+
+@pytest.mark.parametrize("counts", [500, -1111])
+def test_counts_lost_in_a_move_are_noticed(
+    driven: CanopenArm, controller: VirtualController, counts: int
+) -> None:
+    here = driven.snapshot().positions_rad
+    lost = threading.Event()
+
+    def watch(snapshot: ArmSnapshot) -> None:
+        if abs(snapshot.positions_rad[1] - here[1]) > 0.1 and not lost.is_set():
+            controller.faults.lose_counts(4, counts)
+            lost.set()
+
+    with pytest.raises(SensorFault, match="joint 4 jumped") as told:
+        driven.move({2: here[1] + 0.3}, speed_rad_per_s=0.5, watch=watch)
+    assert lost.is_set()
+    assert told.value.joint == 4
+
+
+def test_a_drive_that_restarts_with_its_counter_at_zero_is_named(
+    driven: CanopenArm, controller: VirtualController
+) -> None:
+    controller.faults.restart_node(5)
+    with pytest.raises(BusError, match="5") as told:
+        driven.capture(2000)
+    assert "restart" in str(told.value) or "left operation" in str(told.value)
+
+
+def test_a_joint_that_answers_twice_is_two_devices(
+    driven: CanopenArm, controller: VirtualController
+) -> None:
+    controller.faults.answer_twice(7)
+    with pytest.raises(TwoDevices, match="node 7"):
+        driven.capture(2000)
+
+
+def test_two_controllers_on_one_bus_are_named(
+    controller: VirtualController, settings: BusSettings
+) -> None:
+    with controller_on(settings):
+        arm = operator_on(settings)
+        with pytest.raises(TwoDevices, match="two devices answer as node"):
+            arm.connect()

@@ -1,0 +1,13 @@
+"""Every transport under contract, one after another. Imports no arm: emulated machines are slow."""
+
+from __future__ import annotations
+
+import pytest
+
+from hardware.buses import BusSettings
+from tests.contracts.transports import TRANSPORTS
+
+
+@pytest.fixture(params=TRANSPORTS)
+def settings(request: pytest.FixtureRequest) -> BusSettings:
+    return BusSettings(interface=request.param, channel=TRANSPORTS[request.param]())

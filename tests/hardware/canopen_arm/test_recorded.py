@@ -1,0 +1,66 @@
+"""What the arm records of its bus: everything, in order, under a name of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+import pytest
+
+from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.on_fake_bus import make
+
+
+def test_the_recording_has_stop_and_every_frame_before_its_answer(
+    bus: FakeArmBus, tmp_path: Path
+) -> None:
+    arm = make(bus, record_to=tmp_path / "bus.blf")
+    arm.connect()
+    arm.take_control()
+    arm.stop()
+    arm.close()
+    frames = list(can.LogReader(tmp_path / "bus.blf"))
+    stops = [f for f in frames if 0x200 < f.arbitration_id <= 0x207 and f.data[:2] == b"\x02\x00"]
+    assert {f.arbitration_id for f in stops} == {0x201 + k for k in range(JOINTS)}
+    assert not any(f.is_rx for f in stops)
+    in_time = sorted(frames, key=lambda f: f.timestamp)
+    asked = 0
+    for frame in in_time:
+        asked += frame.arbitration_id == 0x604
+        if frame.arbitration_id == 0x584:
+            assert asked > 0
+            asked -= 1
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+def test_a_channel_of_any_name_is_recorded(bus: FakeArmBus, tmp_path: Path, suffix: str) -> None:
+    """python-can takes digits at the end of a channel's name for a number, and packs it into two bytes."""
+    received = bus._recv_internal
+
+    def named(timeout: float | None) -> tuple[can.Message | None, bool]:
+        message, filtered = received(timeout)
+        if message is not None:
+            message.channel = "bench-4294967296"
+        return message, filtered
+
+    bus._recv_internal = named  # type: ignore[method-assign]
+    arm = make(bus, record_to=tmp_path / f"bus{suffix}")
+    arm.connect()
+    arm.close()
+    assert arm.recording_failure is None
+    with can.LogReader(tmp_path / f"bus{suffix}") as recorded:
+        assert sum(frame.arbitration_id == 0x701 for frame in recorded) >= 1
+
+
+def test_connecting_again_leaves_the_recording_before_alone(
+    bus: FakeArmBus, tmp_path: Path
+) -> None:
+    arm = make(bus, record_to=tmp_path / "bus.blf")
+    arm.connect()
+    arm.close()
+    first = (tmp_path / "bus.blf").read_bytes()
+    arm.connect()
+    arm.close()
+    assert (tmp_path / "bus.blf").read_bytes() == first
+    with can.LogReader(tmp_path / "bus-2.blf") as again:
+        assert sum(frame.arbitration_id == 0x701 for frame in again) >= 1

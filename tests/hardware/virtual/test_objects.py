@@ -1,0 +1,98 @@
+"""The objects of the controller's nodes as a stranger reads and writes them, against the standards' numbers."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from tests.oracles.raw_can import RawAbort
+from tests.oracles.virtual_rig import Rig
+
+
+def test_identity_of_every_node(arm: Rig) -> None:
+    for node in range(1, 8):
+        assert arm.peer.unsigned(node, 0x1000) == 0x00020192
+        assert arm.peer.unsigned(node, 0x1018, 4) == 700 + node
+        assert arm.peer.read(node, 0x1008) == b"sarcal virtual joint drive"
+    assert arm.peer.unsigned(16, 0x1000) == 0
+    assert arm.peer.unsigned(16, 0x1018, 4) == 7
+    assert arm.peer.read(16, 0x2020, 1) == b"test_arm"
+    assert arm.peer.read(16, 0x2020, 2) == b"SDA-0007"
+    assert arm.peer.unsigned(16, 0x2020, 3) == 7
+
+
+def test_what_a_joint_says_about_itself(arm: Rig) -> None:
+    peer = arm.peer
+    assert (peer.unsigned(1, 0x608F, 1), peer.unsigned(1, 0x608F, 2)) == (36_000, 1)
+    assert (peer.signed(1, 0x607D, 1), peer.signed(1, 0x607D, 2)) == (-6000, 6000)
+    assert peer.unsigned(1, 0x607F) == 18_000
+    assert peer.unsigned(1, 0x6076) == 100_000
+    assert peer.unsigned(1, 0x6502) == 1 << 7 | 1 << 9
+    assert peer.signed(1, 0x605A) == 6
+    assert [peer.unsigned(1, 0x2100, sub) for sub in (1, 2, 3)] == [1, 360_000_000, 0]
+    assert [peer.unsigned(7, 0x2100, sub) for sub in (1, 2, 3)] == [2, 144_000_000, 12]
+    assert peer.unsigned(1, 0x60C2, 1) * 10.0 ** peer.signed(1, 0x60C2, 2) == 0.01
+    assert peer.unsigned(3, 0x1800, 1) == 0x183
+    assert peer.unsigned(3, 0x1A00, 2) == 0x60640020
+    assert peer.unsigned(3, 0x1600, 3) == 0x60600008
+    assert peer.unsigned(3, 0x1016, 1) == 127 << 16 | 500
+    assert peer.unsigned(3, 0x1017) == 100
+
+
+@pytest.mark.parametrize(
+    ("node", "index", "sub", "data", "code"),
+    [
+        (1, 0x6040, 0, b"\x06", 0x06070010),
+        (1, 0x6041, 0, b"\x06\x00", 0x06010002),
+        (1, 0x6064, 0, bytes(4), 0x06010002),
+        (1, 0x607C, 0, bytes(4), 0x06010002),
+        (1, 0x1017, 0, b"\x0a\x00", 0x06010002),
+        (1, 0x6071, 0, b"\x01\x00", 0x06090031),
+        (1, 0x6071, 0, b"\xff\xff", 0x06090032),
+        (1, 0x5000, 0, b"\x00", 0x06020000),
+        (1, 0x6040, 1, bytes(2), 0x06090011),
+        (1, 0x607D, 3, bytes(4), 0x06090011),
+        (1, 0x1003, 0, b"\x01", 0x06090030),
+        (16, 0x2002, 0, b"\x00", 0x06090032),
+        (16, 0x2002, 0, b"\x04", 0x06090031),
+        (16, 0x2010, 0, b"\x80\x00\x00\x00", 0x06090031),
+    ],
+)
+def test_writes_that_are_refused(
+    arm: Rig, node: int, index: int, sub: int, data: bytes, code: int
+) -> None:
+    with pytest.raises(RawAbort) as refused:
+        arm.peer.write(node, index, sub, data)
+    assert refused.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("node", "index", "sub", "code"),
+    [
+        (1, 0x5000, 0, 0x06020000),
+        (1, 0x1018, 9, 0x06090011),
+        (1, 0x1003, 1, 0x08000024),
+        (16, 0x2002, 0, 0x06010001),
+        (16, 0x2000, 0, 0x08000024),
+        (16, 0x2004, 0, 0x08000024),
+    ],
+)
+def test_reads_that_are_refused(arm: Rig, node: int, index: int, sub: int, code: int) -> None:
+    with pytest.raises(RawAbort) as refused:
+        arm.peer.read(node, index, sub)
+    assert refused.value.code == code
+
+
+def test_the_arm_can_be_driven_by_sdo_too(arm: Rig) -> None:
+    arm.peer.start()
+    arm.peer.take_control()
+    arm.peer.write(2, 0x6060, 0, b"\x08")
+    for word in (0x06, 0x07, 0x0F):
+        arm.peer.write(2, 0x6040, 0, struct.pack("<H", word))
+    for _ in range(4):
+        here = arm.peer.sync()[1][1]
+    arm.peer.write(2, 0x607A, 0, struct.pack("<i", here - 7))
+    assert arm.peer.signed(2, 0x607A) == here - 7
+    assert arm.peer.sync()[1][1] == here - 7
+    assert arm.peer.signed(2, 0x6064) == here - 7

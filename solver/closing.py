@@ -194,36 +194,34 @@ def reduced_jacobian(
 def left_null_space(N: FloatArray) -> FloatArray:
     """Orthonormal E (..., k, k - U) with ``E' N = 0`` for N of shape (..., k, U) and rank U.
 
-    Column after column is turned into the first axis by Householder's reflection, whose other axes
-    are then at right angles to it: for a unit column (a, b') with s = sign(a),
+    Householder's reflections turn column after column into the first axes; the others are then at right
+    angles to them all. A hinge has one column, so its reflection is written down and not computed: for a
+    unit column (a, b') with s = sign(a),
 
         H = [-s a  -s b'; -s b  1 - b b' / (1 + |a|)],      E = H without its first column.
-
-    A hinge has one column, so its E is written down and not computed.
     """
     k, unsensed = N.shape[-2:]
-    E = None
-    for _ in range(min(k, unsensed)):
-        first = N[..., 0]
-        length = np.sqrt((first * first).sum(-1, keepdims=True))
-        # A column of zeros asks for no direction; the first axis is as good as any.
-        unit = np.where(
-            length > 0.0, first / np.where(length > 0.0, length, 1.0), np.eye(N.shape[-2])[0]
-        )
-        a, b = unit[..., :1], unit[..., 1:]
-        H = np.empty((*unit.shape, unit.shape[-1] - 1))
-        H[..., 0, :] = -np.where(a < 0.0, -1.0, 1.0) * b
-        H[..., 1:, :] = (
-            np.eye(b.shape[-1]) - b[..., :, None] * (b / (1.0 + np.abs(a)))[..., None, :]
-        )
-        N = np.swapaxes(H, -1, -2) @ N[..., 1:]
-        E = H if E is None else E @ H
-    return np.broadcast_to(np.eye(k), (*N.shape[:-1], k)) if E is None else E
+    if unsensed == 0:
+        return np.broadcast_to(np.eye(k), (*N.shape[:-1], k))
+    if unsensed > 1:
+        return np.asarray(np.linalg.qr(N, mode="complete")[0][..., unsensed:])
+    column = N[..., 0]
+    length = np.sqrt((column * column).sum(-1, keepdims=True))
+    # A column of zeros asks for no direction; the first axis is as good as any.
+    unit = np.where(length > 0.0, column / np.where(length > 0.0, length, 1.0), np.eye(k)[0])
+    a, b = unit[..., :1], unit[..., 1:]
+    E = np.empty((*unit.shape, k - 1))
+    E[..., 0, :] = -np.where(a < 0.0, -1.0, 1.0) * b
+    E[..., 1:, :] = np.eye(k - 1) - b[..., :, None] * (b / (1.0 + np.abs(a)))[..., None, :]
+    return E
 
 
 def left_inverse(N: FloatArray) -> FloatArray:
-    """Return ``N+`` (..., U, k): the least-squares answer of the unsensed angles."""
-    if N.shape[-1] != 1:
-        return np.asarray(np.linalg.pinv(N)) if N.shape[-1] else np.swapaxes(N, -1, -2)
-    square = (N * N).sum(-2, keepdims=True)
-    return np.swapaxes(N, -1, -2) / np.where(square > 0.0, square, np.inf)
+    """Return ``N+`` (..., U, k): the least-squares answer of the unsensed angles; none along what moves nothing."""
+    Nt = np.swapaxes(N, -1, -2)
+    if N.shape[-1] == 1:
+        length = (N * N).sum(-2, keepdims=True)
+        return Nt / np.where(length > 0.0, length, np.inf)
+    square = Nt @ N
+    ridge = SINGULAR**2 * np.trace(square, axis1=-2, axis2=-1) + TINY
+    return np.asarray(np.linalg.solve(square + ridge[..., None, None] * np.eye(N.shape[-1]), Nt))

@@ -194,8 +194,8 @@ def screws(frames: Frames, entries: Entries) -> FloatArray:
 
 
 def _links_first(values: FloatArray, dims: int) -> FloatArray:
-    values = np.reshape(values, (1,) * (dims + 1 - np.ndim(values)) + np.shape(values))
-    return np.ascontiguousarray(values.transpose(dims, *range(dims)))
+    whole = values.reshape((1,) * (dims + 1 - values.ndim) + values.shape)
+    return np.ascontiguousarray(whole.transpose(dims, *range(dims)))
 
 
 def poses_first(values: FloatArray, *order: int) -> FloatArray:

@@ -124,7 +124,7 @@ def judge_standing(
             standing=Standing.REACHED,
             weak=(),
             poses_needed=0,
-            text="every parameter is known as well as requested",
+            text="every parameter is known as well as requested, by the sensors' errors alone",
         )
     root = candidates.root if allowed is None else candidates.root[allowed]
     later, needed = _forecast(information, root, np.array(columns), goal, poses_left)

@@ -76,9 +76,7 @@ def components(found: MixedFit, design: Design) -> tuple[Component, ...]:
     """Report noise and curve of every analogue sensor and the fixture's noise."""
     v, out = found.fit.v, []
     stated = design.stated_variances()
-    error = standard_errors(
-        found.found.information, v, np.array([c.floor for c in design.components])
-    )
+    error = standard_errors(found.found.information, v, design.floors)
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]
         if kind not in ("rvdt", "curve", "fixture"):

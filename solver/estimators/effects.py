@@ -81,7 +81,7 @@ class Equations(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Whitened:
-    """Some poses in units of their noise: the columns [hard, effects] as they are, and the misclosure.
+    """Some poses in units of their noise: the columns [hard, effects], and the misclosure.
 
     `L_inverse` (m, r, r) whitens; `Bw` (m, r, n) and `Ew` (m, r, k) are the joints' and the
     fixture's columns, `S` (m, n) and `F` (m, k) the variances of their noise.
@@ -220,8 +220,11 @@ class Design(Layout):
         for first in range(0, len(self.q), CHUNK):
             yield slice(first, min(first + CHUNK, len(self.q)))
 
-    def whiten(self, system: System, v: FloatArray, poses: slice) -> Whitened:
-        """Columns of some poses, of which `system` is, in units of their noise (groups unscaled)."""
+    def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
+        """Columns of some poses, of which `system` is, in units of their noise.
+
+        `root` (width - hard,) scales the effects: that of `group_variances` to unit variance.
+        """
         B, E = system.B, system.E
         Et = np.swapaxes(E, -1, -2)
         S, F = self.joint_variance(v, poses), self.fixture_variance(v, poses)
@@ -232,20 +235,22 @@ class Design(Layout):
         m, r = system.w.shape
         M = np.empty((m, r, self.width))
         M[..., : self.hard] = Aw[..., self.hard_index]
-        at = self.hard + len(self.soft_index)
-        M[..., self.hard : at] = Aw[..., self.soft_index] * self.soft_sd
+        effects, at = M[..., self.hard :], len(self.soft_index)
+        effects[..., :at] = Aw[..., self.soft_index] * (self.soft_sd * root[:at])
         along, shapes = self.along_joints, self.along_joints.at(system.angle, poses)
         end = at + len(along.joint_of)
-        np.multiply(Bw[..., along.joint_of], shapes[:, None, :], out=M[..., at:end])
+        shapes = shapes * root[at:end]
+        np.multiply(Bw[..., along.joint_of], shapes[:, None, :], out=effects[..., at:end])
         at = end
         for rows, _ in self.gives:
             phi = self.give_basis.phi[poses]
             end = at + 3 * phi.shape[1]
-            columns = M[..., at:end].reshape(m, r, 3, -1)
-            np.multiply(Ew[..., rows, None], phi[:, None, None, :], out=columns)
+            sized = phi[:, None, None, :] * root[at:end].reshape(3, -1)
+            columns = effects[..., at:end].reshape(m, r, 3, -1)
+            np.multiply(Ew[..., rows, None], sized, out=columns)
             at = end
         if self.loaded is not None:
-            M[..., at:] = Ew @ self.loaded.columns(poses)
+            effects[..., at:] = Ew @ (self.loaded.columns(poses) * root[at:])
         w = (L_inverse @ system.w[..., None])[..., 0]
         return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, Bw=Bw, Ew=Ew, S=S, F=F)
 

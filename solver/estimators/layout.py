@@ -78,6 +78,18 @@ class Component:
     spread_variance: float = 0.0
     spread_dof: int = 0
 
+    @property
+    def source(self) -> str:
+        """What an uncertainty budget calls it: that of the groups it moves, if it moves any."""
+        kind, _, which = self.name.partition("_")
+        if kind in _OF_RVDTS:
+            return f"rvdt_{_OF_RVDTS[kind]}_{which}"
+        return "fixture_give" if kind == "fixture" else self.name
+
+
+_OF_RVDTS = {"rvdt": "noise", "curve": "curve", "gain": "gain"}
+"""What an RVDT's components are of it."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Group:
@@ -101,7 +113,8 @@ class Group:
 class Layout:
     """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
 
-    `like` is a layout of the same poses: what is smooth over them is taken from there.
+    `like` is a layout of the same poses: what is smooth over them is taken from there. `floors`, `walls` and `leaps`
+    (K,) are those of the components.
     """
 
     def __init__(
@@ -139,6 +152,9 @@ class Layout:
         self.components: list[Component] = []
         self.groups: list[Group] = []
         self._lay_out(names, group, like)
+        self.floors = np.array([c.floor for c in self.components])
+        self.walls = np.array([c.wall for c in self.components])
+        self.leaps = np.array([c.leap for c in self.components])
         self.hard = len(self.hard_index)
         wide = [g.width for g in self.groups]
         ends = np.cumsum([self.hard, *wide])
@@ -370,9 +386,12 @@ _SOFT = ("lengths", "twists", OFFSETS)
 """Sources of what a tolerance is stated of, in the order of their columns."""
 
 
+_OFFSET = f"{DhKind.THETA_OFF.symbol}_"
+
+
 def _source(parameter: Parameter) -> str:
     """Which of `_SOFT` a parameter with a tolerance belongs to."""
-    if parameter.name.startswith(f"{DhKind.THETA_OFF.symbol}_"):
+    if parameter.name.startswith(_OFFSET):
         return OFFSETS
     return "twists" if parameter.is_angle else "lengths"
 

@@ -87,7 +87,7 @@ def likelihood_derivatives(fit: Solved) -> Derivatives:
         information += of.T @ ((Qt @ PQ) * (Qt @ Q)).sum(0) @ of
         # Squares of what each effect's columns leave of a pose under P.
         reached = Qt @ X.reshape(m, r, width)[..., hard:]
-        across = of.T @ np.square(reached, out=reached).sum(0) @ rates
+        across = of.T @ np.einsum("mfc,mfc->fc", reached, reached) @ rates
         information += across + across.T
     average = inner - along @ fit.H_inverse @ along.T
     return Derivatives(

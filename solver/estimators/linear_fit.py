@@ -22,8 +22,8 @@ SMALL = 64
 """Rows of a matrix that is not worth cutting in halves."""
 
 np.empty(2 << 20)
-"""Freed at once, untouched: the C library keeps blocks up to such a size from then on, where it would give the
-matrices of every round back to the system and have them filled with zeros for the next."""
+"""Freed at once, untouched: glibc keeps free blocks up to such a size from then on, where it would give the matrices of
+every round back to the system and have them filled with zeros for the next. Elsewhere it does nothing."""
 
 TOLD = 1e-3
 """Share of its own noise from which a misclosure that the others predict is told from none."""
@@ -106,9 +106,7 @@ class LinearFit:
         return np.repeat((0.0, 1.0), (hard, self.design.width - hard))
 
     def _whiten(self, poses: slice) -> Whitened:
-        part = self.design.whiten(self.system.part(poses), self.v, poses)
-        part.M[..., self.design.hard :] *= self.root
-        return part
+        return self.design.whiten(self.system.part(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
         """Whitened poses, effects scaled to unit variance; made again where not kept."""
@@ -137,8 +135,7 @@ class LinearFit:
         """
         v = self.design.stated_variances()
         noise = self.design.noise_components
-        floor = np.array([c.floor for c in self.design.components])
-        v[noise] = np.clip(self.v, np.minimum(floor, v), v)[noise]
+        v[noise] = np.clip(self.v, np.minimum(self.design.floors, v), v)[noise]
         return LinearFit(self.design, self.system, v)
 
     @cached_property
@@ -158,7 +155,7 @@ class LinearFit:
         """Roots of its diagonal (P,)."""
         index, size = self._parameter_columns()
         out = np.empty(len(index))
-        out[self._places()] = np.sqrt(np.maximum(self.H_inverse[index, index], 0.0)) * size
+        out[self._places()] = np.sqrt((self.half[index] ** 2).sum(-1)) * size
         return out
 
     @property
@@ -213,12 +210,8 @@ class LinearFit:
             Q, moved_by = design.noise_factors(part)
             brought = ((np.swapaxes(Q, -1, -2) @ part.times(gain.T)) ** 2).sum(0)
             for component in dict.fromkeys(moved_by.tolist()):
-                name = design.components[component].name
-                name = {"rvdt": "rvdt_noise"}.get(name.split("_")[0], name.rsplit("_", 1)[0]) + (
-                    f"_{name.split('_')[1]}" if name.startswith("rvdt") else ""
-                )
-                name = {"fixture": "fixture_give", "joint": "joint_play"}.get(name, name)
-                add(name, self.v[component] * brought[moved_by == component].sum(0))
+                source = design.components[component].source
+                add(source, self.v[component] * brought[moved_by == component].sum(0))
         known = sum(found.values(), np.zeros(len(index)))
         add("counts", np.maximum(total - known, 0.0))
         place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))
@@ -253,26 +246,19 @@ class LinearFit:
         out[self._places()] = -(self.H_inverse[index] @ MG) * size[:, None]
         return out
 
-    def held_out_chi2(self, poses: IntArray) -> tuple[float, int]:
-        """Misfit of `poses` (k,) to the prediction by all others, chi2 with so many degrees of freedom.
+    def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
+        """Misfit of each part of the poses (k,) to the prediction by all others: chi2 and degrees of freedom.
 
-        No refit: with P the projector that is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``
-        has the eigenvalues of ``I - N'N`` and ones, so that the smaller of the two tells.
+        No refit: with P the projector that is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``.
         """
-        M, w = self._rows(poses)
-        N, left = M @ self.half, w + M @ self.coefficients
-        few = len(w) <= self.design.width
-        if few and (chi2 := _square_in(np.eye(len(w)) - N @ N.T, left)) is not None:
-            return chi2, len(w)
-        share, vectors = np.linalg.eigh(N @ N.T if few else N.T @ N)
-        share = np.clip(share, 0.0, 1.0)
-        along = vectors.T @ (left if few else N.T @ left)
-        if not few:
-            along = along / np.sqrt(np.maximum(share, 1e-300))
-        told = share < 1.0 - 1e-9
-        more = np.where(told, 1.0 / np.where(told, 1.0 - share, 1.0), 0.0) - 1.0
-        more = np.where(share > 1e-12, more, 0.0)
-        return float(left @ left + more @ along**2), len(w) - int((~told).sum())
+        rows = [
+            (part.times(self.half), part.w + part.times(self.coefficients)) for part in self.parts()
+        ]
+        N, left = (np.concatenate(found) for found in zip(*rows, strict=True))
+        return [
+            _held_out(N[poses].reshape(-1, self.design.width), left[poses].reshape(-1))
+            for poses in parts
+        ]
 
     def left_out_chi2(self) -> tuple[FloatArray, IntArray]:
         """The same of every single pose against all others: chi2 and degrees of freedom, (m,) each."""
@@ -305,15 +291,6 @@ class LinearFit:
         out[:, self._places()] = np.concatenate(steps)
         return out
 
-    def _rows(self, poses: IntArray) -> tuple[FloatArray, FloatArray]:
-        poses = np.atleast_1d(poses)
-        M, w = [], []
-        for part in self.parts():
-            here = poses[(poses >= part.poses.start) & (poses < part.poses.stop)]
-            M.append(part.M[here - part.poses.start].reshape(-1, self.design.width))
-            w.append(part.w[here - part.poses.start].reshape(-1))
-        return np.concatenate(M), np.concatenate(w)
-
     @property
     def pulls(self) -> FloatArray:
         """How far each effect was found from its mean (width - hard,): standard normal when the model is right.
@@ -323,6 +300,25 @@ class LinearFit:
         left = np.diagonal(self.H_inverse)[self.design.hard :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - left, 1e-12))
         return np.where(left < 1.0 - 1e-6, z, 0.0)
+
+
+def _held_out(N: FloatArray, left: FloatArray) -> tuple[float, int]:
+    """Square of `left` (R,) in the metric ``(I - N N')^-1``, N (R, K), and how many directions are told.
+
+    ``I - N N'`` has the eigenvalues of ``I - N'N`` and ones, so that the smaller of the two tells.
+    """
+    few = len(N) <= N.shape[1]
+    if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, left)) is not None:
+        return chi2, len(N)
+    share, vectors = np.linalg.eigh(N @ N.T if few else N.T @ N)
+    share = np.clip(share, 0.0, 1.0)
+    along = vectors.T @ (left if few else N.T @ left)
+    if not few:
+        along = along / np.sqrt(np.maximum(share, 1e-300))
+    told = share < 1.0 - 1e-9
+    more = np.where(told, 1.0 / np.where(told, 1.0 - share, 1.0), 0.0) - 1.0
+    more = np.where(share > 1e-12, more, 0.0)
+    return float(left @ left + more @ along**2), len(N) - int((~told).sum())
 
 
 def _square_in(V: FloatArray, w: FloatArray) -> float | None:
@@ -357,10 +353,10 @@ def _triangular_root(H: FloatArray) -> FloatArray | None:
 
     With ``H = R'R``, K is the inverse of R; None where H is not positive definite.
     """
-    from scipy.linalg import lapack
-
     n = len(H)
     if n <= SMALL:
+        from scipy.linalg import lapack
+
         # Symmetric, so its transpose is itself in the order of columns that LAPACK works on.
         factor, failed = lapack.dpotrf(H.T)
         return None if failed else np.asarray(lapack.dtrtri(factor, overwrite_c=True)[0])

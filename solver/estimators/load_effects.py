@@ -366,5 +366,7 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
 
 def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
     """Torque (m, n, 4 n) for a unit of each uncertain moment."""
-    found = np.einsum("mjka,kab->mjkb", rates, masses.moments_sd)
-    return np.asarray(found.reshape(*rates.shape[:2], -1))
+    m, n = rates.shape[:2]
+    # One product for every link: all joints at all poses with its moments.
+    by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd
+    return by_link.reshape(n, m, n, 4).transpose(1, 2, 0, 3).reshape(m, n, -1)

@@ -1,6 +1,6 @@
 """The iteration: parameters, effects and joint corrections together, and one scoring step a round.
 
-Each round linearises the loops at the corrected joints, solves the mixed-model equations for
+Each round linearises the loops where they close, solves the mixed-model equations for
 everything at once, moves the variances by one scoring step and relinearises, unless nothing moved that
 loops would be seen to bend by (`solver.estimators.implicit` has the derivation; it is the same round
 without effects). Knows a closure model, no fixture.
@@ -173,7 +173,11 @@ def fit_mixed(
             Design(model, q, errors, group=group, like=like), x0, rough.fit.v, progress, near,
             unseen, rough.found,
         )  # fmt: skip
-        return replace(whole, iterations=rough.iterations + whole.iterations)
+        return replace(
+            whole,
+            iterations=rough.iterations + whole.iterations,
+            converged=rough.converged and whole.converged,
+        )
     design = Design(model, q, errors, group=group, like=like)
     v = None if estimate else design.stated_variances()
     return _iterate(design, x0, v, progress, near, unseen)
@@ -195,7 +199,7 @@ def _iterate(
     settled = BESIDE_VARIANCES if free else SETTLED
     if near is not None and free:
         v = np.array([near.variances.get(c.name, c.start) for c in design.components])
-        v = np.clip(v, [c.floor for c in design.components], [c.wall for c in design.components])
+        v = np.clip(v, design.floors, design.walls)
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
     converged, rounds, ascent, wanted = False, 0, Ascent(), Step.none(len(v))
@@ -209,7 +213,7 @@ def _iterate(
             raise PosesDoNotFitError from error
         if rounds == 1 and free and fit.chi2 > SURPRISE * fit.dof:
             # Nothing stated explains these readings: start where much may give.
-            v = np.maximum(v, [c.leap for c in design.components])
+            v = np.maximum(v, design.leaps)
             calm = _iterate(design, x0, v, progress, near, unseen)
             if not calm.fit.chi2 <= HOPELESS * calm.fit.dof:
                 return calm

@@ -75,10 +75,8 @@ class Step:
 
 def step(fit: LinearFit, found: Derivatives) -> Step:
     """Newton's step of the variances, those at a bound that they would leave held there."""
-    v = fit.v
-    floor = np.array([c.floor for c in fit.design.components])
-    wall = np.array([c.wall for c in fit.design.components])
-    leap = np.array([c.leap for c in fit.design.components])
+    v, floor = fit.v, fit.design.floors
+    wall, leap = fit.design.walls, fit.design.leaps
     low = np.where(leap > 0.0, floor, np.maximum(floor, v / FASTEST))
     high = np.minimum(wall, np.maximum(FASTEST * v, leap))
     known = np.diagonal(found.information)
@@ -90,10 +88,11 @@ def step(fit: LinearFit, found: Derivatives) -> Step:
     def bounded(metric: FloatArray) -> FloatArray:
         """Solve for the change; what would leave its bounds goes to them, and the others step as is then best."""
         change, free = np.zeros(len(v)), moving.copy()
+        ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():
-            target = score[free] - metric[np.ix_(free, ~free)] @ change[~free]
-            block = metric[np.ix_(free, free)] + 1e-9 * np.eye(int(free.sum()))
-            change[free] = np.linalg.solve(block, target)
+            change[free] = 0.0
+            target = score - metric @ change
+            change[free] = np.linalg.solve(ridged[free][:, free], target[free])
             below = free & (v + change / size < low)
             above = free & (v + change / size > high)
             if not (below | above).any():

@@ -25,9 +25,6 @@ ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
 SCALE = 1e-2
 """Natural size of what a scale is off by."""
 
-MOST_COLUMNS = 600
-"""A candidate that may differ in every pose is asked of so many columns' worth of poses, spread evenly."""
-
 STILL_POSES = 4
 """So many readings in a row that agree within noise, while others move, may be a frozen sensor."""
 
@@ -147,27 +144,25 @@ class Scene:
         """Every joint's reading wrong in every pose in its own way: noise, or no sensor at all."""
         stated = self.design.joint_variance(self.design.stated_variances())
         for j in self.sensed:
-            some = self._some(1)
             yield Candidate(
                 cause=Cause.READING,
                 subject=str(j),
-                columns=self.joint(j)[some],
-                own=some,
-                natural=np.full(len(some), ANGLE_RAD),
+                columns=self.joint(j),
+                own=self._all,
+                natural=np.full(len(self._all), ANGLE_RAD),
                 least=2.0 * float(np.sqrt(np.mean(stated[:, j - 1]))),
             )
 
     def _scatter(self) -> Candidate:
         """Every reading of every joint wrong in its own way and by one size: an arm that was not still."""
         sensed = np.array(self.sensed) - 1
-        some = self._some(len(sensed))
         stated = self.design.joint_variance(self.design.stated_variances())[:, sensed]
         return Candidate(
             cause=Cause.SCATTER,
             subject="all joints",
-            columns=self.system.B[some][:, :, sensed],
-            own=some,
-            natural=np.full(len(some) * len(sensed), ANGLE_RAD),
+            columns=self.system.B[:, :, sensed],
+            own=self._all,
+            natural=np.full(len(self._all) * len(sensed), ANGLE_RAD),
             most=15.0,
             least=2.0 * float(np.sqrt(np.mean(stated))),
         )
@@ -283,13 +278,12 @@ class Scene:
         Et = np.swapaxes(self.system.E, -1, -2)
         m, r, k = Et.shape
         natural = np.concatenate((np.full(k - 3, ANGLE_RAD), np.full(3, LENGTH_M)))
-        some = self._some(k)
         yield Candidate(
             cause=Cause.GIVES,
             subject="in every pose",
-            columns=Et[some],
-            own=some,
-            natural=np.tile(natural, len(some)),
+            columns=Et,
+            own=self._all,
+            natural=np.tile(natural, m),
             most=15.0,
         )
         phi = self._in_time(self.design.give_basis.phi)
@@ -305,9 +299,10 @@ class Scene:
         """Rows of a basis over the fit's poses (m, k) in the order of the scene."""
         return np.asarray(phi[self.order] if phi.size else np.zeros((len(self.order), 0)))
 
-    def _some(self, columns: int) -> IntArray:
-        m = len(self.readings)
-        return np.unique(np.linspace(0, m - 1, min(m, MOST_COLUMNS // columns)).astype(np.int64))
+    @property
+    def _all(self) -> IntArray:
+        """Indices of all poses."""
+        return np.arange(len(self.readings))
 
     def _noise(self, j: int) -> float:
         return max(float(self.arm.sigma_rad()[j - 1]), 1e-6)

@@ -10,18 +10,22 @@ the choice instead of deciding it. Knows no loop, no cause and no words.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.judging.left_over import LeftOver
-from solver.judging.own_columns import OwnColumns
+from solver.judging.own_columns import OwnColumns, Solved
 
 LEAST_SCALE = 0.25
 """Stated errors are upper figures: chi2/dof of sound sets lies below 1, but below this nothing is believed."""
 
 SIZES = np.logspace(-2.0, 3.0, 21)
 """Sizes of an explanation that are tried, in units of its natural one."""
+
+STRIDE = 4
+"""Where every size costs much the likeliest is sought by steps of so many first: it has one top."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,8 +38,6 @@ class Evidence:
         Up to a constant that is the same for all explanations of one pose set.
     chi2, dof
         What it leaves unexplained, at stated variances.
-    drop, dof_used
-        How far chi2 falls when the columns are fitted freely, and how many they count for.
     size
         Standard deviation of the coefficients, in units of the natural one.
     b, covariance
@@ -47,8 +49,6 @@ class Evidence:
     log_likelihood: float
     chi2: float
     dof: int
-    drop: float
-    dof_used: int
     size: float
     b: FloatArray
     covariance: FloatArray
@@ -100,13 +100,10 @@ def evidence(
     gain = -0.5 * np.log1p(v * values).sum(-1) - 0.5 * (dof * np.log(f) + chi2 / f)
     best = int(np.argmax(gain))
     b = natural * (vectors @ (shrunk[best] * along))
-    drop = float((along**2 / values).sum())
     return Evidence(
         log_likelihood=float(gain[best]),
         chi2=float(chi2[best]),
         dof=dof,
-        drop=drop,
-        dof_used=int(free.sum()),
         size=float(sizes[best]),
         b=b,
         covariance=np.outer(natural, natural) * ((vectors * shrunk[best]) @ vectors.T),
@@ -123,23 +120,28 @@ def evidence_of_own(
     if not (columns.own > 0.0).any():
         return None
     sizes, dof = SIZES[most >= SIZES], max(left.dof, 1)
-    best, gain, found = -1, -np.inf, None
-    for k, size in enumerate(sizes):
-        there = columns.solved(float(size) ** 2)
+
+    @cache
+    def at(k: int) -> tuple[float, Solved]:
+        """Log-likelihood at a size, and the coefficients."""
+        there = columns.solved(float(sizes[k]) ** 2)
         chi2 = max(left.chi2 - there.drop, 1e-12)
         f = max(LEAST_SCALE, chi2 / dof)
-        here = -0.5 * there.logdet - 0.5 * (dof * float(np.log(f)) + chi2 / f)
-        if here > gain:
-            best, gain, found = k, here, there
-    if found is None:
+        return -0.5 * there.logdet - 0.5 * (dof * float(np.log(f)) + chi2 / f), there
+
+    def best_of(some: range) -> int:
+        return max(some, key=lambda k: at(k)[0])
+
+    about = best_of(range(0, len(sizes), STRIDE))
+    best = best_of(range(max(about - STRIDE + 1, 0), min(about + STRIDE, len(sizes))))
+    gain, found = at(best)
+    if not np.isfinite(gain):
         return None
     b, variance = columns.coefficients(found)
     return Evidence(
         log_likelihood=gain,
         chi2=max(left.chi2 - found.drop, 1e-12),
         dof=dof,
-        drop=there.drop,
-        dof_used=p * c,
         size=float(sizes[best]),
         b=natural * b,
         covariance=natural**2 * variance,

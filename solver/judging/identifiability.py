@@ -13,6 +13,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.closing import close_loops, reduced_jacobian
 from solver.errors import UnidentifiableDirection
+from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import column_scale, stacked_triangle
 from solver.estimators.paper import ClosureProblem
 from solver.loops.closure import ClosureModel, pose_blocks
@@ -127,10 +128,18 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
     return float(s[0] / s[-1]) if s[-1] > RANK_TOLERANCE * s[0] else float("inf")
 
 
-def plainly_seen(model: ClosureModel, x: FloatArray, q: FloatArray) -> bool:
-    """Whether the readings `q` (m, n) as they are show that nothing is blind, with no loop closed."""
-    condition = condition_at_readings(model, x, q)
-    return condition is not None and condition < PLAIN and not _still(np.ptp(q, axis=0))
+def plainly_seen(paper: Estimate, q: FloatArray) -> bool:
+    """Whether the readings `q` (m, n) as they are show that nothing is blind, with no loop closed.
+
+    By the paper's estimate from them: its covariance is the inverse of the normal equations, but for a factor.
+    """
+    sd = paper.standard_deviation
+    if not (sd > 0.0).all() or _still(np.ptp(q, axis=0)):
+        return False
+    normal = np.linalg.pinv(paper.covariance / np.outer(sd, sd), hermitian=True)
+    size = np.sqrt(np.diagonal(normal))
+    least, *_, most = np.linalg.eigvalsh(normal / np.outer(size, size))
+    return bool(most < PLAIN**2 * least)
 
 
 def _at_closed(

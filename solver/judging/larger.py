@@ -49,8 +49,7 @@ def larger_than_stated(fit: LinearFit) -> tuple[Larger, ...]:
 
     design, v = fit.design, fit.v
     stated = design.stated_variances()
-    floor = np.array([c.floor for c in design.components])
-    error = standard_errors(with_priors(fit).information, v, floor)
+    error = standard_errors(with_priors(fit).information, v, design.floors)
     found = []
     for c, value, least, s in zip(design.components, v, stated, error, strict=True):
         if c.name == "discrepancy" or not value > least > 0.0 or not np.isfinite(s):

@@ -62,31 +62,30 @@ class OwnColumns:
         from scipy.linalg import lapack
 
         total = 1.0 / variance + self.own
-        share = self.inside / total[:, None]
-        left = np.eye(self.inside.shape[1]) - self.inside.T @ share
-        root, failed = lapack.dpotrf(left, lower=True)
+        root = np.sqrt(total)
+        inside, score = self.inside / root[:, None], self.score / root
+        left = np.eye(inside.shape[1]) - inside.T @ inside
+        factor, failed = lapack.dpotrf(left, lower=True)
         if failed:
             values, vectors = np.linalg.eigh(left)
-            root = np.linalg.cholesky((vectors * np.maximum(values, ROUNDING)) @ vectors.T)
-        back, _ = lapack.dtrtri(root, lower=True)
+            factor = np.linalg.cholesky((vectors * np.maximum(values, ROUNDING)) @ vectors.T)
+        back, _ = lapack.dtrtri(factor, lower=True)
         back = np.tril(back)
-        along = back @ (share.T @ self.score)
-        spread = share @ back.T
-        b = self.score / total + spread @ along
+        b = (score + inside @ (back.T @ (back @ (inside.T @ score)))) / root
         return Solved(
             b=b,
             drop=float(self.score @ b),
             logdet=float(np.log(variance * total).sum())
             - 2.0 * float(np.log(np.diagonal(back)).sum()),
             total=total,
-            spread=spread,
             back=back,
         )
 
     def coefficients(self, solved: Solved) -> tuple[FloatArray, FloatArray]:
         """Coefficients (p * c,) as they were before they were turned, and their variances."""
         p, _, c = self.white.shape
-        spread = self.turn @ solved.spread.reshape(p, c, -1)
+        spread = self.inside / solved.total[:, None] @ solved.back.T
+        spread = self.turn @ spread.reshape(p, c, -1)
         variance = (spread**2).sum(-1) + (self.turn**2 / solved.total.reshape(p, 1, c)).sum(-1)
         b = (self.turn @ solved.b.reshape(p, c, 1)).reshape(-1)
         return b, variance.reshape(-1)
@@ -123,13 +122,12 @@ class OwnColumns:
 class Solved:
     """Turned coefficients (p * c,), how far chi2 falls by them, and log det (1 + variance C).
 
-    Their covariance is ``diag(1 / total) + spread spread'``; `back` (K, K) is the inverse root of what is left of
-    the fit's columns when these poses are as noisy.
+    Their covariance is ``D + D W back' back W' D`` with D = diag(1 / total); `back` (K, K) is the inverse root of
+    what is left of the fit's columns when these poses are as noisy.
     """
 
     b: FloatArray
     drop: float
     logdet: float
     total: FloatArray
-    spread: FloatArray
     back: FloatArray

@@ -49,7 +49,7 @@ def noise_beside_quiet(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
     """
     design, v = fit.design, fit.v.copy()
     noise = design.noise_components
-    least = np.array([c.floor for c in design.components])
+    least = design.floors.copy()
     moving = [*design.fixture_components.values()]
     moving += [] if design.play_component is None else [design.play_component]
     least[moving] = LEAST**2 * design.stated_variances()[moving]

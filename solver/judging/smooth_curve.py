@@ -110,21 +110,17 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
     low, high = float(abscissa.min()), float(abscissa.max())
     if m < 2 * POINTS_PER_TERM or not high > low:
         raise ValueError("a curve needs at least eight points over some range")
-    best = 1
-    squares: dict[int, float] = {}
-    press_of: dict[int, FloatArray] = {}
     # Degrees are nested: each adds one direction to those of the last.
     most = min(MAX_DEGREE, m // POINTS_PER_TERM - 1)
     nested = _basis(abscissa, low, high, most)
     Q = np.linalg.qr(nested)[0]
     residuals = values[:, None] - np.cumsum(Q * (Q.T @ values), axis=1)
     leverages = np.cumsum(Q**2, axis=1)
-    for degree in range(1, most + 1):
-        residual, leverage = residuals[:, degree], leverages[:, degree]
-        squares[degree] = float(residual @ residual)
-        press_of[degree] = (residual / np.maximum(1.0 - leverage, 1e-12)) ** 2
-        gain = press_of[best] - press_of[degree]
-        error = float(np.std(gain) * np.sqrt(m))
+    left_out = (residuals / np.maximum(1.0 - leverages, 1e-12)) ** 2
+    best = 1
+    for degree in range(2, most + 1):
+        gain = left_out[:, best] - left_out[:, degree]
+        error = float(gain.std() * np.sqrt(m))
         if degree <= least_degree or float(gain.sum()) > error:
             best = degree
     smoother = np.asarray(np.linalg.pinv(nested[:, : best + 1]), dtype=np.float64)
@@ -132,7 +128,8 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
     chance = 1.0
     if best > 1:
         more = best - 1
-        ratio = (squares[1] - squares[best]) / more / max(squares[best] / dof, 1e-300)
+        line, curve = (float(residuals[:, degree] @ residuals[:, degree]) for degree in (1, best))
+        ratio = (line - curve) / more / max(curve / dof, 1e-300)
         chance = float(fdtrc(more, dof, ratio))
     return SmoothCurve(
         low=low,

@@ -100,8 +100,7 @@ def prediction_test(stated: LinearFit) -> Test:
     q = stated.design.q
     parts = (*fold_poses(q, FOLDS), far_block(q, FAR_SHARE)) if len(q) >= 2 * FOLDS else ()
     worst = Test(code="PREDICTION", statistic=0.0, threshold=np.inf)
-    for poses in parts:
-        chi2, dof = stated.held_out_chi2(poses)
+    for chi2, dof in stated.held_out_chi2(*parts):
         if dof:
             threshold = float(chdtri(dof, FALSE_ALARM / len(parts)))
             if chi2 / threshold > worst.statistic / worst.threshold:

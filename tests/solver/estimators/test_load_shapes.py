@@ -108,7 +108,8 @@ def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
     Et = np.swapaxes(E, -1, -2)
     B = Et @ error.jac_q
     system = System(w=np.zeros((POSES, 5)), A=Et @ error.jac_x, B=B, E=E, angle=q)
-    part = design.whiten(system, design.start_variances(), slice(None))
+    unscaled = np.ones(design.width - design.hard)
+    part = design.whiten(system, design.start_variances(), unscaled, slice(None))
     rng = np.random.default_rng(3)
     b = rng.normal(size=design.width - design.hard)
     b[: len(design.soft_index)] = 0.0

@@ -11,8 +11,9 @@ from solver.estimators.scoring import step
 
 
 def fit_of(v: list[float]) -> SimpleNamespace:
-    component = SimpleNamespace(floor=0.01, wall=1e6, leap=0.0)
-    return SimpleNamespace(v=np.array(v), design=SimpleNamespace(components=[component] * len(v)))
+    each = np.ones(len(v))
+    design = SimpleNamespace(floors=0.01 * each, walls=1e6 * each, leaps=0.0 * each)
+    return SimpleNamespace(v=np.array(v), design=design)
 
 
 def found(score: list[float], information: list[list[float]]) -> Derivatives:

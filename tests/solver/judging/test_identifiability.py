@@ -10,6 +10,7 @@ import pytest
 from fixtures.rigid import Rigid
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
+from solver.estimators.paper import estimate_paper
 from solver.judging.identifiability import (
     condition_at_readings,
     identifiability,
@@ -59,12 +60,13 @@ def test_noise_makes_nothing_plainly_seen_that_is_blind(truth: Truth) -> None:
     many = closed_poses(truth, random, 30)[:, 1:]
     again = many[np.arange(30) % 2] + random.normal(0.0, 10e-3, (30, 7))
     assert np.isfinite(condition_at_readings(model, x, again))
-    assert not plainly_seen(model, x, again)
-    assert plainly_seen(model, x, many + random.normal(0.0, 10e-3, many.shape))
+    assert not plainly_seen(estimate_paper(model, again, x0=x), again)
+    noisy = many + random.normal(0.0, 10e-3, many.shape)
+    assert plainly_seen(estimate_paper(model, noisy, x0=x), noisy)
     still = many.copy()
     still[:, 2] = many[0, 2]
     assert condition_at_readings(model, x, still) < 100.0
-    assert not plainly_seen(model, x, still)
+    assert not plainly_seen(estimate_paper(model, still, x0=x), still)
 
 
 def test_condition_and_observability_by_second_implementation(truth: Truth) -> None:

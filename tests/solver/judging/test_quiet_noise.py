@@ -15,7 +15,8 @@ from solver.judging.quiet_noise import as_quiet_as_found
 from solver.judging.trial import Trial, judge
 from tests.benchmarks.shop_floor_outcome import packaged
 from tests.oracles.shop_floor import SCATTER, Session, session
-from tests.oracles.shop_floor_faults import CASES, slipped_joint
+from tests.oracles.shop_floor_faults import CASES
+from tests.oracles.shop_floor_misread import slipped_joint
 
 
 def fitted(taken: Session) -> Calibrated:

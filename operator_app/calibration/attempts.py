@@ -6,8 +6,8 @@ models and error models; judges nothing.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterable
+from itertools import islice
 
 import numpy as np
 
@@ -48,28 +48,26 @@ def fitted(
     PosesDoNotFitError
         No start leads to anything.
     """
-    starts = iter(starts)
-    if len(q) <= 2 * FEW:
-        return _best(model, q, errors, starts, group=group, progress=progress)[0]
-    whole: Calibrated | None = None
-    x0, least = next(starts), np.inf
-    with contextlib.suppress(PosesDoNotFitError):
-        whole, least = _best(model, q, errors, (x0,), group=group, progress=progress)
-    if whole is not None and least < SUSPECT:
-        return whole
-    some = evenly(len(q), FEW)
-    few, misfit = _best(
-        model.at_poses(some),
-        q[some],
-        errors.at_poses(some),
-        starts,
-        group=group[some],
-        progress=None,
-    )
-    if whole is not None and not misfit < BETTER * least:
-        return whole
-    again = (few.estimate.x,)
-    return _best(model, q, errors, again, group=group, progress=progress)[0]
+    starts, several = iter(starts), len(q) > 2 * FEW
+    first = islice(starts, 1) if several else starts
+    found, least = _best(model, q, errors, first, group=group, progress=progress)
+    if several and not least < SUSPECT:
+        some = evenly(len(q), FEW)
+        few, misfit = _best(
+            model.at_poses(some),
+            q[some],
+            errors.at_poses(some),
+            starts,
+            group=group[some],
+            progress=None,
+        )
+        if few is not None and misfit < BETTER * least:
+            again = (few.estimate.x,)
+            other, left = _best(model, q, errors, again, group=group, progress=progress)
+            found = other if left < least else found
+    if found is None:
+        raise PosesDoNotFitError
+    return found
 
 
 def evenly(poses: int, most: int) -> IntArray:
@@ -85,10 +83,10 @@ def _best(
     *,
     group: IntArray,
     progress: Progress | None,
-) -> tuple[Calibrated, float]:
-    """Return the best fit of some starts, the first that is good enough, and its misfit."""
+) -> tuple[Calibrated | None, float]:
+    """Return the best fit of some starts, or the first that is good enough, and its misfit; None where none is."""
     best: Calibrated | None = None
-    least, last = np.inf, None
+    least = np.inf
     for x0 in starts:
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -96,15 +94,12 @@ def _best(
                     model, q, errors, x0=x0, group=group, progress=progress
                 )
                 misfit = gross_misfit(found)
-        except (PosesDoNotFitError, np.linalg.LinAlgError) as error:
-            last = error
+        except (PosesDoNotFitError, np.linalg.LinAlgError):
             continue
         if misfit < least:
             best, least = found, misfit
         if least < SUSPECT:
             break
-    if best is None:
-        raise PosesDoNotFitError from last
     return best, least
 
 

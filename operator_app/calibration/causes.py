@@ -19,6 +19,7 @@ from operator_app.units.figure import (
     MANY_TIMES,
     OF_FULL_SCALE,
     OFF_LENGTH,
+    OFF_SCALE,
     SCATTER,
     SHIFTED,
     STEP,
@@ -104,9 +105,10 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
         case Cause.SCATTER:
             return _scatter(candidate, found)
         case Cause.SCALE:
+            off = OFF_SCALE.not_zero(float(found.b[0])).with_unit
             return Words(
                 f"SCALE_{subject}",
-                f"the scale of joint {subject}'s encoder is off by about {100.0 * float(found.b[0]):+.1f} %",
+                f"the scale of joint {subject}'s encoder is off by about {off}",
                 f"check counts_per_rev and the gear of joint {subject} in arm file and drive, then take all "
                 "poses again",
             )
@@ -250,7 +252,7 @@ def shift_in_words(
     counts = ""
     if isinstance(sensor, Encoder | Rvdt):
         lost = LOST_COUNTS if isinstance(sensor, Encoder) else LOST_LSB
-        counts = f" ({lost(step_rad / sensor.resolution_rad).with_unit})"
+        counts = f" ({lost.not_zero(step_rad / sensor.resolution_rad).with_unit})"
     where = f"between pose {labels[first - 1]} and pose {labels[first]}"
     if abs(step_rad) > RESTARTED_RAD:
         return Words(

@@ -90,8 +90,9 @@ def remedy_beside_poses(found: Calibrated, name: str) -> str:
     source = max(budget, key=lambda s: float(budget[s][k]))
     if not 2.0 * float(budget[source][k]) > float(found.estimate.covariance[k, k]):
         return ""
-    larger = {x.component.partition("_")[0] for x in larger_than_stated(found.linear)}
-    return remedy_of(source) if source.partition("_")[0] in larger else ""
+    larger = {x.component for x in larger_than_stated(found.linear)}
+    sources = {c.source for c in found.linear.design.components if c.name in larger}
+    return remedy_of(source) if source in sources else ""
 
 
 def remedy_of(source: str) -> str:

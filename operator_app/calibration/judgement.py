@@ -241,7 +241,7 @@ def outlier_notices(labels: tuple[str, ...]) -> tuple[Notice, ...]:
     return (
         Notice(
             code="OUTLIER",
-            text=f"pose{'s' if several else ''} {', '.join(labels)} "
+            text=f"{poses_named(tuple(range(len(labels))), labels)} "
             f"{'do' if several else 'does'} not fit the others and still "
             f"{'count' if several else 'counts'}: look for what disturbed "
             f"{'them' if several else 'it'}, then exclude {'them' if several else 'it'} or not",

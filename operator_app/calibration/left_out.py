@@ -26,7 +26,7 @@ def left_out_in_words(
         k: [f.joint for f in out_of_range if f.fault is Fault.OUTSIDE and k in f.poses]
         for k in left_out
     }
-    radians = set(rows_in_radians(arm, poses.q_rad)) & set(left_out)
+    radians = _in_radians(left_out, arm, poses)
     wrong = tuple(k for k in left_out if len(joints[k]) >= MANY and k not in radians)
     flipped = tuple(k for k in left_out if len(joints[k]) < MANY and k not in radians)
     found = []
@@ -70,8 +70,13 @@ def out_of_range_besides(
     poses: PoseSet,
 ) -> tuple[RangeFinding, ...]:
     """Joints out of their ranges in other poses than those left out for their unit."""
-    radians = set(rows_in_radians(arm, poses.q_rad)) & set(left_out)
+    radians = _in_radians(left_out, arm, poses)
     return tuple(f for f in out_of_range if not radians.issuperset(f.poses))
+
+
+def _in_radians(left_out: tuple[int, ...], arm: ArmModel, poses: PoseSet) -> set[int]:
+    """Which of the poses left out are rows in radians."""
+    return set(rows_in_radians(arm, poses.q_rad)) & set(left_out) if left_out else set()
 
 
 def _of(rows: tuple[int, ...]) -> tuple[bool, str, str]:

@@ -69,14 +69,14 @@ def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
 
 def pick(poses: PoseSet, indices: np.ndarray[tuple[int], np.dtype[np.intp]]) -> PoseSet:
     """Return some poses of a set, in the order of `indices`."""
-    chosen = [int(k) for k in indices]
+    chosen = indices.tolist()
     return PoseSet(
-        placement=poses.placement[chosen],
+        placement=poses.placement[indices],
         label=tuple(poses.label[k] for k in chosen),
-        q_rad=poses.q_rad[chosen],
-        sd_rad=None if poses.sd_rad is None else poses.sd_rad[chosen],
-        samples=None if poses.samples is None else poses.samples[chosen],
-        endpoint=None if poses.endpoint is None else poses.endpoint[chosen],
+        q_rad=poses.q_rad[indices],
+        sd_rad=None if poses.sd_rad is None else poses.sd_rad[indices],
+        samples=None if poses.samples is None else poses.samples[indices],
+        endpoint=None if poses.endpoint is None else poses.endpoint[indices],
         utc=None if poses.utc is None else tuple(poses.utc[k] for k in chosen),
         notes=None if poses.notes is None else tuple(poses.notes[k] for k in chosen),
     )

@@ -5,8 +5,6 @@ Knows arms, fixtures and loops; no estimator and no verdict.
 
 from __future__ import annotations
 
-import numpy as np
-
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.errors import FixtureError
 from operator_app.calibration.verdict import FEW_DOF
@@ -46,31 +44,21 @@ def require_identifiable(seen: Identifiability, model: ClosureModel, poses: int)
         raise UnidentifiableError(seen.directions)
 
 
-def refuse_placement(
-    fixture: Fixture, arm: ArmModel, model: ClosureModel, unsensed_joints: tuple[int, ...]
-) -> None:
+def refuse_placement(fixture: Fixture, arm: ArmModel, model: ClosureModel) -> None:
     """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
-    checks = fixture.placement_checks(
-        arm, nominal_vector(model.parts()[0][0].parameters), unsensed_joints=unsensed_joints
-    )
+    part, *_ = model.parts()[0]
+    checks = fixture.placement_checks(arm, part, nominal_vector(part.parameters))
     refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
     if refused and model.parameters:
         raise FixtureRefusedError(refused)
 
 
 def placement_checks(
-    fixture: Fixture,
-    arm: ArmModel,
-    model: ClosureModel,
-    x: FloatArray,
-    unsensed_joints: tuple[int, ...],
+    fixture: Fixture, arm: ArmModel, model: ClosureModel, x: FloatArray
 ) -> tuple[SetupCheck, ...]:
     """Judge the geometry of every placement at the identified parameters `x` of `model`."""
     found: dict[tuple[str, str], SetupCheck] = {}
-    whole = fixture.model(arm, unsensed_joints=unsensed_joints).parameters
     for part, columns, _ in model.parts():
-        known = {p.name: float(v) for p, v in zip(part.parameters, x[columns], strict=True)}
-        here = np.array([known.get(p.name, p.nominal) for p in whole])
-        for check in fixture.placement_checks(arm, here, unsensed_joints=unsensed_joints):
+        for check in fixture.placement_checks(arm, part, x[columns]):
             found.setdefault((check.code, check.text), check)
     return tuple(found.values())

@@ -1,9 +1,11 @@
 """What slipped between two readings of a pose: tests by what the files state, and the cause that each names.
 
-Knows repeats, estimates and words; no fit.
+And which of these causes the poses' own tests name as well. Knows repeats, estimates and words; no fit.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.repeats import Repeat, Reread
@@ -17,6 +19,9 @@ from solver.judging.trial import PRIORS
 PROVEN = 1e-4
 """Chance of a return below which what slipped refuses, however wide the sigmas are: the slip itself may have
 made them so."""
+
+OF_A_READING = ("STEP_JOINT_", "DRIFT_JOINT_", "FROZEN_JOINT_", "ENCODER_", "RVDT_")
+"""Codes of causes that are one joint's reading."""
 
 
 def return_tests(
@@ -38,6 +43,43 @@ def return_tests(
     # What slipped once is off in every return since: once is enough.
     once = {cause.code: cause for cause in reversed(causes)}
     return tuple(tests), tuple(reversed(once.values()))
+
+
+def proven_by_return(
+    since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
+) -> tuple[tuple[NamedCause, ...], tuple[NamedCause, ...]]:
+    """Take out what a return proves, and what is left of the tests' causes: what was named refuses then.
+
+    By the poses alone a slip may move no parameter by more than its sigmas, which are as wide as it made them.
+    """
+    proven: list[NamedCause] = []
+    for returned in since:
+        if not returned.refuses:
+            continue
+        same = [c for c in by_tests if not not_yet_named((returned,), (c,))]
+        proven += [replace(c, refuses=True) for c in same] or [returned]
+    codes = {cause.code for cause in proven}
+    return tuple(proven), tuple(c for c in by_tests if c.code not in codes)
+
+
+def not_yet_named(
+    since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
+) -> tuple[NamedCause, ...]:
+    """What only a return shows: the poses themselves say when a joint or the fixture slipped.
+
+    That a fixture gives in every pose, or that a length is off, says nothing of a slip.
+    """
+    named = [cause.code for cause in by_tests]
+    joints = {code.rpartition("_")[2] for code in named if code.startswith(OF_A_READING)}
+    return tuple(
+        cause
+        for cause in since
+        if not (
+            "SLIP_FIXTURE" in named
+            if cause.code == "RETURN_FIXTURE"
+            else cause.code.rpartition("_")[2] in joints
+        )
+    )
 
 
 def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> NamedCause:

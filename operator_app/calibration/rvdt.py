@@ -16,6 +16,7 @@ from operator_app.calibration.noise import samples_of, soften
 from operator_app.calibration.unsteady import moved_while_read
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhEntry, DhKind
 from solver.chain.pose_order import back_to_caller
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Rvdt
@@ -92,14 +93,15 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
     estimate, had = whole.estimate, whole.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
     first = whole.unsensed.shape[-1] - len(had)
-    offsets = {p.name: p.nominal for p in model.with_all_joints_sensed().parameters}
-    offsets |= {p.name: float(x) for p, x in zip(estimate.parameters, estimate.x, strict=True)}
+    known = {p.name: float(x) for p, x in zip(estimate.parameters, estimate.x, strict=True)}
+    nominal = model.arm_rows()[DhKind.THETA_OFF].tolist()
     angles = [whole.unsensed[:, :first]]
     for j in model.unsensed_joints:
         if j in had:
             angles.append(whole.unsensed[:, first + had.index(j), None])
         else:
-            at = q[:, j - 1] + corrections[:, j - 1] + offsets[f"theta_off_{j}"]
+            offset = known.get(DhEntry(DhKind.THETA_OFF, j).name, nominal[j - 1])
+            at = q[:, j - 1] + corrections[:, j - 1] + offset
             angles.append(at[:, None])
             corrections[:, j - 1] = 0.0
     fit = whole.linear

@@ -108,7 +108,7 @@ def calibrate(
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
     require_enough_poses(model, len(poses))
     out_of_range = range_findings(arm, poses, unsensed_joints=unsensed_joints)
-    refuse_placement(fixture, arm, model, unsensed_joints)
+    refuse_placement(fixture, arm, model)
 
     loops = seen_loops(
         model, arm, poses, sensed=not unsensed_joints, search=search, drop=drop, progress=progress
@@ -134,7 +134,7 @@ def calibrate(
         return seen
 
     # Before anything is weighted: an estimate along a blind direction is worth nothing.
-    if paper is not None and (estimator == "paper" or not plainly_seen(hard, paper.x, q)):
+    if paper is not None and (estimator == "paper" or not plainly_seen(paper, q)):
         seen = require(identifiability(hard, paper.x, q, sigma_rad=sigma))
     x0 = loops.x0 if paper is None else paper.x
     # The paper's estimate is judged by what weighing every reading by its noise gives beside it.
@@ -194,7 +194,7 @@ def calibrate(
             else identifiability(hard, in_order(hard, model, estimate.x), q, sigma_rad=sigma)
         )
     x = in_order(hard, model, estimate.x)
-    checks = placement_checks(fixture, arm, model, estimate.x, unsensed_joints)
+    checks = placement_checks(fixture, arm, model, estimate.x)
     rvdt = (
         judge_rvdts(
             arm,

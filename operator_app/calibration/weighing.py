@@ -20,7 +20,7 @@ from operator_app.calibration.loop import pick
 from operator_app.calibration.other_basins import other_basin
 from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeats import Repeat, Reread
-from operator_app.calibration.returned import return_tests
+from operator_app.calibration.returned import not_yet_named, proven_by_return, return_tests
 from operator_app.calibration.rivals import named_hinge, named_rivals, named_shift
 from operator_app.calibration.rvdt_causes import measured_strays, of_rvdts
 from operator_app.calibration.unsteady import unsteady
@@ -51,10 +51,6 @@ from solver.search.global_start import GlobalStart
 FLIPPED_SHARE = 0.25
 """With more of the poses on the other branch nobody knows which branch is meant."""
 
-
-OF_A_READING = ("STEP_JOINT_", "DRIFT_JOINT_", "FROZEN_JOINT_", "ENCODER_", "RVDT_")
-"""Codes of causes that are one joint's reading."""
-
 MOST_SEVERAL = 3
 """So many sources larger than stated are worth a sentence."""
 
@@ -66,7 +62,7 @@ class Known:
     Attributes
     ----------
     out_of_range, flipped
-        Readings the arm file does not allow, and poses with the hand upside down.
+        Readings the arm file does not allow, and poses left out: the hand is upside down in them, or seems so.
     checks
         The fixture's geometry as it was found.
     search
@@ -235,7 +231,7 @@ def _hardly_seen(
     design = found.linear.design
     model = design.model
     nominal = nominal_vector(model.parameters)
-    checks = placement_checks(fixture, arm, model, nominal, model.unsensed_joints)
+    checks = placement_checks(fixture, arm, model, nominal)
     if _of_geometry(checks):
         return ()
     expected = expected_fit(
@@ -254,43 +250,6 @@ def _labels(poses: PoseSet) -> tuple[str, ...]:
     return tuple(
         f"{label} of placement {number}"
         for label, number in zip(poses.label, poses.placement, strict=True)
-    )
-
-
-def proven_by_return(
-    since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
-) -> tuple[tuple[NamedCause, ...], tuple[NamedCause, ...]]:
-    """Take out what a return proves, and what is left of the tests' causes: what was named refuses then.
-
-    By the poses alone a slip may move no parameter by more than its sigmas, which are as wide as it made them.
-    """
-    proven: list[NamedCause] = []
-    for returned in since:
-        if not returned.refuses:
-            continue
-        same = [c for c in by_tests if not not_yet_named((returned,), (c,))]
-        proven += [replace(c, refuses=True) for c in same] or [returned]
-    codes = {cause.code for cause in proven}
-    return tuple(proven), tuple(c for c in by_tests if c.code not in codes)
-
-
-def not_yet_named(
-    since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
-) -> tuple[NamedCause, ...]:
-    """What only a return shows: the poses themselves say when a joint or the fixture slipped.
-
-    That a fixture gives in every pose, or that a length is off, says nothing of a slip.
-    """
-    named = [cause.code for cause in by_tests]
-    joints = {code.rpartition("_")[2] for code in named if code.startswith(OF_A_READING)}
-    return tuple(
-        cause
-        for cause in since
-        if not (
-            "SLIP_FIXTURE" in named
-            if cause.code == "RETURN_FIXTURE"
-            else cause.code.rpartition("_")[2] in joints
-        )
     )
 
 

@@ -51,8 +51,9 @@ def require_closed_chain(fixture: Fixture) -> None:
 
 def without_hidden(arm: ArmModel, fixture: Fixture, model: ClosureModel) -> ClosureModel:
     """Return the loop with what the fixture's own place hides, whatever the poses, at its nominal value."""
-    whole = nominal_vector(fixture.model(arm).parameters)
-    codes = [check.code for check in fixture.placement_checks(arm, whole)]
+    part, *_ = model.parts()[0]
+    nominal = nominal_vector(part.parameters)
+    codes = [check.code for check in fixture.placement_checks(arm, part, nominal)]
     hidden = {code.removeprefix(HIDDEN) for code in codes if code.startswith(HIDDEN)}
     return model.without([p.name for p in model.parameters if p.name in hidden])
 

@@ -150,7 +150,8 @@ def _sigmas(shown: Preview) -> str:
     tail = (
         f"Scaled condition number of the {poses} {Figure(condition).shown} (below "
         f"{AcceptanceLimits().scaled_condition_number:g} is acceptable; the paper had "
-        f"{CONDITION_PAPER}). Weakest direction: {weakest}."
+        f"{CONDITION_PAPER}). Weakest direction: {weakest}. The deviations are what the sensors' errors alone "
+        "leave, to compare poses by; lengths, twists and give add more, which the calibration's sigmas hold."
     )
     head = "Predicted standard deviations after these poses"
     return f"{head}\n{aligned(rows)}\n{paragraph(tail)}"

@@ -33,13 +33,14 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
     said = facts.reasons
     head = facts.verdict.upper()
     if failed:
-        head += f", {'BUT' if facts.accepted else 'AND'} DOES NOT HOLD for {failed}"
+        so = "BUT" if facts.accepted else "AND"
+        head += f", {so} DOES NOT HOLD for {failed} (the test is at the end)"
     head += ":"
     if facts.accepted:
         said = tuple(notice.text for notice in _causes(facts))
         head = f"{head} the calibration meets its limits.{' What may be off:' if said else ''}"
     if failed:
-        head = paragraph(f"{head} The test is at the end.")
+        head = paragraph(head)
     return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in said)))
 
 
@@ -134,8 +135,9 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
         several = len(joints) > 1
         remedy = (
             f"take poses in which joint{'s' * several} {names(joints)} move{'s' * (not several)}, in another "
-            "fixture where this one does not let them (a rigid one holds the elbow, a hinge frees it), or leave "
-            f"{names(f'theta_off_{j}' for j in joints)} out of the free entries of the arm file."
+            "fixture where this one does not let them (a rigid one holds the elbow, a hinge frees it), or hold "
+            f"{names(f'theta_off_{j}' for j in joints)} at nominal: --drop-unidentifiable of solve and import "
+            f"does, or leave {'them' if several else 'it'} out of the free entries of the arm file."
         )
     else:
         remedy = (

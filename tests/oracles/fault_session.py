@@ -27,9 +27,7 @@ from hardware.virtual.controller import VirtualController
 from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.plant import Plant
-from hardware.virtual.scenarios import scenario
 from operator_app.config.description import describe
-from operator_app.config.procedure_file import load_procedure
 from operator_app.session.journal import Clock, utc_now
 from operator_app.session.listener import Listener
 from operator_app.session.opening import Choices
@@ -40,6 +38,7 @@ from operator_app.virtual_arms import run_controller
 from oracles.loop_oracle import paper_truth, product
 from oracles.opened import opened
 from oracles.profiles import sarcos
+from oracles.short_procedure import short_procedure
 
 CLOSES = 3e-4
 """Largest element of the loop's error, rad and m: 400,000-count encoders round to 8e-6 rad each."""
@@ -166,12 +165,7 @@ def session_with(
         fault = scripted(kind, joint=joint, at_sync=at_sync)
         script = [replace(fault, happen=lambda faults: (begin(), fault.happen(faults))[-1])]
     chosen = Choices(scenario="exact", seed=0)
-    procedure = load_procedure("hinge")
-    procedure = replace(
-        procedure,
-        arm=scenario("exact").arm(procedure.arm),
-        capture=replace(procedure.capture, poses=poses, samples_per_pose=8),
-    )
+    procedure = short_procedure(poses)
     settings = BusSettings(channel=f"campaign-{os.getpid()}-{next(_channels)}")
     said, error, hearing = "", "", Hearing()
     with run_controller(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from hardware.arm import Arm
@@ -9,6 +10,9 @@ from operator_app.config.procedure import Procedure
 from operator_app.session.journal import Clock, utc_now
 from operator_app.session.opening import Choices, Opening, Rig, open_session
 from operator_app.session.session import Session
+
+MakeSession = Callable[..., Session]
+"""How a test is given sessions: the fixture `make_session`."""
 
 
 def opened(

@@ -58,6 +58,12 @@ def odd(sound: Session, share: float) -> Session:
     return replace(sound, readings=read)
 
 
+def shaken(sound: Session) -> Session:
+    """Every joint of every pose is read while it shakes by 0.15 deg."""
+    noise = np.deg2rad(0.15) * _rng(sound).normal(size=sound.readings.shape)
+    return replace(sound, readings=sound.readings + noise)
+
+
 def frozen(sound: Session) -> Session:
     """Joint 4 reads the same from the middle on."""
     half = len(sound) // 2
@@ -98,6 +104,7 @@ LARGE_FAULTS: dict[str, tuple[Callable[[Session], Session], str]] = {
     "1 % odd": (lambda sound: odd(sound, 0.01), "OUTLIERS"),
     "10 % odd": (lambda sound: odd(sound, 0.1), "OUTLIERS"),
     "30 % odd": (lambda sound: odd(sound, 0.3), "OUTLIERS|SCATTER"),
+    "shaken": (shaken, "SCATTER"),
     "frozen for half": (frozen, "FROZEN(_JOINT)?_4"),
     "elbow 30 mm": (longer_elbow, "LENGTH_s_[35]"),
     "hinge slips 5 mm": (slipped_hinge, "SLIP_FIXTURE"),

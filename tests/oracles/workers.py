@@ -15,7 +15,6 @@ from contextlib import contextmanager, suppress
 from multiprocessing import active_children
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
-from typing import Any
 
 INTERRUPTED = 130
 
@@ -46,7 +45,7 @@ def _lead_a_group(folder: str) -> None:
 
 
 @contextmanager
-def workers(processes: int, **options: Any) -> Iterator[ProcessPoolExecutor]:
+def workers(processes: int) -> Iterator[ProcessPoolExecutor]:
     """Return such a pool; where the work with it is left by an error, nothing is waited for."""
     others = set(active_children())
     with tempfile.TemporaryDirectory() as folder:
@@ -55,7 +54,6 @@ def workers(processes: int, **options: Any) -> Iterator[ProcessPoolExecutor]:
             mp_context=_Context(),
             initializer=_lead_a_group,
             initargs=(folder,),
-            **options,
         )
         try:
             yield pool

@@ -9,25 +9,15 @@ import pytest
 
 from fixtures.ball import Ball
 from fixtures.measured import Measured
-from operator_app.calibration.solution import Solution
 from operator_app.calibration.solve import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import parse_poses
-from solver.chain.poses import PoseSet
 from solver.judging.rvdt import Soundness
+from tests.operator_app.calibration.as_shipped import ARM, HINGE, poses_of, solved
 from tests.oracles.shop_floor import Session, Sizes, Specimen, session
 from tests.oracles.shop_floor import taken as taken_at
 from tests.oracles.shop_floor_chain import fixed_part, frames, rotation_about_z
 from tests.oracles.shop_floor_faults import ball_for_hinge
-
-
-def poses_of(taken: Session) -> PoseSet:
-    return parse_poses(taken.csv().encode(), "poses.csv").poses
-
-
-def solved(poses: PoseSet) -> Solution:
-    return calibrate(load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses)
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (8.0, 32), (4.0, 8), (2.0, 8)])
@@ -35,7 +25,7 @@ def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(
     lsb: float, samples: int
 ) -> None:
     taken = session(7003, Sizes(noise_lsb=lsb), samples=samples)
-    for verdict in solved(poses_of(taken)).rvdt:
+    for verdict in solved(taken).rvdt:
         assert verdict.noise is not None
         assert verdict.noise.lsb == pytest.approx(lsb, rel=0.1)
         assert f"noise of a single reading {verdict.noise.lsb:.1f} LSB" in verdict.text
@@ -45,7 +35,7 @@ def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(
 
 def test_single_readings_are_told_by_the_loops() -> None:
     taken = session(7003, Sizes(noise_lsb=8.0), samples=1)
-    for verdict in solved(poses_of(taken)).rvdt:
+    for verdict in solved(taken).rvdt:
         assert verdict.noise is not None
         assert verdict.noise.low <= 8.0 <= verdict.noise.high
         assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
@@ -53,7 +43,7 @@ def test_single_readings_are_told_by_the_loops() -> None:
 
 def test_means_without_their_spread_say_that_they_cannot_tell() -> None:
     taken = session(7003, Sizes(noise_lsb=1.0), samples=32)
-    for verdict in solved(replace(poses_of(taken), sd_rad=None)).rvdt:
+    for verdict in calibrate(ARM, HINGE, replace(poses_of(taken), sd_rad=None)).rvdt:
         assert verdict.noise is not None
         assert not verdict.noise.told
         assert verdict.noise.high > 1.0
@@ -89,7 +79,7 @@ def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve() -> None:
 
 def test_several_placements_tell_the_noise() -> None:
     poses = poses_of(session(7003, Sizes.only()))
-    found = solved(replace(poses, placement=np.arange(len(poses)) % 2 + 1)).rvdt
+    found = calibrate(ARM, HINGE, replace(poses, placement=np.arange(len(poses)) % 2 + 1)).rvdt
     for verdict in found:
         assert verdict.noise is not None
         assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
@@ -133,7 +123,7 @@ def test_one_reading_of_one_lsb_is_found_though_floors_take_part_of_it() -> None
     found = [
         verdict.noise
         for seed in range(7010, 7016)
-        for verdict in solved(poses_of(session(seed, Sizes(noise_lsb=1.0), samples=1))).rvdt
+        for verdict in solved(session(seed, Sizes(noise_lsb=1.0), samples=1)).rvdt
     ]
     assert all(noise is not None and not noise.from_spread for noise in found)
     lsb = [noise.lsb for noise in found if noise is not None]

@@ -8,20 +8,13 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.solution import Solution
-from operator_app.calibration.solve import calibrate
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import parse_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from solver.judging.rvdt import Soundness
-from tests.oracles.shop_floor import Session, session
-from tests.oracles.shop_floor_faults import CASES, rippled
-
-
-def solved(found: Session) -> Solution:
-    poses = parse_poses(found.csv().encode(), "poses.csv").poses
-    return calibrate(load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses)
+from tests.operator_app.calibration.as_shipped import solved
+from tests.oracles.shop_floor import session
+from tests.oracles.shop_floor_faults import CASES
+from tests.oracles.shop_floor_misread import rippled
 
 
 def said(solution: Solution) -> str:

@@ -6,7 +6,6 @@ Taking apart knows html.parser, and nothing of sarcal's markup.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -18,10 +17,10 @@ from operator_app.report.html import report_html
 from operator_app.report.subject import Subject
 from operator_app.session.journal import JOURNAL_NAME, read_journal
 from operator_app.session.listener import Listener
-from operator_app.session.session import Session
-from oracles.reported_session import HOSTILE, procedure, subject_of
+from oracles.opened import MakeSession
+from oracles.reported_session import HOSTILE, subject_of
+from oracles.short_procedure import short_procedure
 
-MakeSession = Callable[..., Session]
 VOID = {"meta", "br", "col", "link", "hr", "img", "input"}
 
 
@@ -143,7 +142,7 @@ def folder(make_session: MakeSession, recorded: dict[str, Any], tmp_path: Path) 
         where.mkdir()
         (where / JOURNAL_NAME).write_bytes(recorded["hinge"])
         return where
-    session = make_session(procedure(16), "datasheet")
+    session = make_session(short_procedure(16, "datasheet"), "datasheet")
     run(session, Listener())
     session.exclude(4, "bumped the table <b>")
     session.note(7, HOSTILE.replace("\ud800", ""))

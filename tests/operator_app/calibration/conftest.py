@@ -1,0 +1,14 @@
+"""A calibration with which nothing is wrong."""
+
+from __future__ import annotations
+
+import pytest
+
+from operator_app.calibration.solution import Solution
+from tests.operator_app.calibration.as_shipped import SEED, solved
+from tests.oracles.shop_floor import session
+
+
+@pytest.fixture(scope="session")
+def sound() -> Solution:
+    return solved(session(SEED))

@@ -1,0 +1,88 @@
+"""Poses taken later are held against a calibration: whether it still holds, and what shifted where it does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.foretold import FIXTURE, MadeFrom
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
+from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of
+from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
+
+
+def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_found(
+    sound: Solution,
+) -> None:
+    fixed = fixed_by(sound)
+    assert judge_poses(ARM, HINGE, poses_of(session(SEED, walk=1, poses=12)), fixed).holds
+    specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
+    slip = np.array([0.0, 0.0, 0.0, 4e-3, 2e-3, 2e-3])
+    walk = closed_walk(specimen, 12, walk=1, slipped=(0, slip, np.zeros(6)))
+    moved = poses_of(taken(specimen, *walk))
+    assert not judge_poses(ARM, HINGE, moved, fixed).holds
+    excused = replace(fixed, fixture_variance=np.full(6, 1e-2), rvdt_sd_rad={6: 1.0, 7: 1.0})
+    assert not judge_poses(ARM, HINGE, moved, excused).holds
+
+
+@pytest.fixture(scope="module")
+def retaken(sound: Solution) -> tuple[MadeFrom, Session]:
+    """A sound calibration with its poses, and poses of the same arm taken later."""
+    poses = poses_of(session(SEED))
+    return MadeFrom(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
+
+
+def _judged(retaken: tuple[MadeFrom, Session], readings: np.ndarray) -> Prediction:
+    made, later = retaken
+    poses = poses_of(replace(later, readings=readings))
+    return judge_poses(ARM, HINGE, poses, fixed_by(made.solution), made=made)
+
+
+def test_what_a_calibration_has_seen_of_sensors_and_sag_is_no_trouble_in_later_poses(
+    retaken: tuple[MadeFrom, Session],
+) -> None:
+    found = _judged(retaken, retaken[1].readings)
+    assert found.holds
+    assert (found.shift, found.odd_poses) == (None, ())
+
+
+@pytest.mark.parametrize(("joint", "deg"), [(2, 0.2), (4, -0.1), (6, 0.5), (7, 0.5)])
+def test_a_joint_that_reads_otherwise_in_all_later_poses_is_named_with_its_size(
+    retaken: tuple[MadeFrom, Session], joint: int, deg: float
+) -> None:
+    """Though an RVDT may bend by 2.4 deg: how it bends is known from the calibration."""
+    readings = retaken[1].readings.copy()
+    readings[:, joint - 1] += np.deg2rad(deg)
+    found = _judged(retaken, readings)
+    assert not found.holds
+    shift = found.shift
+    assert shift is not None
+    assert shift.size is not None
+    assert shift.sigma is not None
+    assert shift.subject == str(joint)
+    assert abs(shift.size - np.deg2rad(deg)) < 4.0 * shift.sigma
+    assert found.odd_poses == ()
+
+
+def test_one_pose_that_is_off_makes_a_calibration_not_hold_and_is_named_alone(
+    retaken: tuple[MadeFrom, Session],
+) -> None:
+    readings = retaken[1].readings.copy()
+    readings[4, 1] += np.deg2rad(0.3)
+    found = _judged(retaken, readings)
+    assert not found.holds
+    assert (found.shift, found.odd_poses) == (None, (4,))
+
+
+def test_a_fixture_that_stands_elsewhere_is_named_as_such(sound: Solution) -> None:
+    specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
+    slip = np.array([0.0, 0.0, 0.0, 2e-3, 1e-3, 1e-3])
+    moved = taken(specimen, *closed_walk(specimen, 20, walk=1, slipped=(0, slip, np.zeros(6))))
+    poses = poses_of(session(SEED))
+    found = _judged((MadeFrom(solution=sound, poses=poses), moved), moved.readings)
+    assert not found.holds
+    assert found.shift is not None
+    assert found.shift.subject == FIXTURE

@@ -1,0 +1,136 @@
+"""What tests explain is named: once, in words as sure as it is likely, and never without what refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.loop import loop_of_poses
+from operator_app.calibration.noise import error_model, soften
+from operator_app.calibration.solution import Solution
+from operator_app.calibration.verdict import NamedCause, causes_of, each_once
+from solver.estimators.estimate import Estimate
+from solver.estimators.variance_components import estimate_with_errors
+from solver.judging.candidate import Candidate, Cause
+from solver.judging.evidence import Evidence, evidence, evidence_of_own
+from solver.judging.stated_tests import Test as Trying
+from solver.judging.trial import Explanation, Trial, judge
+from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of
+from tests.oracles.shop_floor import Session, session
+
+
+def test_what_is_named_again_is_said_once_and_goes_on_refusing() -> None:
+    def named(code: str, text: str, *, refuses: bool) -> NamedCause:
+        return NamedCause(code=code, probability=0.5, text=text, remedy="look", refuses=refuses)
+
+    found = each_once(
+        [
+            named("ENCODER_1", "errs by 0.064 deg", refuses=False),
+            named("OUTLIERS", "pose 3", refuses=False),
+            named("ENCODER_1", "errs by 0.058 deg", refuses=True),
+        ]
+    )
+    assert [(c.code, c.text, c.refuses) for c in found] == [
+        ("ENCODER_1", "errs by 0.064 deg", True),
+        ("OUTLIERS", "pose 3", False),
+    ]
+
+
+def tried(found: Session) -> tuple[Trial, Estimate]:
+    """What the tests say of a session, and the estimate they judge."""
+    poses = poses_of(found)
+    model, tolerance = soften(loop_of_poses(ARM, HINGE, poses), ARM)
+    errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
+    made = estimate_with_errors(model, poses.q_rad, errors)
+    return judge(made.linear, ARM, taken=made.order), made.estimate
+
+
+def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not() -> None:
+    trial, estimate = tried(session(SEED))
+    labels = tuple(str(k) for k in range(40))
+    by_chance = replace(trial, tests=(Trying(code="STEP", statistic=9.0, threshold=8.0),))
+    (cause,) = causes_of(by_chance, estimate, ("theta_off_2",), labels)
+    assert cause.code == "UNNAMED"
+    assert not cause.refuses
+    assert "no more than the files state" in cause.text
+    assert "(STEP)" in cause.text
+    assert causes_of(trial, estimate, ("theta_off_2",), labels) == ()
+
+
+def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound: Solution) -> None:
+    """Five that move nothing compete in the first round; what is found in the second one moves joint 6 far."""
+    trial = tried(session(SEED))[0]
+    some = [c for c in trial.scene.standing() if c.cause in (Cause.DRIFT, Cause.SCALE)]
+    drifts = [c for c in some if c.cause is Cause.DRIFT]
+    slight = [
+        Explanation(candidate=c, evidence=weighed(trial, c, b=0.0), probability=0.15)
+        for c in (*drifts[:5], *(c for c in some if c.cause is Cause.SCALE))
+    ]
+    gross = Explanation(
+        candidate=drifts[5], evidence=weighed(trial, drifts[5], b=0.1), probability=0.9
+    )
+
+    def named(first: list[Explanation]) -> list[tuple[str, bool]]:
+        both = replace(trial, rounds=(tuple(first), (gross,)))
+        labels = tuple(str(k) for k in range(40))
+        found = causes_of(both, sound.estimate, ("theta_off_2",), labels)
+        return [(cause.code, cause.refuses) for cause in found]
+
+    five = [(f"DRIFT_JOINT_{j}", False) for j in (1, 2, 3, 4, 5)]
+    assert named(slight[:4]) == [*five[:4], ("DRIFT_JOINT_6", True)]
+    assert named(slight[:5]) == [*five, ("DRIFT_JOINT_6", True)]
+    assert named(slight) == [*five, ("DRIFT_JOINT_6", True)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "subject", "may", "does", "denied"),
+    [
+        (
+            Cause.GIVES,
+            "",
+            "the fixture may give about 0.0",
+            "the fixture gives about 0.0",
+            "0.0 mm",
+        ),
+        (
+            Cause.LENGTH,
+            "s_2",
+            "s_2 may be off the arm file by",
+            "s_2 is off the arm file by",
+            " 0.0 mm",
+        ),
+        (Cause.DRIFT, "2", "joint 2 may drift by about", "joint 2 drifts by about", "0.0000 deg"),
+        (Cause.SCALE, "2", "encoder may be off by about", "encoder is off by about", "0.0 %"),
+    ],
+)
+def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
+    sound: Solution, kind: Cause, subject: str, may: str, does: str, denied: str
+) -> None:
+    trial = tried(session(SEED))[0]
+    chosen = next(
+        c
+        for c in trial.scene.standing()
+        if c.cause is kind and (not subject or str(c.subject) == subject)
+    )
+    for chance, words in ((0.04, may), (0.96, does)):
+        one = Explanation(
+            candidate=chosen, evidence=weighed(trial, chosen, b=1e-7), probability=chance
+        )
+        labels = tuple(str(k) for k in range(40))
+        (cause,) = causes_of(
+            replace(trial, rounds=((one,),)), sound.estimate, ("theta_off_2",), labels
+        )
+        assert words in cause.text, cause.text
+        assert denied not in cause.text, cause.text
+
+
+def weighed(trial: Trial, candidate: Candidate, *, b: float) -> Evidence:
+    """Its evidence, had its coefficients come out as `b` and moved no parameter."""
+    if candidate.own is None:
+        found = evidence(trial.left, candidate.columns, candidate.natural)
+    else:
+        found = evidence_of_own(trial.left, candidate.own, candidate.columns, candidate.natural)
+    assert found is not None
+    return replace(found, b=np.full_like(found.b, b), moved=np.zeros_like(found.moved))

@@ -143,7 +143,7 @@ def open_arm(
             timing=_timing(procedure, speed=speed, embedded=embedded),
             openers=openers,
         )
-        recording_ended = partial(_what_is_not_recorded, arm, record_to)
+        recording_ended = partial(_what_is_not_recorded, arm)
         stack.callback(_say_if_any, recording_ended)
         stack.callback(arm.close)
         instrument = None
@@ -170,14 +170,13 @@ def _outside_arm(
             "leave --record out; every pose is in the session's journal",
         )
     description = describe(opening.procedure.arm)
-    order = ArmOrder(
-        description=description, channel=bus.channel, bitrate=bus.bitrate, record_to=record_to
-    )
+    order = ArmOrder(description=description, channel=bus.channel, bitrate=bus.bitrate)
     arm = OutsideArm(
-        lambda: found.make(order),
+        lambda: found.make(replace(order, record_to=arm.record_to)),
         description,
         f"the arm {bus.interface}",
         keeps_parameters=found.keeps_parameters,
+        record_to=record_to,
     )
     try:
         yield arm
@@ -185,11 +184,11 @@ def _outside_arm(
         arm.close()
 
 
-def _what_is_not_recorded(arm: CanopenArm, record_to: Path | None) -> str:
+def _what_is_not_recorded(arm: CanopenArm) -> str:
     if arm.recording_failure is None:
         return ""
     return (
-        f"the recording of the bus, {record_to}, ends early: {arm.recording_failure}. "
+        f"the recording of the bus, {arm.record_to}, ends early: {arm.recording_failure}. "
         "Free some space, or record to another disk"
     )
 

@@ -71,10 +71,9 @@ class ConsoleListener(Listener):
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """Say which joints drive."""
-        names = " and ".join(str(j) for j in position_joints)
-        joints = "Joint" if len(position_joints) == 1 else "Joints"
+        driven = names(position_joints).capitalize()
         others = and_the_others(len(position_joints), self._joints)
-        self.say(f"{joints} {names} in position mode{others}; read back from the drives.")
+        self.say(f"{driven} in position mode{others}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
         """Advance the bar, and say if this computer was late."""

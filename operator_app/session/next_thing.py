@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 from fixtures.base import Severity
 from hardware.arm import DriveState, JointState
+from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.guards import may_verify, missing_for, modes_problem, moves_metal
 from operator_app.session.messages import asks_to_connect_again
 from operator_app.session.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.steps import Step
+from operator_app.units.numbers import names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,11 +152,12 @@ def _modes(s: SessionSnapshot) -> NextThing:
             label="Apply modes",
             hint="do what the alarm says; then Enter applies the modes again, or N begins a new session",
         )
-    names = " and ".join(f"J{k}" for k in marked)
+    driven = names(f"J{k}" for k in marked)
+    others = and_the_others(len(marked), s.procedure.arm.joint_count)
     return NextThing(
         action="apply_modes",
         label="Apply modes",
-        hint=f"Enter applies the modes: {names} drive, the others free (it asks first)",
+        hint=f"Enter applies the modes: {driven} drive{others} (it asks first)",
     )
 
 

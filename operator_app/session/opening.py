@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from hardware.arm import Arm
+from hardware.arm import Arm, Records
 from operator_app.config.procedure import CapturePlan, Procedure
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
@@ -135,6 +135,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     """Make the session of a rig, its journal begun or gone on with; raises JournalError."""
     opening, settings = rig.opening, asdict(rig.opening.choices)
     journal = (Journal.resume if opening.resumed else Journal.create_beside)(opening.folder)
+    _record_beside(journal, rig)
     try:
         session = Session(
             journal=journal,
@@ -159,6 +160,13 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
         journal.close()
         raise
     return session
+
+
+def _record_beside(journal: Journal, rig: Rig) -> None:
+    """Record into the folder that the session has, where another program was faster and has the one it was to have."""
+    arm, folder = rig.arm, journal.path.parent
+    if isinstance(arm, Records) and arm.record_to and arm.record_to.parent == rig.opening.folder:
+        arm.record_to = folder / arm.record_to.name
 
 
 def remove_if_empty(session: Session) -> bool:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from operator_app.errors import GuardError
+from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.drives import choose_by_prediction
 from operator_app.session.exploring import visit
 from operator_app.session.going_home import go_home
@@ -22,9 +23,10 @@ from operator_app.session.snapshot import Level
 from operator_app.session.state import CapturedPose, SessionState
 from operator_app.session.waypoints import waypoints_from, waypoints_of
 from operator_app.session.wording import configured_words, unwatching_words
-from operator_app.session.workflow import take_poses
+from operator_app.session.workflow import doubt, take_poses
 from operator_app.session.worth import Appraisal
 from operator_app.units.figure import MOVED, READING_SD
+from operator_app.units.numbers import names
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo
@@ -126,8 +128,9 @@ class Operations:
         """Take control, set the modes, read them back, and lay out the plan."""
         session = self._session
         session.set_modes(position_joints)
-        names = " and ".join(f"J{j}" for j in position_joints)
-        self._publisher.say(Level.INFO, f"{names} in position mode, the others free: read back")
+        driven = names(f"J{j}" for j in position_joints)
+        others = and_the_others(len(position_joints), len(session.state.modes))
+        self._publisher.say(Level.INFO, f"{driven} in position mode{others}: read back")
         start = session.state.start_rad
         if start is not None:
             self._foresee(waypoints_of(session), start)
@@ -180,6 +183,12 @@ class Operations:
         """Settle, read, keep."""
         self._session.capture(waypoint)
         self.captured(self._session.state.poses[-1])
+        if doubted := doubt(self._session):
+            # Nothing moves that nobody asked for; a plan that begins anew knows no way back.
+            if self._session.procedure.capture.strategy != "planned":
+                first = self._session.state.poses_here[0].number
+                doubted += f" Automatic capture reads pose {first} again first, which tells."
+            self._publisher.say(Level.WARNING, doubted)
 
     def captured(self, pose: CapturedPose) -> None:
         """Say what there is now."""

@@ -8,7 +8,7 @@ begins with the poses that count. Prints nothing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -139,8 +139,10 @@ class PlannedCapture:
         """After `ready`: whether the arm stands where it was left, or nothing is to be done."""
         return self._ended is not None or (self._campaign is not None and not self._moved)
 
-    def run(self) -> CampaignEnd:
+    def run(self, taken_one: Callable[[], None] = lambda: None) -> CampaignEnd:
         """Carry the campaign out, with the joints of `ready` in position mode.
+
+        `taken_one` is called after each pose, before the plan hears of it and may be made anew: there is a way back.
 
         Raises
         ------
@@ -171,9 +173,10 @@ class PlannedCapture:
                     return self._end(action)
                 case Capture():
                     pose = session.capture(planned=action.planned)
-                    campaign.captured(pose.mean_rad)
                     wanted = session.state.wanted_poses(session.procedure.capture)
                     self._listener.pose_captured(session.state, wanted)
+                    taken_one()
+                    campaign.captured(pose.mean_rad)
                 case ChangeDrives():
                     self._say(f"{_capital(action.why)}: they drive from here.")
                     session.set_modes(action.drives)

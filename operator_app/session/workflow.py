@@ -26,7 +26,7 @@ from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import CampaignEnd, PlannedCapture, Stop
 from operator_app.session.sameness import check_return, return_words
 from operator_app.session.session import Session
-from operator_app.session.state import pose_set_of
+from operator_app.session.state import SessionState, pose_set_of
 from operator_app.session.waypoints import verification_waypoints
 from operator_app.session.wording import configured_words, unwatching_words
 from solver.chain.poses import PoseSet
@@ -108,11 +108,13 @@ def take_poses(
         _there_and_back(session, listener, planned)
     end = None
     if planned is None:
-        explore(session, listener, lambda: _doubt_the_last(session, listener))
+        if not _has_returned(session.state):
+            # Of a pose taken by hand it was said, and nothing moved for it.
+            _doubt_the_last(session, listener, None)
+        explore(session, listener, lambda: _doubt_the_last(session, listener, None))
     else:
-        end = planned.run()
-    state = session.state
-    if state.poses_here and not any(r.again.after == state.captured for r in state.returns):
+        end = planned.run(lambda: _doubt_the_last(session, listener, planned))
+    if session.state.poses_here and not _has_returned(session.state):
         _return_to_first(session, listener, planned)
     return end
 
@@ -133,7 +135,29 @@ def _is_going_on(session: Session, planned: PlannedCapture | None) -> bool:
     return len(session.state.poses_here) < session.procedure.capture.poses
 
 
-def _doubt_the_last(session: Session, listener: Listener) -> None:
+def _has_returned(state: SessionState) -> bool:
+    """Whether an old pose was read once more since the last one was captured."""
+    return any(r.again.after == state.captured for r in state.returns)
+
+
+def doubt(session: Session) -> str:
+    """Say that the last pose is not where those before it have it; "" where it is, or no more are wanted.
+
+    What slips after the last one has no part in a calibration.
+    """
+    state, unsensed = session.state, session.procedure.unsensed_joints
+    if len(state.used_poses) >= state.wanted_poses(session.procedure.capture):
+        return ""
+    poses = state.here.pose_set()
+    if not out_of_line(session.model, session.fixture, poses, unsensed_joints=unsensed):
+        return ""
+    return (
+        f"Pose {state.poses_here[-1].number} is not where the poses before it have it: something may have slipped "
+        "on the way there."
+    )
+
+
+def _doubt_the_last(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
     """Read the first pose again at once where the last one is not where those before it have it.
 
     What slipped is told then, and not when all poses are taken; a pose that is odd by itself costs the way.
@@ -143,18 +167,12 @@ def _doubt_the_last(session: Session, listener: Listener) -> None:
     GuardError
         Something slipped: named with its size.
     """
-    state = session.state
-    poses, unsensed = state.here.pose_set(), session.procedure.unsensed_joints
-    if not _is_going_on(session, None) or not out_of_line(
-        session.model, session.fixture, poses, unsensed_joints=unsensed
-    ):
+    doubted, state = doubt(session), session.state
+    if not doubted:
         return
-    number = state.poses_here[-1].number
-    listener.told(
-        f"Pose {number} is not where the poses before it have it: something may have slipped on the way there."
-    )
-    before = len(state.returns)
-    _there_and_back(session, listener, None, doubted=True)
+    listener.told(doubted)
+    number, before = state.poses_here[-1].number, len(state.returns)
+    _there_and_back(session, listener, planned, doubted=True)
     if len(session.state.returns) > before:
         listener.told(
             f"Nothing slipped that pose {state.poses_here[0].number} tells of: the calibration judges pose {number}."

@@ -9,11 +9,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from hardware.arm import JointMode
+from operator_app.planning import drives
+from operator_app.planning.mode_rule import and_the_others
 from operator_app.session import guards
 from operator_app.session.face import Chosen, OneOf, Typed, YesNo
 from operator_app.session.operations import Operations
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.units.figure import MOVED
+from operator_app.units.numbers import names
 
 VERIFY_POSES = 5
 
@@ -52,16 +55,18 @@ def manual(chosen: Chosen) -> None:
 def apply_modes(chosen: Chosen) -> None:
     """Set the modes as marked, after a question."""
     joints = chosen.s.wanted_joints
-    names = " and ".join(f"J{j}" for j in joints)
+    count = chosen.s.procedure.arm.joint_count
+    driven = names(f"J{j}" for j in joints)
+    free = "" if len(joints) == count else ": those give way when pushed"
     text = (
-        f"The drives are enabled; {names} in position mode, the others free: those give way when "
-        "pushed. Nothing moves yet. Stand clear of the arm."
+        f"The drives are enabled; {driven} in position mode{and_the_others(len(joints), count)}{free}. "
+        "Nothing moves yet. Stand clear of the arm."
     )
     chosen.ask(
         YesNo(title="Apply the modes?", text=text, yes="Apply"),
         lambda again, _: again.hand(
             TaskKind.MODES,
-            f"setting {names} to position mode, the others free",
+            f"setting {driven} to position mode{and_the_others(len(joints), count)}",
             lambda o: o.set_modes(joints),
         ),
     )
@@ -236,5 +241,5 @@ def hold(chosen: Chosen) -> None:
 
 def apply_prompt(s: SessionSnapshot) -> str:
     """Say which joints would be put into position mode."""
-    names = " and ".join(map(str, s.wanted_joints))
-    return f"Put joints {names} into position mode, the others free"
+    others = and_the_others(len(s.wanted_joints), s.procedure.arm.joint_count)
+    return f"Put {drives.names(s.wanted_joints)} into position mode{others}"

@@ -2,33 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
-from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
 from operator_app.session.session import Session
 from oracles.journalled_sessions import journalled_sessions
-from oracles.opened import opened
+from oracles.opened import MakeSession, opened
 from oracles.plant_arm import SERIAL, PlantArm
 from oracles.ticking import Ticking
-
-
-def exact_procedure(poses: int) -> Procedure:
-    """The packaged hinge procedure with fewer poses, for the arm that scenario `exact` carries."""
-    procedure = load_procedure("hinge")
-    return replace(
-        procedure,
-        arm=scenario("exact").arm(procedure.arm),
-        capture=replace(procedure.capture, poses=poses, samples_per_pose=8),
-    )
-
-
-MakeSession = Callable[..., Session]
 
 
 @pytest.fixture

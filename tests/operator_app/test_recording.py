@@ -15,7 +15,7 @@ import pytest
 
 from hardware.timing import Pace
 from operator_app.composition import open_arm
-from operator_app.session.opening import Choices, Opening, Rig, begin
+from operator_app.session.opening import Choices, Opening, Rig, begin, open_session
 from operator_app.session.sessions import Sessions
 from operator_app.session.snapshot import Level, TaskKind
 
@@ -75,6 +75,21 @@ def test_the_app_says_on_its_screen_that_a_recording_ended(
     assert text.startswith(f"The recording of the bus, {record_to}, ends early: ")
     assert text.endswith("Free some space, or record to another disk")
     assert "ends early" in capsys.readouterr().err
+
+
+def test_sessions_begun_in_one_second_record_into_a_folder_each(tmp_path: Path) -> None:
+    """Both have chosen the same name before either has a folder."""
+    opening = begin("hinge", Choices(interface="virtual"), root=tmp_path)
+    for _ in range(2):
+        with open_arm(opening, record_to=opening.folder / "bus.blf") as rig:
+            session = open_session(rig)
+            assert session.connect().serial_number
+            session.close("end of the test")
+    assert session.journal.path.parent != opening.folder
+    folders = [opening.folder, opening.folder.with_name(f"{opening.folder.name}-2")]
+    assert sorted(tmp_path.rglob("*.*")) == [
+        folder / name for folder in folders for name in ("bus.blf", "journal.jsonl")
+    ]
 
 
 def test_what_could_not_be_written_at_the_end_of_a_session_is_said_in_the_next(

@@ -36,7 +36,7 @@ class PlanPanel(Lines):
             line(
                 (" Marked    ", "dim"),
                 (names, "bold"),
-                f" in position mode{and_the_others(len(marked), len(s.modes))}",
+                f" in position mode{and_the_others(len(marked), s.procedure.arm.joint_count)}",
             )
         ]
         if marked == s.procedure.position_joints and s.ranked and marked != s.ranked[0].drives:

@@ -166,8 +166,9 @@ def test_columns_by_number_and_by_name_with_times_between(tmp_path: Path) -> Non
     ("text", "options", "said"),
     [
         ("0.1,0.2,0.3\n" * 6, {}, "does not say its unit.*say --rad, or --deg"),
-        ("1,2,3,4\n", {"unit": "deg"}, "4 columns for an arm of 3 joints; .*--columns 1-3"),
-        ("t,a,b,c\n1,2,3,4\n", {"unit": "deg"}, r"4 columns \(t, a, b, c\) for an arm of 3"),
+        ("1,2,3,4\n", {"unit": "deg"}, "4 columns for an arm of 3 joints; .*--columns 2-4"),
+        ("t,a,b,c\n1,2,3,4\n", {"unit": "deg"}, r"4 columns \(t, a, b, c\) for an arm of 3 .*columns 2-4;"),
+        ("1,2\n", {"unit": "deg"}, "2 columns for an arm of 3 joints; .*--columns 1-3"),
         ("1,2,3\n4,x,6\n", {"unit": "deg"}, r":2: joint 2: 'x' is not a number"),
         ("1,2,3\n4,5\n", {"unit": "deg"}, ":2: 2 cells where the lines before have 3"),
         ("1,2,900\n", {"unit": "rad"}, ":1: joint 3: .*more than ten turns"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 
 from operator_app.calibration.checks import Checks
 from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
 from operator_app.session import calibrated as module
 from operator_app.session.calibrated import calibrated, checked, recorded
@@ -20,8 +18,8 @@ from operator_app.session.replay import apply, replay
 from operator_app.session.session import Session
 from operator_app.session.state import SessionState
 from operator_app.session.workflow import take_poses
-
-MakeSession = Callable[..., Session]
+from oracles.opened import MakeSession
+from oracles.short_procedure import short_procedure
 
 
 def solved_session(make_session: MakeSession, procedure: Procedure) -> Session:
@@ -34,14 +32,7 @@ def solved_session(make_session: MakeSession, procedure: Procedure) -> Session:
 
 @pytest.fixture
 def procedure() -> Procedure:
-    from hardware.virtual.scenarios import scenario
-
-    found = load_procedure("hinge")
-    return replace(
-        found,
-        arm=scenario("exact").arm(found.arm),
-        capture=replace(found.capture, poses=12, samples_per_pose=8),
-    )
+    return short_procedure(12)
 
 
 def test_what_was_solved_is_read_back_from_the_file(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,10 +20,9 @@ from operator_app.session.session import Session
 from operator_app.session.snapshot import Level, TaskKind
 from operator_app.session.state import SessionState
 from oracles.live_source import FakeSource
-from oracles.opened import opened
+from oracles.opened import MakeSession, opened
 
 PATIENCE_S = 60.0
-MakeSession = Callable[..., Session]
 
 
 class Vandal(Listener):

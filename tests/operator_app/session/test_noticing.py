@@ -10,18 +10,16 @@ import pytest
 
 from hardware.arm import ArmSnapshot, MoveResult, Reading, Watch
 from hardware.errors import DriveAstray, SensorFault
-from hardware.virtual.scenarios import scenario
 from operator_app.cli import main
-from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError, SessionError
 from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
 from operator_app.session.opening import Choices, begin
 from operator_app.session.session import Session
 from operator_app.session.workflow import take_poses
-from oracles.opened import opened
+from oracles.opened import MakeSession, opened
 from oracles.plant_arm import PlantArm
+from oracles.short_procedure import short_procedure
 
 
 class Faulty(PlantArm):
@@ -71,19 +69,10 @@ class Faulty(PlantArm):
         return super().move(targets_rad, speed_rad_per_s=speed_rad_per_s, watch=watch)
 
 
-def procedure_of(name: str, poses: int) -> Procedure:
-    procedure = load_procedure("hinge")
-    capture = replace(procedure.capture, poses=poses, samples_per_pose=8)
-    return replace(procedure, arm=scenario(name).arm(procedure.arm), capture=capture)
-
-
-MakeSession = Callable[..., Session]
-
-
 @pytest.fixture
 def begun(tmp_path: Path) -> MakeSession:
     def make(name: str = "datasheet", poses: int = 8) -> Session:
-        procedure = procedure_of(name, poses)
+        procedure = short_procedure(poses, name)
         session = opened(tmp_path / "s", Faulty(procedure, name), procedure)
         session.connect()
         return session
@@ -225,14 +214,20 @@ class Stray(PlantArm):
         return super().capture(samples)
 
 
+def stray(folder: Path) -> tuple[Stray, Session]:
+    """Begin a session on it, its drives in place."""
+    procedure = short_procedure(8, "datasheet")
+    arm = Stray(procedure, "datasheet")
+    session = opened(folder, arm, procedure)
+    session.connect()
+    session.set_modes((1, 5))
+    return arm, session
+
+
 def test_why_an_arm_was_stopped_by_itself_is_kept_once_and_the_pose_read_then_does_not_count(
     tmp_path: Path,
 ) -> None:
-    procedure = procedure_of("datasheet", 8)
-    arm = Stray(procedure, "datasheet")
-    session = opened(tmp_path / "s", arm, procedure)
-    session.connect()
-    session.set_modes((1, 5))
+    arm, session = stray(tmp_path / "s")
     session.heed()
     session.capture()
     arm.why = DriveAstray(5, 1300, since_sync=arm.snapshot().sync_count - 3)
@@ -259,11 +254,7 @@ def test_why_an_arm_was_stopped_is_kept_before_the_arm_forgets_it(
     tmp_path: Path, forgets: Callable[[Session], object]
 ) -> None:
     """Whoever presses the key is quicker than the watchman."""
-    procedure = procedure_of("datasheet", 8)
-    arm = Stray(procedure, "datasheet")
-    session = opened(tmp_path / "s", arm, procedure)
-    session.connect()
-    session.set_modes((1, 5))
+    arm, session = stray(tmp_path / "s")
     session.capture()
     arm.why = DriveAstray(5, 1300, since_sync=arm.snapshot().sync_count - 3)
     forgets(session)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,10 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hardware.virtual.scenarios import scenario
 from hardware.virtual.truth import paper_loop
 from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.campaign_replay import same
 from operator_app.session.drives import choose
@@ -23,10 +21,9 @@ from operator_app.session.listener import Listener
 from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.session import Session
 from operator_app.session.state import SessionState
-from oracles.opened import opened
+from oracles.opened import MakeSession, opened
 from oracles.plant_arm import PlantArm
-
-MakeSession = Callable[..., Session]
+from oracles.short_procedure import short_procedure
 
 CANDIDATES = 300
 """A tenth of what the product uses: these tests are about the session, not about the best poses."""
@@ -34,13 +31,8 @@ CANDIDATES = 300
 
 def procedure(poses: int, **capture: object) -> Procedure:
     """The packaged planned procedure with few poses, for the arm that scenario `exact` carries."""
-    found = load_procedure("hinge_planned")
-    return replace(
-        found,
-        arm=scenario("exact").arm(found.arm),
-        position_joints=(1, 5),
-        capture=replace(found.capture, poses=poses, samples_per_pose=8, **capture),
-    )
+    found = short_procedure(poses, packaged="hinge_planned")
+    return replace(found, position_joints=(1, 5), capture=replace(found.capture, **capture))
 
 
 class Told(Listener):
@@ -60,6 +52,16 @@ class Told(Listener):
         self.session.connect()
         self.session.set_modes(self.capture.ready())
         return self.capture.run()
+
+
+def interrupted(session: Session, at_sync: int) -> Session:
+    """Begin a capture, and end it by Ctrl-C at that SYNC."""
+    session.arm.interrupt_at_sync = at_sync
+    with pytest.raises(KeyboardInterrupt):
+        Told(session).run()
+    session.arm.interrupt_at_sync = None
+    session.close("interrupted")
+    return session
 
 
 def events(session: Session) -> tuple[Event, ...]:
@@ -204,12 +206,7 @@ def test_interrupted_anywhere_it_goes_on_with_nothing_lost(
     make_session: MakeSession, sync: int
 ) -> None:
     wanted = procedure(3)
-    session = make_session(wanted)
-    session.arm.interrupt_at_sync = sync
-    with pytest.raises(KeyboardInterrupt):
-        Told(session).run()
-    session.arm.interrupt_at_sync = None
-    session.close("interrupted")
+    session = interrupted(make_session(wanted), sync)
     kept = session.state.poses
 
     # A virtual arm stands at its home again: farther from where it was than any real one would be.
@@ -229,12 +226,7 @@ def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(
     make_session: MakeSession,
 ) -> None:
     wanted = procedure(3)
-    session = make_session(wanted)
-    session.arm.interrupt_at_sync = 3800
-    with pytest.raises(KeyboardInterrupt):
-        Told(session).run()
-    session.arm.interrupt_at_sync = None
-    session.close("interrupted")
+    session = interrupted(make_session(wanted), 3800)
     assert any(p.planned for p in session.state.poses)
 
     again = make_session(wanted, resume=True, arm=session.arm)
@@ -246,12 +238,7 @@ def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(
 
 def test_while_exploring_an_arm_that_was_moved_is_taken_back(make_session: MakeSession) -> None:
     wanted = procedure(3)
-    session = make_session(wanted)
-    session.arm.interrupt_at_sync = 700
-    with pytest.raises(KeyboardInterrupt):
-        Told(session).run()
-    session.arm.interrupt_at_sync = None
-    session.close("interrupted")
+    session = interrupted(make_session(wanted), 700)
     assert not any(p.planned for p in session.state.poses)
     again = make_session(wanted, resume=True)
     told = Told(again)
@@ -375,12 +362,7 @@ def test_a_trial_moves_the_arm_and_counts(make_session: MakeSession) -> None:
 
 def test_an_arm_that_does_not_come_back_is_said(make_session: MakeSession) -> None:
     wanted = procedure(3)
-    session = make_session(wanted)
-    session.arm.interrupt_at_sync = 700
-    with pytest.raises(KeyboardInterrupt):
-        Told(session).run()
-    session.arm.interrupt_at_sync = None
-    session.close("interrupted")
+    interrupted(make_session(wanted), 700)
     again = make_session(wanted, resume=True)
     # Joint 3 stands elsewhere with the drives in place: another branch of the loop, or another arm.
     told = Told(again)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from hardware.virtual.scenarios import scenario
-from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
 from operator_app.session.snapshot import Change, Level
 from oracles.journalled_sessions import first_picture
+from oracles.opened import MakeSession
+from oracles.short_procedure import short_procedure
 from solver.design.actions import GoTo
-
-MakeSession = Callable[..., Session]
 
 
 class Publisher:
@@ -43,14 +38,7 @@ class Publisher:
 
 @pytest.fixture
 def session(make_session: MakeSession) -> Session:
-    found = load_procedure("hinge_planned")
-    return make_session(
-        replace(
-            found,
-            arm=scenario("exact").arm(found.arm),
-            capture=replace(found.capture, poses=2, samples_per_pose=8),
-        )
-    )
+    return make_session(short_procedure(2, packaged="hinge_planned"))
 
 
 def wanted_poses(session: Session) -> int:

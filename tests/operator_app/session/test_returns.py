@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hardware.arm import Reading
-from hardware.virtual.scenarios import scenario
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.repeats import Repeat, compare_readings
+from operator_app.calibration.returned import not_yet_named, proven_by_return
 from operator_app.calibration.solution import Solution
 from operator_app.calibration.verdict import Verdict
-from operator_app.calibration.weighing import not_yet_named, proven_by_return
-from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled
 from operator_app.session.exploring import visit
 from operator_app.session.journal import read_journal
@@ -26,16 +22,9 @@ from operator_app.session.planned_capture import PlannedCapture
 from operator_app.session.session import Session
 from operator_app.session.unreturned import NO_WAY_BACK, unreturned_notices
 from operator_app.session.workflow import take_poses
+from oracles.opened import MakeSession
+from oracles.short_procedure import short_procedure
 from solver.judging import stated_tests
-
-MakeSession = Callable[..., Session]
-
-
-def exact_procedure(poses: int) -> Procedure:
-    """The packaged hinge procedure with few poses, for the arm that scenario `exact` carries."""
-    procedure = load_procedure("hinge")
-    capture = replace(procedure.capture, poses=poses, samples_per_pose=8)
-    return replace(procedure, arm=scenario("exact").arm(procedure.arm), capture=capture)
 
 
 def begun(session: Session) -> Session:
@@ -58,7 +47,7 @@ def judged(session: Session) -> Repeat:
 
 
 def test_it_ends_where_it_began(make_session: MakeSession) -> None:
-    session = begun(make_session(exact_procedure(6)))
+    session = begun(make_session(short_procedure(6)))
     take_poses(session, Listener(), (1, 5))
     (found,) = session.state.returns
     assert (found.first.number, found.again.kind, found.again.after) == (1, "return", 6)
@@ -87,7 +76,7 @@ def test_a_joint_that_slipped_in_between_is_named_with_its_size(
             if len(session.state.poses) == 6:
                 session.arm.capture = slipped
 
-    session = begun(make_session(exact_procedure(6)))
+    session = begun(make_session(short_procedure(6)))
     whole = session.arm.capture
 
     def slipped(samples: int) -> Reading:
@@ -109,14 +98,14 @@ def test_a_joint_that_slipped_in_between_is_named_with_its_size(
 def test_after_a_resume_it_looks_at_its_first_pose_before_it_goes_on(
     make_session: MakeSession,
 ) -> None:
-    session = begun(make_session(exact_procedure(5)))
+    session = begun(make_session(short_procedure(5)))
     session.cancelled = lambda: len(session.state.poses) == 2
     with pytest.raises(Cancelled):
         take_poses(session, Listener(), (1, 5))
     session.close("left")
     assert not session.state.returns
 
-    again = begun(make_session(exact_procedure(5), resume=True))
+    again = begun(make_session(short_procedure(5), resume=True))
     take_poses(again, Listener(), (1, 5))
     names = [e.name for e in read_journal(again.journal.path.parent).events]
     after = [n for n in names[names.index("resumed") :] if n in ("reading", "pose")]
@@ -144,7 +133,7 @@ def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
                 joints[6] = replace(joints[6], lower_rad=here - 0.04, upper_rad=here + 0.04)
                 session.model = replace(session.model, joints=tuple(joints))
 
-    session = begun(make_session(exact_procedure(4)))
+    session = begun(make_session(short_procedure(4)))
     take_poses(session, Hearing(), (1, 5))
     assert len(session.state.used_poses) == 4
     assert session.state.returns == ()
@@ -163,7 +152,7 @@ def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(
             if len(session.state.poses) == 6:
                 raise Cancelled
 
-    session = begun(make_session(exact_procedure(7)))
+    session = begun(make_session(short_procedure(7)))
     with pytest.raises(Cancelled):
         take_poses(session, Pressing(), (1, 5))
     (notice,) = (w for w in session.calibrate().warnings if w.code == "NO_RETURN")
@@ -178,7 +167,7 @@ def test_where_no_way_leads_back_it_is_to_be_verified_and_not_to_be_resumed(
     make_session: MakeSession,
 ) -> None:
     """A planned capture that knows no way back knows none after a resume either."""
-    session = begun(make_session(exact_procedure(4)))
+    session = begun(make_session(short_procedure(4)))
     session.set_modes((1, 5))
     for k in range(4):
         visit(session, k)
@@ -218,12 +207,6 @@ def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Sol
     return session.calibrate()
 
 
-def of_scenario(name: str, poses: int = 20) -> Procedure:
-    procedure = load_procedure("hinge")
-    capture = replace(procedure.capture, poses=poses, samples_per_pose=32)
-    return replace(procedure, arm=scenario(name).arm(procedure.arm), capture=capture)
-
-
 def return_test(solution: Solution) -> stated_tests.Test:
     (found,) = (t for t in solution.judgement.tests if t.code.startswith("RETURN"))
     return found
@@ -237,7 +220,7 @@ def returns_of(solution: Solution) -> list[str]:
 def test_a_sound_session_says_nothing_of_its_return_but_the_figure(
     make_session: MakeSession, name: str
 ) -> None:
-    solution = sessioned(make_session(of_scenario(name), name))
+    solution = sessioned(make_session(short_procedure(20, name, samples=32), name))
     test = return_test(solution)
     assert test.code == "RETURN_20"
     assert 0.0 < test.statistic < test.threshold
@@ -249,7 +232,9 @@ def test_a_sound_session_says_nothing_of_its_return_but_the_figure(
 def test_a_joint_that_slipped_before_the_return_is_named_and_refused(
     make_session: MakeSession, name: str
 ) -> None:
-    solution = sessioned(make_session(of_scenario(name), name), slip_rad=np.deg2rad(0.5))
+    solution = sessioned(
+        make_session(short_procedure(20, name, samples=32), name), slip_rad=np.deg2rad(0.5)
+    )
     assert return_test(solution).fires
     assert returns_of(solution) == ["RETURN_JOINT_3"]
     assert solution.verdict is Verdict.NOT_ACCEPTED
@@ -263,7 +248,9 @@ def test_a_joint_that_slipped_before_the_return_is_named_and_refused(
 
 
 def test_a_fixture_that_bends_is_no_encoder_that_slipped(make_session: MakeSession) -> None:
-    solution = sessioned(make_session(of_scenario("as_reported"), "as_reported"))
+    solution = sessioned(
+        make_session(short_procedure(20, "as_reported", samples=32), "as_reported")
+    )
     assert return_test(solution).fires
     assert not [code for code in returns_of(solution) if code.startswith("RETURN_JOINT")]
     assert any("fixture" in c.text for c in solution.causes)
@@ -271,7 +258,7 @@ def test_a_fixture_that_bends_is_no_encoder_that_slipped(make_session: MakeSessi
 
 
 def test_a_return_after_a_calibration_asks_for_another(make_session: MakeSession) -> None:
-    session = make_session(of_scenario("exact"))
+    session = make_session(short_procedure(20, "exact", samples=32))
     sessioned(session)
     assert session.calibrated() is not None
     session.look_again("return", of=session.state.used_poses[0].number)
@@ -313,7 +300,7 @@ def test_few_poses_with_a_slip_in_mid_session_that_the_return_proves_are_refused
     make_session: MakeSession,
 ) -> None:
     """Seven poses: the slip makes sigmas so wide that no parameter is off by two of them."""
-    session = begun(make_session(of_scenario("datasheet", 7), "datasheet"))
+    session = begun(make_session(short_procedure(7, "datasheet"), "datasheet"))
     whole = session.arm.capture
 
     def slipped(samples: int) -> Reading:

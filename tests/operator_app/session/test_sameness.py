@@ -12,13 +12,13 @@ import pytest
 from hardware.arm import ArmIdentity, ArmSnapshot, NodeIdentity, Reading
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.workflow import take_poses
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm
+from oracles.short_procedure import short_procedure
 
 
 class Changed(PlantArm):
@@ -71,18 +71,12 @@ class Changed(PlantArm):
         super().take_control()
 
 
-def procedure_of(name: str, poses: int) -> Procedure:
-    procedure = load_procedure("hinge")
-    capture = replace(procedure.capture, poses=poses, samples_per_pose=8)
-    return replace(procedure, arm=scenario(name, seed=3).arm(procedure.arm), capture=capture)
-
-
 MakeArm = Callable[[], Changed]
 
 
 def left_after(folder: Path, poses: int, name: str = "datasheet") -> Procedure:
     """A session of which so many poses were taken."""
-    procedure = procedure_of(name, 40)
+    procedure = short_procedure(40, name, seed=3)
     session = opened(folder, Changed(procedure, name), procedure)
     session.connect()
     session.cancelled = lambda: len(session.state.poses) == poses
@@ -165,7 +159,7 @@ def test_a_counter_near_zero_out_of_range_is_named_in_a_new_session_too(
     tmp_path: Path, counts: int, reads: str
 ) -> None:
     """The arm sags after its counter began anew, until somebody connects."""
-    procedure = procedure_of("datasheet", 6)
+    procedure = short_procedure(6, "datasheet", seed=3)
     arm = Changed(procedure, "datasheet")
     arm.zeroed, arm.sagged_rad = 2, counts * 2.0 * np.pi / 400_000
     session = opened(tmp_path / "s", arm, procedure)
@@ -188,7 +182,7 @@ def test_another_drive_is_named(left: tuple[Path, Procedure]) -> None:
 
 
 def test_an_arm_without_nodes_is_refused_and_not_simulated(tmp_path: Path) -> None:
-    procedure = procedure_of("datasheet", 6)
+    procedure = short_procedure(6, "datasheet", seed=3)
     arm = Changed(procedure, "datasheet")
     arm.serials = {}
     assert not arm.connect().simulated

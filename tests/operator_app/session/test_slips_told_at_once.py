@@ -15,10 +15,14 @@ from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
+from operator_app.session.exploring import visit
 from operator_app.session.listener import Listener
+from operator_app.session.operations import Operations
 from operator_app.session.session import Session
+from operator_app.session.snapshot import Level
 from operator_app.session.state import SessionState
 from operator_app.session.workflow import take_poses
+from oracles.journalled_sessions import Quiet
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm
 from solver.chain.poses import PoseSet
@@ -116,10 +120,12 @@ class Slipping(Listener):
             self._session.cancelled = lambda: True
 
 
-def begun(folder: Path, most: int, slips: dict[int, int]) -> tuple[Session, Slipping]:
-    procedure = load_procedure("hinge")
+def begun(
+    folder: Path, most: int, slips: dict[int, int], name: str = "hinge"
+) -> tuple[Session, Slipping]:
+    procedure = load_procedure(name)
     capture = replace(procedure.capture, samples_per_pose=8)
-    procedure = replace(procedure, capture=capture)
+    procedure = replace(procedure, capture=capture, position_joints=(1, 5))
     arm = LosesCounts(procedure, 1)
     session = opened(folder, arm, procedure)
     session.connect()
@@ -154,3 +160,60 @@ def test_a_pose_that_is_odd_by_itself_costs_the_way_and_no_more(tmp_path: Path) 
     assert len(session.state.returns) == 1
     assert "Nothing slipped that pose 1 tells of: the calibration judges pose 13." in hearing.said
     session.close("left")
+
+
+@pytest.mark.campaign
+def test_a_slip_in_a_planned_capture_is_told_at_the_next_pose(tmp_path: Path) -> None:
+    """A way leads back from there as long as the slip has not had the plan made anew."""
+    session, hearing = begun(tmp_path / "s", 12, {LEAST: DEGREE}, "hinge_planned")
+    with pytest.raises(GuardError, match="joint 1 has shifted by"):
+        take_poses(session, hearing, (1, 5))
+    assert [p.planned for p in session.state.poses][-1:] == [True]
+    assert len(session.state.poses) == LEAST + 1
+    assert "Pose 11 is not where the poses before it have it" in " ".join(hearing.said)
+    session.close("refused")
+
+
+@pytest.mark.campaign
+def test_a_plan_goes_on_after_a_pose_that_was_odd_by_itself(tmp_path: Path) -> None:
+    slips = {LEAST: DEGREE, LEAST + 1: -DEGREE}
+    session, hearing = begun(tmp_path / "s", 13, slips, "hinge_planned")
+    with pytest.raises(Cancelled):
+        take_poses(session, hearing, (1, 5))
+    assert len(session.state.poses) == 13
+    assert [r.again.after for r in session.state.returns] == [LEAST + 1]
+    session.close("left")
+
+
+class Heard(Quiet):
+    """Keeps what was said, and how loud."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__(session)
+        self.said: list[tuple[object, str]] = []
+
+    def say(self, level: object, text: str) -> None:
+        self.said.append((level, text))
+
+
+def test_a_slip_between_poses_taken_by_hand_is_said_and_automatic_capture_reads_the_first_again(
+    tmp_path: Path,
+) -> None:
+    session, hearing = begun(tmp_path / "s", 20, {LEAST: DEGREE})
+    heard = Heard(session)
+    by_hand = Operations(session, heard)
+    session.set_modes((1, 5))
+    for waypoint in range(LEAST + 1):
+        assert visit(session, waypoint)
+        by_hand.capture(waypoint)
+        hearing.pose_captured(session.state, 40)
+    (said,) = (text for level, text in heard.said if level is Level.WARNING)
+    assert said == (
+        "Pose 11 is not where the poses before it have it: something may have slipped on the way there. "
+        "Automatic capture reads pose 1 again first, which tells."
+    )
+    assert session.state.readings == ()
+    with pytest.raises(GuardError, match="joint 1 has shifted by"):
+        take_poses(session, hearing)
+    assert len(session.state.poses) == LEAST + 1
+    session.close("refused")

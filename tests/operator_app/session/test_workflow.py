@@ -9,29 +9,24 @@ import numpy as np
 import pytest
 
 from fixtures.rigid import Rigid
-from hardware.errors import BusError, UploadUnknown
 from hardware.virtual.truth import paper_loop
 from operator_app.calibration.refusals import FixtureRefusedError
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
-from operator_app.config.procedure import Procedure
-from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
 from operator_app.headless.runner import run
-from operator_app.report.session_result import session_text
-from operator_app.session.export import export
 from operator_app.session.journal import read_journal
 from operator_app.session.listener import Listener
 from operator_app.session.operations import Operations
 from operator_app.session.session import Session
 from operator_app.session.waypoints import waypoints_of
-from operator_app.session.workflow import connect, verify
+from operator_app.session.workflow import verify
 from oracles.journalled_sessions import Quiet
+from oracles.opened import MakeSession
+from oracles.short_procedure import short_procedure
 from solver.errors import TooFewPosesError
 from solver.loops.dh import DhLoop
-
-MakeSession = Callable[..., Session]
 
 
 class Counting(Listener):
@@ -44,24 +39,13 @@ class Counting(Listener):
         self.poses += 1
 
 
-def hinge(poses: int) -> Procedure:
-    from hardware.virtual.scenarios import scenario
-
-    procedure = load_procedure("hinge")
-    return replace(
-        procedure,
-        arm=scenario("exact").arm(procedure.arm),
-        capture=replace(procedure.capture, poses=poses, samples_per_pose=8),
-    )
-
-
 def truth(model: DhLoop) -> np.ndarray:
     table = paper_loop().table.stacked()
     return np.array([table[e.kind, e.row] for e in model.entries])
 
 
 def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
-    session = make_session(hinge(20))
+    session = make_session(short_procedure(20))
     listener = Counting()
     result = run(session, listener)
     session.close("done")
@@ -83,35 +67,11 @@ def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
     assert session.arm.active_parameters() == result.exported.parameters.read_bytes()
 
 
-@pytest.mark.parametrize("silent", ["upload_parameters", "active_parameters"])
-def test_an_upload_of_which_nobody_knows_the_outcome_is_in_the_journal(
-    make_session: MakeSession, monkeypatch: pytest.MonkeyPatch, silent: str
-) -> None:
-    """The controller may have it: that nothing was written and nothing uploaded would be wrong."""
-    session = make_session(hinge(8))
-
-    def lost(*_: object) -> None:
-        raise (UploadUnknown if silent == "upload_parameters" else BusError)("lost at the commit")
-
-    monkeypatch.setattr(session.arm, silent, lost)
-    with pytest.raises(UploadUnknown, match="lost at the commit"):
-        run(session, Counting(), forced="a test of the upload")
-    session.close("failed")
-    told = session.state.exported
-    assert told["uploaded"] is None
-    assert "lost at the commit" in told["unknown"]
-    folder = session.journal.path.parent
-    assert [e.name for e in read_journal(folder).events][-2:] == ["exported", "closed"]
-    said = session_text(folder, session.state, accepted=True)
-    assert "Controller  not known: " in said
-    assert "nothing uploaded" not in said
-
-
 @pytest.mark.parametrize(("joints", "reason"), [((), "sag"), ((1,), "sag"), ((1, 2, 5), "trip")])
 def test_a_wrong_number_of_drive_joints_is_refused_with_the_reason(
     make_session: MakeSession, joints: tuple[int, ...], reason: str
 ) -> None:
-    session = make_session(hinge(3))
+    session = make_session(short_procedure(3))
     session.connect()
     with pytest.raises(GuardError, match=reason) as refused:
         session.set_modes(joints)
@@ -120,13 +80,13 @@ def test_a_wrong_number_of_drive_joints_is_refused_with_the_reason(
 
 
 def test_a_joint_that_is_not_there_is_named(make_session: MakeSession) -> None:
-    session = make_session(hinge(3))
+    session = make_session(short_procedure(3))
     with pytest.raises(GuardError, match="no joint 8"):
         session.check_modes((1, 8))
 
 
 def test_rigid_names_the_elbow_before_anything_moves(make_session: MakeSession) -> None:
-    procedure = hinge(3)
+    procedure = short_procedure(3)
     fixture = load_fixture("rigid")
     assert isinstance(fixture.fixture, Rigid)
     session = make_session(replace(procedure, fixture=fixture, position_joints=(1,)))
@@ -137,13 +97,13 @@ def test_rigid_names_the_elbow_before_anything_moves(make_session: MakeSession) 
 
 
 def test_capture_before_modes_is_refused(make_session: MakeSession) -> None:
-    session = make_session(hinge(3))
+    session = make_session(short_procedure(3))
     with pytest.raises(GuardError, match="modes are not set"):
         waypoints_of(session)
 
 
 def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session: MakeSession) -> None:
-    session = make_session(hinge(2))
+    session = make_session(short_procedure(2))
     with pytest.raises(TooFewPosesError, match="at least 3 poses"):
         run(session, Counting())
 
@@ -152,7 +112,7 @@ def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session: Mak
 def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
     make_session: MakeSession, sync: int
 ) -> None:
-    session = make_session(hinge(6))
+    session = make_session(short_procedure(6))
     session.arm.interrupt_at_sync = sync  # type: ignore[attr-defined]
     with pytest.raises(KeyboardInterrupt):
         run(session, Counting())
@@ -161,7 +121,7 @@ def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
     session.close("interrupted")
     kept = session.state.poses
 
-    again = make_session(hinge(6), resume=True)
+    again = make_session(short_procedure(6), resume=True)
     assert [p.number for p in again.state.poses] == [p.number for p in kept]
     result = run(again, Counting())
     again.close("done")
@@ -173,16 +133,16 @@ def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
 
 
 def test_a_session_insists_on_its_arm(make_session: MakeSession) -> None:
-    session = make_session(hinge(3))
+    session = make_session(short_procedure(3))
     session.connect()
     session.close("done")
-    other = make_session(hinge(3), resume=True, serial="SDA-0002")
+    other = make_session(short_procedure(3), resume=True, serial="SDA-0002")
     with pytest.raises(GuardError, match="belongs to arm SDA-0001"):
         other.connect()
 
 
 def test_undo_exclude_include_and_note_survive_a_restart(make_session: MakeSession) -> None:
-    session = make_session(hinge(5))
+    session = make_session(short_procedure(5))
     run(session, Counting())
     assert session.undo().number == 5
     session.exclude(2, "bumped the table")
@@ -195,14 +155,14 @@ def test_undo_exclude_include_and_note_survive_a_restart(make_session: MakeSessi
     assert [(p.number, p.excluded, p.note) for p in session.state.poses] == expected
     assert session.state.solved == {}
     session.close("done")
-    again = make_session(hinge(5), resume=True)
+    again = make_session(short_procedure(5), resume=True)
     assert [(p.number, p.excluded, p.note) for p in again.state.poses] == expected
     run(again, Counting())
     assert [p.number for p in again.state.used_poses] == [1, 3, 4, 6, 7]
 
 
 def test_an_unreachable_waypoint_is_passed_over_and_recorded(make_session: MakeSession) -> None:
-    procedure = hinge(4)
+    procedure = short_procedure(4)
     joints = list(procedure.arm.joints)
     # Joint 7's range now ends inside the region the plan wants to explore.
     joints[6] = replace(joints[6], lower_rad=float(np.deg2rad(10.0)))
@@ -233,7 +193,7 @@ def on_screen(session: Session) -> None:
 def test_poses_out_of_reach_end_in_the_same_words_whichever_face_asked(
     make_session: MakeSession, face: Callable[[Session], None]
 ) -> None:
-    procedure = hinge(3)
+    procedure = short_procedure(3)
     joints = list(procedure.arm.joints)
     # Whichever way joint 7 turns from home it comes to an end of its range.
     session = make_session(procedure)
@@ -252,7 +212,7 @@ def test_poses_out_of_reach_end_in_the_same_words_whichever_face_asked(
 def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
     make_session: MakeSession,
 ) -> None:
-    session = make_session(hinge(8))
+    session = make_session(short_procedure(8))
     result = run(session, Listener())
     session.set_modes((1, 5))
     before = session.state
@@ -262,7 +222,7 @@ def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
         assert session.state.verifications == again + 1
     session.close("done")
 
-    state = make_session(hinge(8), resume=True).state
+    state = make_session(short_procedure(8), resume=True).state
     taken = state.readings[1:]
     assert [(r.kind, r.number) for r in taken] == [("verification", k) for k in range(2, 8)]
     np.testing.assert_array_equal([r.mean_rad for r in taken[3:]], poses.q_rad)
@@ -282,18 +242,18 @@ def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
 def test_a_resumed_session_is_not_solved_again_whichever_face_resumes_it(
     make_session: MakeSession,
 ) -> None:
-    session = make_session(hinge(5))
+    session = make_session(short_procedure(5))
     solution = run(session, Listener()).solution
     session.close("done")
 
-    again = make_session(hinge(5), resume=True)
+    again = make_session(short_procedure(5), resume=True)
     publisher = Quiet(again)
     Operations(again, publisher).connect()
     assert publisher.shown.solution is not None
     np.testing.assert_array_equal(publisher.shown.solution.estimate.x, solution.estimate.x)
     again.close("left")
 
-    last = make_session(hinge(5), resume=True)
+    last = make_session(short_procedure(5), resume=True)
     result = run(last, Listener())
     np.testing.assert_array_equal(result.solution.estimate.x, solution.estimate.x)
     last.close("done")
@@ -301,103 +261,9 @@ def test_a_resumed_session_is_not_solved_again_whichever_face_resumes_it(
     # Nothing was left to take: nothing was read, and there was nothing new to solve.
     assert names.count("solved") == names.count("checked") == names.count("reading") == 1
     # Asked to solve otherwise, it does.
-    other = make_session(replace(hinge(5), estimator="paper"), resume=True)
+    other = make_session(replace(short_procedure(5), estimator="paper"), resume=True)
     assert other.calibrated() is None
     # Of other poses nothing is known.
     other.exclude(2, "bumped")
     assert not other.state.solved
     other.close("left")
-
-
-def strict(procedure: Procedure) -> Procedure:
-    """A procedure whose limits no arm meets."""
-    return replace(procedure, acceptance=replace(procedure.acceptance, sigma_pos_mm=1e-6))
-
-
-def test_what_is_not_accepted_is_exported_for_a_reason_only_and_the_reason_is_kept(
-    make_session: MakeSession,
-) -> None:
-    session = make_session(strict(hinge(5)))
-    result = run(session, Listener())
-    assert not result.solution.accepted
-    assert result.exported is None
-    # Whoever is not content with the result wants the poses.
-    kept = load_poses(session.journal.path.parent / "poses.csv", joint_count=7).poses
-    assert kept.sha256() == session.state.pose_set().sha256()
-    with pytest.raises(GuardError, match=r"was not accepted: .*sigma_pos") as refused:
-        export(session, result.solution, upload_too=True)
-    assert "--force" in refused.value.remedy
-    assert session.arm.active_parameters() == b""
-    assert not session.state.exported
-
-    forced = run(session, Listener(), forced="the demo\nis tonight")
-    assert forced.exported is not None
-    assert session.state.exported["forced"] == "the demo\nis tonight"
-    document = load_parameters(forced.exported.parameters)
-    assert document.warnings[0].code == "FORCED"
-    assert document.warnings[0].text.endswith("used all the same: the demo is tonight")
-    assert "sigma_pos" in document.warnings[0].text
-    assert session.arm.active_parameters() == forced.exported.parameters.read_bytes()
-    session.close("done")
-
-
-def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session: MakeSession) -> None:
-    session = make_session(hinge(20))
-    result = run(session, Listener(), forced="just in case")
-    assert result.solution.accepted
-    assert result.exported is not None
-    assert session.state.exported["forced"] == ""
-    codes = [w.code for w in load_parameters(result.exported.parameters).warnings]
-    assert "FORCED" not in codes
-    session.close("done")
-
-
-def test_what_was_written_into_drives_is_said_and_journalled(make_session: MakeSession) -> None:
-    session = make_session(hinge(poses=12))
-    connect_arm = session.arm.connect
-    changed = ("joint 1 (node 1): RPDO2 is this", "joint 2 (node 2): RPDO2 is that")
-    session.arm.connect = lambda: replace(connect_arm(), configured=changed)
-    told: list[str] = []
-    listener, publisher = Listener(), Quiet(session)
-    listener.told = told.append
-    publisher.say = lambda level, text: told.append(f"{level.value}: {text}")
-    connect(session, listener)
-    assert told[0].startswith(
-        "2 PDOs of the drives set up as the bus profile asks, until the next connection or a loss of power: "
-    )
-    assert "joint 1 (node 1): RPDO2 is this; and so on" in told[0]
-    Operations(session, publisher).connect()
-    assert any(text.startswith("info: 2 PDOs of the drives set up") for text in told)
-    lines = [e for e in read_journal(session.journal.path.parent).events if e.name == "connected"]
-    assert [list(changed)] * 2 == [line.data["configured"] for line in lines]
-
-
-def test_what_was_set_to_zero_in_drives_is_no_pdo(make_session: MakeSession) -> None:
-    session = make_session(hinge(poses=12))
-    connect_arm = session.arm.connect
-    pdo, zeroed = "joint 1 (node 1): RPDO2 is this", "joint 2 (node 2): 6071h is 0; it was -50"
-    session.arm.connect = lambda: replace(connect_arm(), configured=(pdo, zeroed), zeroed=(zeroed,))
-    told: list[str] = []
-    listener = Listener()
-    listener.told = told.append
-    connect(session, listener)
-    assert told[0].startswith("1 PDO of the drives set up")
-    assert f"1 torque or offset in the drives set to 0, and not set back: {zeroed}." in told[0]
-
-
-def test_a_drive_that_does_not_say_that_it_misses_its_operator_is_named(
-    make_session: MakeSession,
-) -> None:
-    session = make_session(hinge(poses=12))
-    connect_arm = session.arm.connect
-    session.arm.connect = lambda: replace(connect_arm(), unwatching=(3, 5))
-    told: list[str] = []
-    listener, publisher = Listener(), Quiet(session)
-    listener.told = told.append
-    publisher.say = lambda level, text: told.append(f"{level.value}: {text}")
-    connect(session, listener)
-    assert told[0].startswith("Joints 3, 5: without 1016h nothing says that a drive notices")
-    assert "hardware stop" in told[0]
-    told.clear()
-    Operations(session, publisher).connect()
-    assert any(text.startswith("warning: Joints 3, 5: without 1016h") for text in told)

@@ -7,10 +7,12 @@ from dataclasses import replace
 import pytest
 
 from hardware.arm import DriveState
+from operator_app.config.procedure_file import load_procedure
 from operator_app.report.spans import wrapped
 from operator_app.session.next_thing import next_thing
 from operator_app.session.snapshot import TaskKind, Verified
 from operator_app.session.steps import Step
+from operator_app.session.works import apply_prompt
 from oracles.story import astray, busy, lost, real, stale, stopped, story, tripped
 
 PICTURES = {
@@ -70,3 +72,15 @@ def test_without_an_arm_it_leads_to_connecting():
     gone = replace(story()["capturing"], identity=None, arm=None)
     for step in (Step.FIXTURE, Step.MODES, Step.CAPTURE):
         assert next_thing(step, gone).action == "step_1"
+
+
+def test_an_open_arm_drives_all_its_joints_and_leaves_none_free():
+    """Nothing is free that could give way: the words say so before and after the question."""
+    s = story()["ticked"]
+    every = tuple(range(1, s.procedure.arm.joint_count + 1))
+    opened = replace(s, procedure=load_procedure("open_loop"), wanted_joints=every, mobility=7)
+    assert next_thing(Step.MODES, opened).hint == (
+        "Enter applies the modes: J1, J2, J3, J4, J5, J6 and J7 drive (it asks first)"
+    )
+    assert apply_prompt(opened) == "Put joints 1, 2, 3, 4, 5, 6 and 7 into position mode"
+    assert apply_prompt(s) == "Put joints 1 and 5 into position mode, the others free"

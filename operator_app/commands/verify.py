@@ -199,7 +199,8 @@ def _open_arm(
         session.arm.hold()
         poses = session.state.pose_set()
     listener.close()
-    say(f"Took {len(poses)} poses of the open arm: they are in {opening.folder}", err=True)
+    folder = session.journal.path.parent  # another program may have been faster
+    say(f"Took {len(poses)} poses of the open arm: they are in {folder}", err=True)
     return instrument, poses
 
 

@@ -167,7 +167,9 @@ def _columns(
             return tuple(left)
         names = f" ({', '.join(header)})" if header else ""
         text = f"{len(left)} columns{names} for an arm of {joint_count} joints"
-        example = f"1-{joint_count}" if len(left) > joint_count else "1-7"
+        # What a log has beside its joints, times mostly, stands before them.
+        first = max(1, there - joint_count + 1)
+        example = f"{first}-{first + joint_count - 1}"
         raise only(
             file,
             None,

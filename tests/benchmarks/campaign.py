@@ -35,6 +35,8 @@ from oracles.workers import INTERRUPTED, end_as_by_ctrl_c, workers
 
 KILLS_A_CHAIN = 12
 EMBEDDED_SHARE = 0.2
+PER_PROCESS = 10
+"""Faults before a process is replaced: its peak of memory is to be that of a few."""
 
 
 def killed_chain(folder: str, seed: int, kills: int, embedded: bool) -> Deaths:
@@ -120,10 +122,16 @@ def faults(processes: int) -> list[str]:
 
     phases = (BEFORE, FIRST_SYNCS, *IN_CAPTURE, -1)
     begun = time.monotonic()
-    with workers(processes, max_tasks_per_child=10) as pool:
-        jobs = [pool.submit(one_fault, kind, phase) for kind in FAULT_KINDS for phase in phases]
-        came = [job.result() for job in jobs]
-    broke = [words for words, *_ in came if words]
+    jobs = [(kind, phase) for kind in FAULT_KINDS for phase in phases]
+    came: list[tuple[str, float, float, int]] = []
+    for first in range(0, len(jobs), PER_PROCESS * processes):
+        # Not by `max_tasks_per_child`: with it the pool of Python 3.11 to 3.14 may wait for ever
+        # (python/cpython#115634).
+        some = jobs[first : first + PER_PROCESS * processes]
+        with workers(processes) as pool:
+            came += [job.result() for job in [pool.submit(one_fault, *job) for job in some]]
+        broke = [words for words, *_ in came if words]
+        print(f"  {len(came)} faults, {len(broke)} broke", file=sys.stderr, flush=True)
     print(
         f"{len(came) - len(FAULT_KINDS)} sessions with a fault, {len(FAULT_KINDS)} uploads in "
         f"{time.monotonic() - begun:.0f} s: {sum(poses for *_, poses in came)} poses accepted, "

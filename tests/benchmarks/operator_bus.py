@@ -25,8 +25,7 @@ from hardware.buses import BusSettings, open_bus
 from hardware.canopen_arm import CanopenArm
 from hardware.errors import Stopped
 from hardware.timing import Pace
-from oracles.profiles import sarcos
-from tests.contracts.test_arm_contract import MODEL, TWO_DRIVEN, controller_on, describe
+from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on
 
 DOCUMENT = b"11 -22 33 -44 55 -6 7".ljust(4000)
 
@@ -112,7 +111,7 @@ def stop_ms(settings: BusSettings, arm: CanopenArm) -> tuple[float, float]:
 
 def measure(settings: BusSettings, pace: Pace) -> None:
     """Run all measurements and print them."""
-    arm = CanopenArm(describe(MODEL), settings, sarcos(), pace=pace)
+    arm = operator_on(settings, pace)
     arm.connect()
     try:
         arm.take_control()

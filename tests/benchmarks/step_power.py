@@ -29,7 +29,7 @@ from scipy.special import ndtr, ndtri
 
 from tests.oracles.shop_floor import RVDTS, Sizes, session
 from tests.oracles.shop_floor_bound import step_sigma
-from tests.oracles.shop_floor_faults import COUNT, LSB
+from tests.oracles.shop_floor_misread import COUNT, LSB
 
 FIRST_SEED = 3000
 LEVEL = 1e-3

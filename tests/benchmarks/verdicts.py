@@ -32,7 +32,8 @@ import numpy as np
 from tests.benchmarks.shop_floor_files import read
 from tests.benchmarks.shop_floor_outcome import CRASHED, REFUSED, Outcome, outcome
 from tests.oracles.shop_floor import PARAMETERS
-from tests.oracles.shop_floor_faults import CASES, Case, sound
+from tests.oracles.shop_floor_case import Case
+from tests.oracles.shop_floor_faults import CASES, sound
 
 FIRST_SEED = 3000
 RIGHT = 0.90

@@ -163,6 +163,8 @@ def test_plan_says_which_joints_which_poses_and_what_they_tell(plan_output) -> N
     assert all(len(row.split()) == 10 for row in table)
     assert "theta_off_1   deg" in text
     assert "Weakest direction: " in text
+    # A hundredth of what the calibration will say: not without a word.
+    assert "what the sensors' errors alone leave" in " ".join(text.split())
     assert any("\u2800" < c <= "\u28ff" for c in text)
 
 

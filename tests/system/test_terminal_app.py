@@ -60,6 +60,11 @@ def walk_to_capture(t: Terminal) -> None:
     t.keys("Enter")
     t.until("Enter Modes")
     t.keys("Enter")
+    apply_modes(t)
+
+
+def apply_modes(t: Terminal) -> None:
+    """Follow the footer from Modes to Capture."""
     t.until("Enter Apply modes")
     t.keys("Enter")
     t.until("Apply the modes?")
@@ -281,13 +286,7 @@ def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path
 def apply_modes_again(t: Terminal) -> None:
     """Modes are forgotten with a stop or a restart; from any step to Capture."""
     t.keys("3")
-    t.until("Enter Apply modes")
-    t.keys("Enter")
-    t.until("Apply the modes?")
-    t.keys("y")
-    t.until("Enter Capture")
-    t.keys("Enter")
-    t.until("Enter Automatic")
+    apply_modes(t)
 
 
 @contextmanager

@@ -99,7 +99,7 @@ def execute(args: argparse.Namespace) -> int:
         if sessions.lost is not None:
             say(f"sarcal: {sessions.lost}", err=True)
         if sessions.last is not None:
-            say(farewell(sessions, sessions.last, reason), err=True)
+            say(farewell(sessions, sessions.last, reason, plain=args.plain), err=True)
         if sessions.not_held is not None:
             say(f"sarcal: {sessions.not_held}", err=True)
             return ExitCode.ARM_FAULT
@@ -114,8 +114,8 @@ _ARM: Mapping[bool | None, str] = {
 """By whether it answered as it was let go; none may have been connected."""
 
 
-def farewell(sessions: Sessions, folder: Path, reason: str) -> str:
-    """Say what was left behind: the arm, the session, and how to come back to it."""
+def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = False) -> str:
+    """Say what was left behind: the arm, the session, and how to come back to it, in plain mode to that."""
     how = "" if reason == "left" else f"ended by {reason}; "
     arm = _ARM[sessions.held]
     if sessions.not_held is not None and sessions.not_held.powered:
@@ -125,7 +125,7 @@ def farewell(sessions: Sessions, folder: Path, reason: str) -> str:
         said += (
             f"parameters.yaml and poses.csv are in it. A page about it: sarcal report {folder}\n"
         )
-    return f"{said}Go on with: sarcal --resume {folder}"
+    return f"{said}Go on with: sarcal {'--plain ' if plain else ''}--resume {folder}"
 
 
 def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) -> str:

@@ -198,6 +198,8 @@ class Plain:
                 typed = self._terminal.ask(f"{question.text} Type yes to go on: ").strip()
                 if typed.lower() == "yes":
                     then("yes")
+                else:
+                    self.refuse("that is not yes")
             case Typed():
                 typed = self._terminal.ask(f"{question.text} ").strip()
                 if question.expected and typed != question.expected:

@@ -11,6 +11,7 @@ from operator_app.session.snapshot import DataState, SessionSnapshot
 from operator_app.session.steps import Step
 from operator_app.session.wording import REACHES_NOTHING
 from operator_app.units.figure import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE
+from operator_app.units.numbers import names
 
 
 def describe(step: Step, s: SessionSnapshot) -> list[str]:
@@ -26,7 +27,7 @@ def describe(step: Step, s: SessionSnapshot) -> list[str]:
 def results(s: SessionSnapshot) -> list[str]:
     """Everything about the calibration, most important first."""
     facts = facts_on(s)
-    return [no_facts(s)] if facts is None else [facts_text(facts)]
+    return [no_facts(s)] if facts is None else facts_text(facts).splitlines()
 
 
 def _safety(s: SessionSnapshot) -> str:
@@ -78,8 +79,8 @@ def _modes(s: SessionSnapshot) -> list[str]:
             position = POSITION(state.position_rad).with_unit
             lines.append(f"Joint {state.joint} {joint.name}: {mode}, {position}.")
     for ranked in s.ranked[:3]:
-        pair = " and ".join(str(j) for j in ranked.drives)
-        lines.append(f"Ranked pair {pair}: {ranked.score:.2f}, {'; '.join(ranked.reasons)}.")
+        drives = f"{'joint' if len(ranked.drives) == 1 else 'joints'} {names(ranked.drives)}"
+        lines.append(f"Ranked {drives}: score {ranked.score:.2f}, {'; '.join(ranked.reasons)}.")
     return lines
 
 
@@ -120,7 +121,7 @@ def _results(s: SessionSnapshot) -> list[str]:
 def _export(s: SessionSnapshot) -> list[str]:
     lines = ["Not written yet." if s.written is None else f"Written: {s.written.parameters}."]
     if s.receipt is not None:
-        lines.append(f"Uploaded to slot {s.receipt.slot} and read back: {s.receipt.sha256}.")
+        lines.append(f"Uploaded to slot {s.receipt.slot} and read back: SHA-256 {s.receipt.sha256}.")
     if s.verification is not None:
         lines.append(f"Verified with {verified_words(s.verification)}.")
     return lines

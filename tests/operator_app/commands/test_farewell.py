@@ -57,3 +57,10 @@ def test_what_was_written_is_named(source: FakeSource) -> None:
     said = left(source)
     assert "parameters.yaml and poses.csv are in it" in said
     assert f"sarcal report {source.last}" in said
+
+
+def test_who_left_plain_mode_comes_back_to_it(source: FakeSource) -> None:
+    source.close("left")
+    assert source.last is not None
+    said = farewell(source, source.last, "left", plain=True)
+    assert said.endswith(f"\nGo on with: sarcal --plain --resume {source.last}")

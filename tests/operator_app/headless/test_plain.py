@@ -85,6 +85,11 @@ def test_from_connect_to_uploaded_parameters(source):
     )
     assert script.reason == "left"
     assert any(row.startswith("ACCEPTED") for row in script.said), script.said[-40:]
+    assert "Identified parameters" in script.said, "the results come line by line"
+    assert not any("\ufffd" in row for row in script.said)
+    ranked = [row for row in script.said if row.startswith("Ranked ")]
+    assert all(row.startswith("Ranked joints ") and ": score 0." in row for row in ranked), ranked
+    assert any(row.startswith("Uploaded to slot A and read back: SHA-256 ") for row in script.said)
     written = source.root / "session-1" / "parameters.yaml"
     assert load_parameters(written).arm.serial == "SDA-0001"
     assert source.arm.active_parameters() == written.read_bytes()
@@ -118,6 +123,11 @@ def test_what_is_not_accepted_is_uploaded_for_a_reason_only(source):
     written = source.root / "session-1" / "parameters.yaml"
     assert load_parameters(written).warnings[0].text.endswith("the demo is tonight")
     assert source.arm.active_parameters() == written.read_bytes()
+
+
+def test_what_is_not_confirmed_with_yes_is_said_not_to_be_done(source):
+    script = run(source, *TO_CAPTURE[:-2], "y", "Leave")
+    assert "Not done: that is not yes." in script.said
 
 
 def test_too_many_position_joints_are_refused_with_the_reason(source):

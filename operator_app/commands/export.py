@@ -22,16 +22,18 @@ from operator_app.commands.options import (
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.words_out import say
 
+FORMATS = ("yaml", "json", "csv", "urdf", "mat")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("session", metavar="SESSION", help="session folder, its name or latest")
     parser.add_argument(
         "--format",
-        choices=("yaml", "json", "csv", "urdf", "mat"),
-        default="yaml",
-        help="yaml: the parameters file, for the controller (default); json: everything; csv: one row a "
-        "parameter; urdf: the arm's own side, for simulators and planners; mat: for MATLAB",
+        choices=FORMATS,
+        help="yaml: the parameters file, for the controller; json: everything; csv: one row a parameter; "
+        "urdf: the arm's own side, for simulators and planners; mat: for MATLAB (default: what -o ends in, "
+        "else yaml)",
     )
     parser.add_argument(
         "-o",
@@ -68,10 +70,9 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.parameters_document import document_of
     from operator_app.session.workflow import connect
 
-    if args.upload and args.format != "yaml":
-        raise UsageError(
-            f"--upload: a controller takes the parameters file, not --format {args.format}"
-        )
+    kind = _format(args)
+    if args.upload and kind != "yaml":
+        raise UsageError(f"--upload: a controller takes the parameters file, not {kind}")
     to_stdout = str(args.output) == "-"
     if args.json and to_stdout:
         raise UsageError("--json: stdout is taken by -o -; name a file")
@@ -95,8 +96,8 @@ def execute(args: argparse.Namespace) -> int:
         if not forced:
             return ExitCode.NOT_ACCEPTED
     receipt, name = None, PARAMETERS_NAME
-    if args.format != "yaml":
-        name = FILES[args.format]
+    if kind != "yaml":
+        name = FILES[kind]
         what = Calibration(
             solution=solution,
             checks=found.checks,
@@ -105,7 +106,7 @@ def execute(args: argparse.Namespace) -> int:
             poses=state.pose_set(),
             forced=forced,
         )
-        data = in_format(what, args.format)
+        data = in_format(what, kind)
     elif args.upload:
         # In the session: what its arm is given, and why, is in its journal.
         with unattended(opening, record_to=recording(args, opening)) as session:
@@ -124,7 +125,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.json:
         told = {
             "session": str(opening.folder),
-            "format": args.format,
+            "format": kind,
             "file": str(target),
             "verdict": solution.verdict.value,
             "forced": forced,
@@ -142,3 +143,17 @@ def execute(args: argparse.Namespace) -> int:
             err=to_stdout,
         )
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
+
+
+def _format(args: argparse.Namespace) -> str:
+    """Return the format asked for: by name, or by what the file's name ends in."""
+    asked: str | None = args.format
+    ending = args.output.suffix.removeprefix(".").lower() if args.output else ""
+    named = "yaml" if ending == "yml" else ending
+    if named not in FORMATS:
+        return asked or "yaml"
+    if asked not in (None, named):
+        raise UsageError(
+            f"-o {args.output} --format {asked}: it ends in .{ending}; name one of them"
+        )
+    return named

@@ -226,6 +226,17 @@ def test_csv_json_mat_and_yaml_hold_the_same_numbers(
     assert main(["export", str(folder), "--format", "csv", "-o", "-"]) == 0
     assert capsys.readouterr().out.startswith("parameter,side,unit,nominal,value,sigma\n")
     assert main(["export", str(folder), "--format", "urdf", "--upload"]) == 2
+    # A name says what the file is: it held the parameters file, whatever it ended in.
+    other = tmp_path / "mine.urdf"
+    assert main(["export", str(folder), "-o", str(other)]) == 0
+    assert other.read_bytes() == urdf
+    capsys.readouterr()
+    assert main(["export", str(folder), "-o", str(other), "--format", "csv"]) == 2
+    assert "it ends in .urdf" in capsys.readouterr().err
+    assert other.read_bytes() == urdf
+    assert main(["export", str(folder), "-o", str(other), "--upload"]) == 2
+    assert main(["export", str(folder), "-o", str(tmp_path / "as_before.txt")]) == 0
+    assert load_parameters(tmp_path / "as_before.txt").arm.serial
 
 
 def test_what_was_not_accepted_says_so_in_the_file(tmp_path: Path) -> None:

@@ -26,6 +26,12 @@ class SessionError(Exception):
         self.remedy = remedy
         super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
 
+    def preceded_by(self, told: str) -> None:
+        """Say first what had happened before."""
+        self.happened = f"{told.removesuffix('.')}. Then: {self.happened}"
+        (said,) = self.args
+        self.args = (f"{told.removesuffix('.')}. Then: {said}",)
+
 
 class NotLetGoError(SessionError):
     """An arm was let go of, and is not known to be left as it should be: held, its drives off.

@@ -6,8 +6,10 @@ Everything written here can be made again from the journal. Prints nothing.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from hardware.arm import Arm, UploadReceipt
 from hardware.errors import HardwareError, UploadUnknown
@@ -16,7 +18,7 @@ from operator_app.calibration.solution import Solution
 from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
-from operator_app.errors import SessionError
+from operator_app.errors import JournalError, SessionError
 from operator_app.session.folder import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.parameters_document import why_used
 from operator_app.session.session import Session
@@ -44,6 +46,8 @@ def export(
     ------
     UploadUnknown, SessionError
         The controller may have the parameters, whole or not: the journal says so.
+    JournalError
+        The journal could not be written; says what the controller was given.
     """
     forced = why_used(solution, forced, say_it_by="--force REASON")
     if to_dict(solution) != session.state.solution:
@@ -55,7 +59,7 @@ def export(
     save_poses(folder / POSES_NAME, poses)
     data = format_parameters(document)
     write_atomically(folder / PARAMETERS_NAME, data)
-    kept = {
+    kept: dict[str, Any] = {
         "file": PARAMETERS_NAME,
         "sha256": hashlib.sha256(data).hexdigest(),
         "uploaded": None,
@@ -67,15 +71,27 @@ def export(
         try:
             receipt = _upload(session.arm, data, counts)
         except (UploadUnknown, SessionError) as error:
-            session.record("exported", {**kept, "unknown": str(error)})
+            _keep(session, {**kept, "unknown": str(error)}, told=str(error))
             raise
-    session.record("exported", {**kept, "uploaded": None if receipt is None else asdict(receipt)})
+        kept["uploaded"] = asdict(receipt)
+    done = f"the parameters were uploaded to slot {receipt.slot} and read back" if receipt else ""
+    _keep(session, kept, told=done)
     return Exported(
         folder=folder,
         parameters=folder / PARAMETERS_NAME,
         poses=folder / POSES_NAME,
         receipt=receipt,
     )
+
+
+def _keep(session: Session, exported: Mapping[str, Any], *, told: str) -> None:
+    """Record it. Where that fails, `told` of what the controller was given is said all the same."""
+    try:
+        session.record("exported", exported)
+    except JournalError as error:
+        if told:
+            error.preceded_by(told)
+        raise
 
 
 def _upload(arm: Arm, document: bytes, expected_counts: tuple[int | None, ...]) -> UploadReceipt:

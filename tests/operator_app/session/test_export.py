@@ -10,7 +10,7 @@ from hardware.errors import BusError, UploadUnknown
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.config.procedure import Procedure
-from operator_app.errors import GuardError
+from operator_app.errors import GuardError, JournalError
 from operator_app.headless.runner import run
 from operator_app.report.session_result import session_text
 from operator_app.session.export import export
@@ -42,6 +42,37 @@ def test_an_upload_of_which_nobody_knows_the_outcome_is_in_the_journal(
     said = session_text(folder, session.state, accepted=True)
     assert "Controller  not known: " in said
     assert "nothing uploaded" not in said
+
+
+@pytest.mark.parametrize(
+    ("lost", "told"),
+    [
+        (True, "lost at the commit. Then: the disk is full"),
+        (False, "the parameters were uploaded to slot A and read back. Then: the disk is full"),
+    ],
+)
+def test_what_the_controller_was_given_is_said_where_the_journal_cannot_be_written(
+    make_session: MakeSession, monkeypatch: pytest.MonkeyPatch, lost: bool, told: str
+) -> None:
+    session = make_session(short_procedure(8))
+    record = session.record
+
+    def full(name: str, data: object) -> None:
+        if name == "exported":
+            raise JournalError("the disk is full", "make room")
+        record(name, data)
+
+    def unknown(*_: object) -> None:
+        raise UploadUnknown("lost at the commit")
+
+    monkeypatch.setattr(session, "record", full)
+    if lost:
+        monkeypatch.setattr(session.arm, "upload_parameters", unknown)
+    with pytest.raises(JournalError) as met:
+        run(session, Listener(), forced="a test of the upload")
+    session.close("failed")
+    assert met.value.happened == told
+    assert str(met.value) == f"{told}. Make room."
 
 
 def strict(procedure: Procedure) -> Procedure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from operator_app.calibration.judgement import Notice
+from operator_app.config.parameter_records import REFUSED
 from operator_app.config.parameters import ParametersDocument
 from operator_app.units.figure import ANGLE, CHI2, LENGTH, Figure
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle
@@ -41,6 +42,9 @@ def notices(
         text = "A and B did not identify the same entries: what one took as known moves the others"
         found.append(("ENTRIES", text))
     found += [("TABLE", text) for text in _changed_constants(a, b)]
+    for name, document in (("A", a), ("B", b)):
+        refused = (w for w in document.warnings if w.code in REFUSED)
+        found += [(w.code, f"{name} was {w.text}") for w in refused]
     for name, scale in zip("AB", scales, strict=True):
         if scale > SCALE_TOLD:
             ratio, factor = CHI2(scale**2).shown, CHI2(scale).shown

@@ -28,6 +28,9 @@ from operator_app.config.schema import StrictRecord
 from solver.chain.parameters import DhEntry
 
 Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
+FORCED, NOT_ACCEPTED = "FORCED", "NOT_ACCEPTED"
+REFUSED = (FORCED, NOT_ACCEPTED)
+"""Codes of the warning that a calibration was not accepted: used all the same for a reason, or not used."""
 Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Side = Literal["arm", "ground", "hand"]
 

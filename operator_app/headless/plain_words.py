@@ -121,7 +121,9 @@ def _results(s: SessionSnapshot) -> list[str]:
 def _export(s: SessionSnapshot) -> list[str]:
     lines = ["Not written yet." if s.written is None else f"Written: {s.written.parameters}."]
     if s.receipt is not None:
-        lines.append(f"Uploaded to slot {s.receipt.slot} and read back: SHA-256 {s.receipt.sha256}.")
+        lines.append(
+            f"Uploaded to slot {s.receipt.slot} and read back: SHA-256 {s.receipt.sha256}."
+        )
     if s.verification is not None:
         lines.append(f"Verified with {verified_words(s.verification)}.")
     return lines

@@ -15,6 +15,9 @@ from operator_app.units.numbers import places_to_show
 
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"
+MADE_OTHERWISE = {"ESTIMATOR", "ENTRIES", "TABLE"}
+"""Notices of what moves parameters though the arm is the same."""
+
 NOTHING = "same poses: nothing follows for the arm"
 
 
@@ -68,8 +71,7 @@ def _reading(found: Comparison) -> str:
         )
     return (
         f"Significant: a change of more than {found.threshold_sigmas:.2f} sigmas, which noise alone "
-        f"gives to any of {len(found.drifts)} parameters in {100.0 * found.level:g} % of "
-        f"comparisons (Bonferroni). {change}"
+        f"gives to any parameter in {100.0 * found.level:g} % of comparisons (Bonferroni). {change}"
     )
 
 
@@ -93,6 +95,11 @@ def _verdict(found: Comparison, table: Table) -> str:
         advice = (
             "Only parameters of the fixture's mounting changed, none of the arm itself. If the fixture "
             "was taken off in between, compare with --remounted; if not, look whether it has moved."
+        )
+    elif MADE_OTHERWISE & {n.code for n in found.notices}:
+        advice = (
+            "A and B were made otherwise (see below), and that alone moves parameters. Calibrate both alike "
+            "and compare them before the arm itself is blamed."
         )
     else:
         advice = (

@@ -14,6 +14,8 @@ from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.remedy import ReadingTable, measured_offsets, reading_tables
 from operator_app.calibration.solution import Solution
 from operator_app.config.parameter_records import (
+    FORCED,
+    NOT_ACCEPTED,
     CalibratedEntry,
     Correction,
     DocumentWarning,
@@ -67,7 +69,7 @@ def document_of(
 ) -> ParametersDocument:
     """Return the document that describes a session's calibration completely.
 
-    `forced` says why one that was not accepted is used all the same: the first of its warnings.
+    That it was not accepted is the first of its warnings; `forced` says why it is used all the same.
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
@@ -195,12 +197,14 @@ def _remedy(found: ReadingTable) -> RvdtRemedy:
 
 
 def _in_spite_of(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]:
-    if not reason:
+    if solution.accepted:
         return ()
+    refused = f"not accepted ({'; '.join(solution.reasons)})"
     # One line, as every text of the document.
     said = " ".join(reason.split())
-    text = f"not accepted ({'; '.join(solution.reasons)}); used all the same: {said}"
-    return (DocumentWarning(code="FORCED", text=text),)
+    if not said:
+        return (DocumentWarning(code=NOT_ACCEPTED, text=refused),)
+    return (DocumentWarning(code=FORCED, text=f"{refused}; used all the same: {said}"),)
 
 
 def _figures(reading: TwoReadings) -> TwoFigures:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.compare import IncomparableError, Side, compare
-from operator_app.config.parameter_records import CalibratedEntry, WhichFixture
+from operator_app.config.parameter_records import CalibratedEntry, DocumentWarning, WhichFixture
 from operator_app.report.comparison_result import comparison_json, comparison_text
 from oracles.parameter_documents import VALUES, make_document
 
@@ -189,6 +189,28 @@ def test_differences_are_said() -> None:
     text = comparison_text(found)
     assert "Not compared (identified in A only): theta_off_6" in text
     assert all(len(line) <= 80 for line in text.splitlines())
+
+
+def test_the_arm_is_not_blamed_for_what_was_made_otherwise() -> None:
+    moved = {"theta_off_3": 1.0}
+    alike = make_document(moved, poses="b")
+    assert "The arm itself changed." in comparison_text(compare(make_document(), alike))
+    for later in (
+        replace(alike, estimator="paper"),
+        make_document(moved, without=("theta_off_6",), poses="b"),
+        make_document(moved, nominal={"s_3": 0.356}, poses="b"),
+    ):
+        said = " ".join(comparison_text(compare(make_document(), later)).split())
+        assert "The arm itself changed" not in said
+        assert "A and B were made otherwise (see below)" in said
+
+
+def test_a_calibration_that_was_not_accepted_is_said_to_be_one() -> None:
+    later = make_document(poses="b")
+    text = "not accepted (too few); used all the same: a demo"
+    later = replace(later, warnings=(DocumentWarning(code="FORCED", text=text),))
+    found = compare(make_document(), later)
+    assert [(n.code, n.text) for n in found.notices] == [("FORCED", f"B was {text}")]
 
 
 @pytest.mark.parametrize(

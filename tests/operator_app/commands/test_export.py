@@ -28,6 +28,8 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     assert main(["export", folder.name, "--upload", *options]) == 4
     assert "not accepted: " in capsys.readouterr().err
     assert not (folder / "parameters.yaml").exists()
+    assert main(["compare", folder.name, folder.name, *options]) == 0
+    assert "! A was not accepted (" in capsys.readouterr().out
 
     copy = tmp_path / "copy.yaml"
     forced = ["--upload", "--force", "the demo is tonight", "-o", str(copy)]

@@ -117,15 +117,15 @@ def grow_manifold(
     rng = np.random.default_rng(seed)
     q, u = start.q, start.u
     front = chain_motion(model, x, q, u).tangent
-    front_q, front_u = q, u
+    front_q, front_u, d = q, u, front.shape[-1]
     while len(front_q) and len(q) < most:
         wave_q, wave_u = _wave(front_q, front_u, front, step_rad, rng)
         inside = ranges.clearance(wave_q) > -step_rad
         wave_q, wave_u = wave_q[inside], wave_u[inside]
-        new = _far_from(_tree(q), wave_q, 0.6 * step_rad)
+        new = _far_from(_tree(_place(q, u, d)), _place(wave_q, wave_u, d), 0.6 * step_rad)
         wave_q, wave_u = wave_q[new], wave_u[new]
         # Twins of another pose's step need not be closed to be dropped.
-        alone = _spread(wave_q, TWINS * step_rad)
+        alone = _spread(_place(wave_q, wave_u, d), TWINS * step_rad)
         wave_q, wave_u = wave_q[alone], wave_u[alone]
         if len(wave_q) == 0:
             break
@@ -134,9 +134,9 @@ def grow_manifold(
         moved = np.sqrt(((closed.q - wave_q) ** 2).sum(-1))
         keep = closed.closed & (ranges.clearance(closed.q) >= 0.0) & (moved < 0.7 * step_rad)
         wave_q, wave_u = closed.q[keep], closed.u[keep]
-        new = _far_from(_tree(q), wave_q, SPACING * step_rad)
+        new = _far_from(_tree(_place(q, u, d)), _place(wave_q, wave_u, d), SPACING * step_rad)
         wave_q, wave_u = wave_q[new], wave_u[new]
-        chosen = _spread(wave_q, SPACING * step_rad)[: most - len(q)]
+        chosen = _spread(_place(wave_q, wave_u, d), SPACING * step_rad)[: most - len(q)]
         front_q, front_u = wave_q[chosen], wave_u[chosen]
         if len(front_q) == 0:
             break
@@ -205,6 +205,15 @@ def _wave(
     wave_q = (q[:, None, :] + steps[..., :n]).reshape(many, n)
     wave_u = (u[:, None, :] + steps[..., n:]).reshape(many, joints - n)
     return wave_q, wave_u
+
+
+def _place(q: FloatArray, u: FloatArray, degrees: int) -> FloatArray:
+    """Where poses are that are kept apart: by their joints, whose ranges they are to fill.
+
+    On a curve by all angles: where it is the fixture that turns, a step moves the joints by less than poses are
+    kept apart, and there is no other way on.
+    """
+    return q if degrees > 1 else np.concatenate((q, u), axis=-1)
 
 
 def _tree(points: FloatArray) -> cKDTree:

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from solver.chain.parameters import nominal_vector
-from solver.design.manifold import candidate_poses, grow_manifold
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import entries, nominal_vector
+from solver.design.manifold import Ranges, candidate_poses, grow_manifold
+from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import closed_poses, closure, paper_truth, product
 
 TRUTH = paper_truth()
@@ -82,3 +84,23 @@ def test_rigid_fixture_leaves_a_curve(loop, x, region, ranges) -> None:
     assert np.abs(moved[:, 3]).max() < 1e-9
     # A curve: nobody has many neighbours.
     assert np.bincount(curve.neighbours.ravel(), minlength=curve.size).max() <= 4
+
+
+def test_a_curve_is_followed_where_the_hinge_turns_most() -> None:
+    """Six joints in a hinge: here it turns by 0.8 of every step, and growth ended where it began."""
+    table = DhTable(
+        theta_off_rad=np.deg2rad([0.0, 58.436, 0.0, 180.0, 0.0, 0.0, 102.891]),
+        s_m=np.array([-133.38, -640.4, 7.0, 0.0, 127.0, -100.0, 97.4]) / 1e3,
+        a_m=np.array([114.14, 10.0, 425.0, -392.0, 0.0, 0.0, -90.98]) / 1e3,
+        alpha_rad=np.deg2rad([103.903, -90.0, 0.0, 0.0, -88.854, 95.711, 74.806]),
+    )
+    six = DhLoop(table=table, entries=entries(["theta_off_2"]), hinge=True, unsensed_joints=())
+    home = np.deg2rad([-60.0, -79.0, -61.0, 5.0, 82.0, 153.0])
+    wide = Ranges(lower_rad=home - np.pi, upper_rad=home + np.pi)
+    curve = grow_manifold(six, nominal_vector(six.parameters), home, wide, step_rad=0.1)
+    assert curve.motion.degrees == 1
+    assert np.abs(curve.motion.tangent[0, 6, 0]) > 0.75
+    assert curve.complete
+    assert curve.size > 50
+    # Whoever stands on it has a neighbour on either side.
+    assert np.bincount(curve.neighbours.ravel(), minlength=curve.size).min() >= 1

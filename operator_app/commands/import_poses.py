@@ -12,6 +12,7 @@ from operator_app.commands.options import (
     json_option,
     parse_joints,
     require_joints,
+    say_doubts,
     sessions_option,
     tolerance_m,
     tolerance_option,
@@ -79,6 +80,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.folder import POSES_NAME
     from operator_app.session.importing import UNSTATED, How, ImportedSession
     from solver.errors import UnidentifiableError
+    from solver.judging.ranges import ReadingsOutOfRangeError
 
     arm = resolve("arm", args.arm)
     model = parse_arm(arm.data, arm.file)
@@ -115,6 +117,8 @@ def execute(args: argparse.Namespace) -> int:
         else:
             say(f"{unidentifiable_text(error)}\n\nSession     {folder}")
         return ExitCode.NOT_IDENTIFIABLE
+    except ReadingsOutOfRangeError as error:
+        raise UsageError(f"{', '.join(args.poses)}: {error}") from error
     folder = session.write(root=args.sessions)
     save_poses(folder / POSES_NAME, session.state.pose_set())
     facts = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
@@ -144,8 +148,7 @@ def _poses(args: argparse.Namespace, joint_count: int) -> PoseSet:
             columns=args.columns,
             placement=args.placement,
         )
-        for warning in read.warnings:
-            say(f"sarcal: {file}: {warning.text}", err=True)
+        say_doubts(file, read)
         found.append(read.poses)
     if len(found) == 1:
         return found[0]

@@ -140,7 +140,7 @@ def _arm(args: argparse.Namespace) -> int:
     from operator_app.planning.homes import bent_home
 
     if bool(args.urdf) == bool(args.packaged):
-        raise UsageError("sarcal new arm: give --urdf FILE or --from NAME")
+        raise UsageError("new arm: give --urdf FILE or --from NAME")
     if args.packaged:
         name = _named(args.name or f"my_{args.packaged}")
         target = _save(args, "arm", name, copied("arm", args.packaged, name=name), parse_arm)
@@ -199,7 +199,7 @@ def _fixture(args: argparse.Namespace) -> int:
         return ExitCode.ACCEPTED
     if not (args.kind and args.arm and args.hand_point):
         raise UsageError(
-            "sarcal new fixture: give --from NAME, or --kind, --arm and --hand-point of what was measured"
+            "new fixture: give --from NAME, or --kind, --arm and --hand-point of what was measured"
         )
     arm = load_arm(args.arm)
     name = _named(args.name or f"{arm.name}_{args.kind}")
@@ -263,7 +263,7 @@ def _procedure(args: argparse.Namespace) -> int:
         say(f"Procedure   {target}: a copy of {args.packaged}; change its numbers")
         return ExitCode.ACCEPTED
     if not (args.arm and args.fixture):
-        raise UsageError("sarcal new procedure: give --arm and --fixture, or --from NAME")
+        raise UsageError("new procedure: give --arm and --fixture, or --from NAME")
     named = {kind: resolve(kind, getattr(args, kind)) for kind in ("arm", "fixture")}
     arm = parse_arm(named["arm"].data, named["arm"].file)
     spec = parse_fixture(named["fixture"].data, named["fixture"].file)

@@ -12,6 +12,7 @@ from operator_app.exit_codes import UsageError
 from operator_app.words_out import say
 
 if TYPE_CHECKING:
+    from operator_app.config.poses_file import LoadedPoses
     from operator_app.session.opening import Choices, Opening
 
 
@@ -287,3 +288,9 @@ def require_joints(joints: tuple[int, ...], joint_count: int) -> None:
     wrong = [j for j in joints if j > joint_count]
     if wrong:
         raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")
+
+
+def say_doubts(file: str, found: LoadedPoses) -> None:
+    """Say what seems wrong with a file of poses that was read."""
+    for warning in found.warnings:
+        say(f"sarcal: {file}: {warning.text}", err=True)

@@ -87,6 +87,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.report.text import facts_text, unidentifiable_text
     from operator_app.report.verification import verification_json, verification_text
     from solver.errors import UnidentifiableError
+    from solver.judging.ranges import ReadingsOutOfRangeError
 
     arm = load_arm(args.arm)
     fixture = load_fixture(args.fixture).fixture
@@ -127,6 +128,8 @@ def execute(args: argparse.Namespace) -> int:
         else:
             say(unidentifiable_text(error))
         return ExitCode.NOT_IDENTIFIABLE
+    except ReadingsOutOfRangeError as error:
+        raise UsageError(f"{args.poses}: {error}") from error
     solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in loaded.warnings)
     if as_read.sha256() == table_of:
         solution = solution.with_notices([Notice(code="CIRCULAR_TABLE", text=CIRCULAR)])
@@ -208,7 +211,11 @@ def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTabl
         read, now = (p.q_rad[:, table.joint - 1] for p in (poses, corrected))
         largest = Figure(float(abs(now - read).max()), ANGLE, places=3).with_unit
         beyond = table.beyond(read)
-        outside = f"; {beyond} of {len(poses)} lie beyond the table" if beyond else ""
+        outside = (
+            f"; {beyond} of {len(poses)} lie beyond the table, where its nearest end counts"
+            if beyond
+            else ""
+        )
         say(f"Readings of joint {table.joint} corrected by up to {largest}{outside}.", err=True)
 
 

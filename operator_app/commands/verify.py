@@ -15,6 +15,7 @@ from operator_app.commands.options import (
     json_option,
     pose_count,
     recording,
+    say_doubts,
     scenario_options,
     session_record_option,
     sessions_option,
@@ -85,7 +86,6 @@ def execute(args: argparse.Namespace) -> int:
     """Judge and report."""
     from operator_app.calibration.new_poses import NoTestError, judge_new
     from operator_app.composition import carried_procedure
-    from operator_app.config.poses_file import load_poses
     from operator_app.report.verification import verification_json, verification_text
     from operator_app.session.calibrated import calibrated
     from operator_app.session.folder import read_session
@@ -102,7 +102,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.open_loop:
         return _open_loop(args, opening, solution, wanted)
     if args.csv:
-        poses = load_poses(args.csv, joint_count=arm.joint_count).poses
+        poses = _from_file(args.csv, arm.joint_count)
         try:
             verdict = judge_new(arm, fixture, solution, made_from=state.pose_set(), new=poses)
         except NoTestError as error:
@@ -119,6 +119,15 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if verdict.holds else ExitCode.NOT_ACCEPTED
 
 
+def _from_file(file: str, joint_count: int) -> PoseSet:
+    """Read poses, and say what seems wrong with them."""
+    from operator_app.config.poses_file import load_poses
+
+    read = load_poses(file, joint_count=joint_count)
+    say_doubts(file, read)
+    return read.poses
+
+
 def _open_loop(
     args: argparse.Namespace, opening: Opening, solution: Solution, wanted: int | None
 ) -> ExitCode:
@@ -127,7 +136,6 @@ def _open_loop(
     from operator_app.calibration.open_loop import check_open_loop
     from operator_app.composition import carried_procedure
     from operator_app.config.fixture_file import load_fixture
-    from operator_app.config.poses_file import load_poses
     from operator_app.report.open_loop import open_loop_json, open_loop_text
 
     if solution.model.dh_table(solution.estimate.x) is None:
@@ -139,7 +147,7 @@ def _open_loop(
             raise UsageError(
                 f"--instrument: {args.instrument} is a {instrument.kind}, no instrument"
             )
-        poses = load_poses(args.csv, joint_count=arm.joint_count).poses
+        poses = _from_file(args.csv, arm.joint_count)
     else:
         instrument, poses = _open_arm(args, opening, wanted)
     found = check_open_loop(arm, instrument, poses, solution)

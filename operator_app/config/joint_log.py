@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -27,6 +27,7 @@ from operator_app.config.poses_file import (
 from operator_app.config.quantities import angle_doubt
 from operator_app.config.resources import expanded, read_limited
 from operator_app.config.text import decode_text, only
+from operator_app.units.numbers import plural
 from solver.chain.poses import PoseSet
 
 Unit = Literal["rad", "deg"]
@@ -89,7 +90,8 @@ def load_joint_log(
         raise only(file, None, None, "has a header and no poses", "capture poses first")
     there = range(len(body[0].cells))
     by = _column("--placement", placement, header, len(there), file) if placement else None
-    where = _columns(columns, header, [k for k in there if k != by], joint_count, file)
+    left = [k for k in there if k != by]
+    where = _columns(columns, header, left, joint_count, file)
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEW and np.abs(q).max() < 2.0 * np.pi:
         text = (
@@ -165,7 +167,7 @@ def _columns(
     if not wanted:
         if len(left) == joint_count:
             return tuple(left)
-        names = f" ({', '.join(header)})" if header else ""
+        names = f" ({', '.join(header[k] for k in left)})" if header else ""
         text = f"{len(left)} columns{names} for an arm of {joint_count} joints"
         # What a log has beside its joints, times mostly, stands before them.
         first = max(1, there - joint_count + 1)
@@ -195,6 +197,7 @@ def _columns(
 def _angles(body: list[_Row], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:
     """Read the angles (m, n), in the unit of the file."""
     problems: list[Problem] = []
+    doubted: list[Problem] = []
     width = len(body[0].cells)
     found = np.zeros((len(body), len(where)))
     for k, row in enumerate(body):
@@ -203,25 +206,23 @@ def _angles(body: list[_Row], where: tuple[int, ...], file: str, *, radians: boo
             problems.append(Problem(file=file, line=row.line, text=text, remedy="mend this line"))
             continue
         for j, column in enumerate(where):
+            cell = Problem(
+                file=file, line=row.line, column=column + 1, key=f"joint {j + 1}", text=""
+            )
             try:
                 value = found[k, j] = number(row.cells[column])
-                if doubt := angle_doubt(math.degrees(value) if radians else value):
-                    raise BadCell(
-                        doubt, "degrees where --rad says radians?" if radians else "degrees"
-                    )
             except BadCell as error:
-                problems.append(
-                    Problem(
-                        file=file,
-                        line=row.line,
-                        column=column + 1,
-                        key=f"joint {j + 1}",
-                        text=error.text,
-                        remedy=error.remedy,
-                    )
-                )
+                problems.append(replace(cell, text=error.text, remedy=error.remedy))
+                continue
+            if doubt := angle_doubt(math.degrees(value) if radians else value):
+                doubted.append(replace(cell, text=doubt))
         if len(problems) >= MOST_PROBLEMS:
             break
+    if doubted:
+        # A wrong unit is one mistake, however many cells show it.
+        more = f" (and {plural(len(doubted) - 1, 'cell')} more)" if doubted[1:] else ""
+        remedy = "degrees where --rad says radians?" if radians else "degrees are wanted"
+        problems.append(replace(doubted[0], text=f"{doubted[0].text}{more}", remedy=remedy))
     if problems:
         raise ConfigError(problems)
     return found

@@ -164,13 +164,28 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     # Columns that a misspelt one was probably meant to be: not missing as well.
     meant: set[str] = set()
     every = (*KEY, *theta, *sd, *OPTIONAL, *POSITION, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
+    missing = [c for c in every if c not in names]
+    other_unit = {
+        name: c for name in names if not _known(name) and (c := _in_our_unit(name, missing))
+    }
+    meant |= {*other_unit.values()}
+    for ending, right in (("_deg", "degrees"), ("_m", "metres")):
+        # Seven columns in radians are one mistake.
+        alike = {name: c for name, c in other_unit.items() if c.endswith(ending)}
+        if alike:
+            remedy = (
+                f"angles are in degrees, lengths in metres: give {right} and call "
+                f"{'it' if len(alike) == 1 else 'them'} {', '.join(alike.values())}"
+            )
+            text = f"unknown column{'' if len(alike) == 1 else 's'}"
+            yield names.index(next(iter(alike))) + 1, ", ".join(alike), text, remedy
     for k, name in enumerate(names):
         if name and name in names[:k]:
             first = names.index(name) + 1
             text = f"this column is given twice (columns {first} and {k + 1})"
             yield k + 1, name, text, "keep one of them"
-        elif not _known(name):
-            text, remedy, instead = _unknown(name, [c for c in every if c not in names])
+        elif not _known(name) and name not in other_unit:
+            text, remedy, instead = _unknown(name, missing)
             meant.add(instead)
             yield k + 1, name or f"column {k + 1}", text, remedy
         elif (match := THETA.fullmatch(name)) and int(match[1]) > last:
@@ -202,19 +217,17 @@ def _known(name: str) -> bool:
     return fixed or bool(THETA.fullmatch(name) or SD.fullmatch(name))
 
 
+def _in_our_unit(name: str, candidates: list[str]) -> str:
+    """The column that this one is in another unit; empty where it is none."""
+    unit = UNIT.fullmatch(name)
+    return next((c for c in candidates if unit and c.rpartition("_")[0] == unit[1]), "")
+
+
 def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
     """Text, remedy and the column that was probably meant."""
     if not name:
         return "this column has no name", "name it or take it out", ""
     text = "unknown column"
-    unit = UNIT.fullmatch(name)
-    for candidate in candidates:
-        if unit is not None and candidate.rpartition("_")[0] == unit[1]:
-            right = "degrees" if candidate.endswith("_deg") else "metres"
-            remedy = (
-                f"angles are in degrees, lengths in metres: give {right} and call it {candidate}"
-            )
-            return text, remedy, candidate
     near = difflib.get_close_matches(name, candidates, n=1, cutoff=0.75)
     if near:
         return text, f"did you mean {near[0]}?", near[0]

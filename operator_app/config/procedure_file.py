@@ -132,7 +132,7 @@ def _referred(
     except ConfigError as error:
         # The reference is what is wrong: say where it stands.
         problems += (
-            document.problem(at or (kind,), f"{p.file} {p.text}", p.remedy) for p in error.problems
+            document.problem(at or (kind,), f"{p.file}: {p.text}", p.remedy) for p in error.problems
         )
         return None
     try:

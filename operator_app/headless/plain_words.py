@@ -89,7 +89,7 @@ def _capture(s: SessionSnapshot) -> list[str]:
     lines = [f"{len(s.state.used_poses)} of {s.wanted_poses} poses.{again}"]
     if s.live is not None and s.live.history:
         lines.append(
-            f"Condition number {CONDITION(s.live.scaled_condition_number).shown}, acceptable below 100; weakest: "
+            f"Condition number {CONDITION(s.live.scaled_condition_number).shown} (the result warns above 100); weakest: "
             f"{', '.join(s.live.weakest[:3])}."
         )
     for pose in s.state.poses[-3:]:

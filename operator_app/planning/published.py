@@ -66,6 +66,13 @@ class Published:
     remedies: tuple[Remedy, ...]
     poses: int
 
+    @property
+    def farthest_sigmas(self) -> float:
+        """How far the worst parameter is from what is printed, in its own sigmas."""
+        e = self.solution.estimate
+        printed = np.array([self.printed[p.name] for p in e.parameters])
+        return float(np.max(np.abs(e.x - printed) / e.standard_deviation))
+
 
 def published(*, poses: int = POSES) -> Published:
     """Reproduce the experiment of section 3 and what section 4 makes of it."""

@@ -148,9 +148,8 @@ def _sigmas(shown: Preview) -> str:
     weakest = ", ".join(shown.seen.weakest.parameters[:WEAKEST])
     poses = "captured and planned poses" if shown.captured else "planned poses"
     tail = (
-        f"Scaled condition number of the {poses} {Figure(condition).shown} (below "
-        f"{AcceptanceLimits().scaled_condition_number:g} is acceptable; the paper had "
-        f"{CONDITION_PAPER}). Weakest direction: {weakest}. The deviations are what the sensors' errors alone "
+        f"Scaled condition number of the {poses} {Figure(condition).shown} (the result warns "
+        f"above {AcceptanceLimits().scaled_condition_number:g}; the paper had {CONDITION_PAPER}). Weakest direction: {weakest}. The deviations are what the sensors' errors alone "
         "leave, to compare poses by; lengths, twists and give add more, which the calibration's sigmas hold."
     )
     head = "Predicted standard deviations after these poses"

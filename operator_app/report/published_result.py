@@ -117,7 +117,7 @@ def _identified(found: Published) -> Table:
         ),
         rows=tuple(rows),
         note="The specimen's truth is what the paper prints: the difference is the estimator's error for the "
-        "three sources, and far more than its own sigma, which knows of none of them.",
+        f"three sources, as much as {found.farthest_sigmas:.0f} times its own sigma, which knows of none of them.",
     )
 
 

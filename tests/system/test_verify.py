@@ -64,7 +64,17 @@ def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(
     assert found["verdict"] == "does not hold"
     assert sorted(found["odd_poses"]) == ["1", "2"]
     assert main(["verify", session.name, str(changed), "--sessions", str(sessions)]) == 4
-    assert "look at pose" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "look at pose" in said.out
+    assert said.err == ""
+    for row in rows:
+        row |= {f"theta{j}_deg": repr(float(row[f"theta{j}_deg"]) / 57.29578) for j in range(1, 8)}
+    with changed.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    assert main(["verify", session.name, str(changed), "--sessions", str(sessions)]) == 4
+    assert f"sarcal: {changed}: no joint angle" in capsys.readouterr().err
 
 
 def test_a_session_without_poses_has_nothing_to_verify(

@@ -172,7 +172,7 @@ class QualityPanel(Lines):
 
     TITLE = "What the poses tell"
     HELP = (
-        "Scaled condition number: below 100 is acceptable, the paper reached 28; lower is better. Its trend "
+        "Scaled condition number: the result warns above 100, the paper reached 28; lower is better. Its trend "
         "over all poses is on a log scale from its lowest value to 30 times it at most, the first value at "
         "its left and the present one at its right. "
         "Weak: the parameters the poses tell least about. Coverage: which part of each joint's "

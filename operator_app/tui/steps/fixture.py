@@ -111,7 +111,7 @@ class ChecksPanel(Lines):
                 line(
                     " ◌ ",
                     f"predicted condition number {CONDITION(s.forecast.scaled_condition_number).shown} ",
-                    ("(below 100 is acceptable)", "dim"),
+                    ("(the result warns above 100)", "dim"),
                 )
             )
             rows += _ranges(s)

@@ -165,6 +165,7 @@ def test_what_does_not_go_together_is_refused_and_nothing_written(
     assert main(["new", *typed.split()]) == 2
     said = capsys.readouterr().err
     assert any(part in said for part in says.split("|")), said
+    assert said.count("sarcal") == 1 + says.count("sarcal"), "the program's name is told once"
     assert not list(Path().iterdir())
 
 

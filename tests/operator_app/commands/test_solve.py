@@ -103,6 +103,11 @@ def rows(count: int) -> list[str]:
         ("one", [HEADER, *rows(1)], ["1 pose gives 5 equations", "some 20 to tell"]),
         ("two", [HEADER, *rows(2)], ["2 poses give", "at least 3 poses are needed"]),
         ("twice", [HEADER, *rows(3), rows(1)[0]], ["twice.csv:5", "twice"]),
+        (
+            "radians",
+            [HEADER, *(f"1,{k},0.6,4.1,2.5,-2,-3.5,-3.8,{k / 10}" for k in range(9))],
+            ["radians.csv: joint 2 reads", "taken as radians"],
+        ),
     ],
 )
 def test_bad_poses_get_one_clear_message_and_exit_code_2(

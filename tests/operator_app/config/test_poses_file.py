@@ -120,6 +120,8 @@ BAD = [
      "given twice (columns 4 and 6)"),
     ("radians column", text(HEADER.replace("theta2_deg", "theta2_rad")), 3, 1, 4, "theta2_rad",
      "call it theta2_deg"),
+    ("all in radians", text(HEADER.replace("_deg", "_rad")), 3, 1, 3, "theta1_rad, theta2_rad, theta3_rad",
+     "call them theta1_deg, theta2_deg, theta3_deg"),
     ("misspelt column", text(HEADER.replace("placement", "placment")), 3, 1, 1, "placment",
      "did you mean placement?"),
     ("foreign column", text(HEADER + ",colour", ("1,1,1,2,3,red",)), 3, 1, 6, "colour", "unknown column"),

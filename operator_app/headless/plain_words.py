@@ -89,8 +89,8 @@ def _capture(s: SessionSnapshot) -> list[str]:
     lines = [f"{len(s.state.used_poses)} of {s.wanted_poses} poses.{again}"]
     if s.live is not None and s.live.history:
         lines.append(
-            f"Condition number {CONDITION(s.live.scaled_condition_number).shown} (the result warns above 100); weakest: "
-            f"{', '.join(s.live.weakest[:3])}."
+            f"Condition number {CONDITION(s.live.scaled_condition_number).shown} (the result warns above 100); "
+            f"weakest: {', '.join(s.live.weakest[:3])}."
         )
     for pose in s.state.poses[-3:]:
         noise = READING_SD(float(pose.sd_rad.max())).with_unit

@@ -149,8 +149,9 @@ def _sigmas(shown: Preview) -> str:
     poses = "captured and planned poses" if shown.captured else "planned poses"
     tail = (
         f"Scaled condition number of the {poses} {Figure(condition).shown} (the result warns "
-        f"above {AcceptanceLimits().scaled_condition_number:g}; the paper had {CONDITION_PAPER}). Weakest direction: {weakest}. The deviations are what the sensors' errors alone "
-        "leave, to compare poses by; lengths, twists and give add more, which the calibration's sigmas hold."
+        f"above {AcceptanceLimits().scaled_condition_number:g}; the paper had {CONDITION_PAPER}). "
+        f"Weakest direction: {weakest}. The deviations are what the sensors' errors alone leave, to "
+        "compare poses by; lengths, twists and give add more, which the calibration's sigmas hold."
     )
     head = "Predicted standard deviations after these poses"
     return f"{head}\n{aligned(rows)}\n{paragraph(tail)}"

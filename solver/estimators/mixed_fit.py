@@ -202,7 +202,7 @@ def _iterate(
         v = np.clip(v, design.floors, design.walls)
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
-    converged, rounds, ascent, wanted = False, 0, Ascent(), Step.none(len(v))
+    converged, switched, rounds, ascent, wanted = False, False, 0, Ascent(), Step.none(len(v))
     here, left, enough = Linearisation(design, state), 0.0, CREEPING
     for rounds in range(1, MAX_ROUNDS + 1):
         if left > STRAIGHT:
@@ -225,7 +225,9 @@ def _iterate(
         if free:
             found = with_priors(fit)
             before, wanted = wanted.largest, step(fit, found)
-            enough = STEADY if wanted.largest < FAST * before else CREEPING
+            if not switched:
+                enough = STEADY if wanted.largest < FAST * before else CREEPING
+            switched = False
             v = ascent.onward(fit, found, wanted, far=moved > FAR)
             if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
                 # That is no reason to go on: the parameters settle under the variances as they are.
@@ -237,8 +239,8 @@ def _iterate(
             in_doubt = abs(surplus) < min(SIGN_IN_DOUBT, wanted.largest)
             sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS
             if surplus < 0.0 and not sign_asked:
-                # From here on without; likelihoods of the two cannot be compared.
-                design, ascent, converged = design.unsigned(), Ascent(), False
+                # From here on without; neither likelihoods nor steps of the two can be compared.
+                design, ascent, converged, switched = design.unsigned(), Ascent(), False, True
                 here = Linearisation(design, state)
                 continue
         if converged:

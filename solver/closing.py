@@ -70,6 +70,42 @@ class ReducedEquations:
     B: FloatArray
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rates:
+    """How the unsensed angles of linearised poses follow from all else.
+
+    Attributes
+    ----------
+    closed
+        ``N+ (c - J_q e)`` (m, U), e the joint corrections at which loops were linearised.
+    by_x, by_q
+        ``N+ C`` (m, U, P) and ``N+ J_q`` (m, U, n).
+    down
+        ``N+`` (m, U, k).
+    """
+
+    closed: FloatArray
+    by_x: FloatArray
+    by_q: FloatArray
+    down: FloatArray
+
+    @classmethod
+    def of(cls, error: LoopError, misclosure: FloatArray) -> Rates:
+        """Those of loops with `misclosure` (m, k): what they are open by with no correction, ``c - J_q e``."""
+        down = left_inverse(error.jac_u)
+        return cls(
+            closed=(down @ misclosure[..., None])[..., 0],
+            by_x=down @ error.jac_x,
+            by_q=down @ error.jac_q,
+            down=down,
+        )
+
+    def unsensed_step(self, dx: FloatArray, e: FloatArray, give: FloatArray) -> FloatArray:
+        """Change of the unsensed angles (m, U) with steps dx (P,), corrections e (m, n), give (m, k)."""
+        moved = self.closed + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
+        return np.asarray(-moved - (self.down @ give[..., None])[..., 0])
+
+
 def reduced_equations(error: LoopError) -> ReducedEquations:
     """Multiply the linearised loop of every pose by E'."""
     E = left_null_space(error.jac_u)

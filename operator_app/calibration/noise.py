@@ -23,7 +23,7 @@ from solver.chain.sensors import NoSensor
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.load_effects import LoadBasis, load_basis
-from solver.loops.closure import ClosureModel, pose_blocks
+from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
 """A joint that differs by more than this between two poses was driven to the second."""
@@ -78,7 +78,7 @@ def _loads(
         model,
         x,
         used.q_rad,
-        np.concatenate([p.initial_unsensed(x, q) for p, q in pose_blocks(model, used.q_rad)]),
+        unsensed_at_readings(model, x, used.q_rad),
         arm.masses,
         give=(give.orientation_rad, give.position_m) if fixture.kind != "measured" else (0.0, 0.0),
     ).at_poses(back_to_caller(order))

@@ -25,19 +25,22 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.pose_order import back_to_caller, canonical_order
-from solver.closing import close_loops, reduced_equations, unsensed_step
+from solver.closing import Rates, close_loops, reduced_equations
 from solver.errors import PosesDoNotFitError
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress, Triangle, triangle_of
 from solver.estimators.paper import SAME_DESCRIPTION, estimate_paper
-from solver.loops.closure import ClosureModel, LoopError, loops_of, nearest_equivalent
+from solver.loops.closure import (
+    ClosureModel,
+    LoopError,
+    nearest_equivalent,
+    pose_blocks,
+    unsensed_at_readings,
+)
 
 STEP_TOLERANCE = 1e-12
 MAX_ITERATIONS = 60
-
-AT_ONCE = 2048
-"""Poses that are whitened at a time: memory stays flat."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,8 +108,6 @@ class ImplicitFit:
         Joint corrections e (m, n), rad: adjusted minus measured.
     unsensed
         Unsensed angles (m, U), rad.
-    system
-        The reduced linear system that gave the last step.
     pose_chi2
         Each pose's share of chi2 (m,).
     """
@@ -115,7 +116,6 @@ class ImplicitFit:
     covariance: FloatArray
     corrections: FloatArray
     unsensed: FloatArray
-    system: LinearisedPoses
     pose_chi2: FloatArray
     dof: int
     iterations: int
@@ -147,20 +147,17 @@ def fit_implicit(
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     give = np.zeros(6) if noise.fixture_variance is None else noise.fixture_variance
     x = np.array(x0, dtype=np.float64)
-    u, e = model.initial_unsensed(x, q), np.zeros_like(q)
+    u, e = unsensed_at_readings(model, x, q), np.zeros_like(q)
     if model.unsensed_joints:
         # Their first angles are mere readings: take them from loops closed as well as `x0` allows.
         sigma = np.sqrt(variance.mean(axis=0))
         u = close_loops(model, x, q, sigma_rad=sigma, u=u, max_iterations=3).u
+    loops = _Loops(model, q, variance, give)
     iterations, converged = 0, False
     for iterations in range(1, max_iterations + 1):
-        error = loops_of(model, x, q + e, u)
-        system = linearise(error, e, variance, give)
-        step, multipliers, pose_chi2, triangle = _solve(system, x, prior)
-        e_new = -variance * (np.swapaxes(system.B, -1, -2) @ multipliers[..., None])[..., 0]
-        slack = -give[-error.residual.shape[-1] :] * (system.E @ multipliers[..., None])[..., 0]
-        moved = error.jac_x @ step + (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack
-        du = unsensed_step(error, moved)
+        triangle = loops.linearised(x, e, u, prior)
+        step, _ = triangle.step()
+        e_new, du, pose_chi2 = loops.after(step)
         largest = max(
             float(np.abs(step).max(initial=0.0)),
             float(np.abs(e_new - e).max(initial=0.0)),
@@ -176,14 +173,11 @@ def fit_implicit(
         if largest < STEP_TOLERANCE:
             converged = True
             break
-        # The next linearisation needs the room.
-        del error
     return ImplicitFit(
         x=x,
         covariance=triangle.covariance(),
         corrections=e,
         unsensed=u,
-        system=system,
         pose_chi2=pose_chi2,
         dof=dof,
         iterations=iterations,
@@ -276,22 +270,68 @@ def whitener(V: FloatArray) -> FloatArray:
         raise PosesDoNotFitError from error
 
 
-def _solve(
-    system: LinearisedPoses, x: FloatArray, prior: ParameterPrior | None
-) -> tuple[FloatArray, FloatArray, FloatArray, Triangle]:
-    """Step of the parameters (P,), multipliers (m, r), each pose's chi2 (m,), and the equations."""
-    whiten, w, A = whitener(system.V), system.w[..., None], system.A
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Block:
+    """Some poses linearised: w, A, B and E' in units of their noise, and how their unsensed angles follow."""
 
-    def blocks() -> Iterator[tuple[FloatArray, FloatArray]]:
-        for first in range(0, len(w), AT_ONCE):
-            here = slice(first, first + AT_ONCE)
-            yield (whiten[here] @ w[here])[..., 0], whiten[here] @ A[here]
-        if prior is not None:
-            root = np.sqrt(prior.precision)
-            yield root * (x - prior.mean), np.diag(root)
+    w: FloatArray
+    A: FloatArray
+    B: FloatArray
+    Et: FloatArray
+    rates: Rates
 
-    triangle = triangle_of(blocks())
-    step, _ = triangle.step()
-    left = (whiten @ (w + A @ step[:, None]))[..., 0]
-    multipliers = (np.swapaxes(whiten, -1, -2) @ left[..., None])[..., 0]
-    return step, multipliers, (left * left).sum(-1), triangle
+
+class _Loops:
+    """The loops of all poses, linearised a block at a time: their Jacobians never stand side by side."""
+
+    def __init__(
+        self, model: ClosureModel, q: FloatArray, variance: FloatArray, give: FloatArray
+    ) -> None:
+        self._q, self._variance, self._give = q, variance, give
+        self._parts, first = list[tuple[ClosureModel, slice]](), 0
+        for part, here in pose_blocks(model, q):
+            self._parts.append((part, slice(first, first + len(here))))
+            first += len(here)
+        self._blocks: dict[int, _Block] = {}
+
+    def linearised(
+        self, x: FloatArray, e: FloatArray, u: FloatArray, prior: ParameterPrior | None
+    ) -> Triangle:
+        """Linearise at parameters (P,), corrections (m, n) and unsensed angles (m, U): the equations of all poses."""
+
+        def blocks() -> Iterator[tuple[FloatArray, FloatArray]]:
+            for k, (part, here) in enumerate(self._parts):
+                # In the place of the last round's, so that no memory is asked for again.
+                self._blocks[k] = block = self._block(part, here, x, e[here], u[here])
+                yield block.w, block.A
+            if prior is not None:
+                root = np.sqrt(prior.precision)
+                yield root * (x - prior.mean), np.diag(root)
+
+        return triangle_of(blocks())
+
+    def _block(
+        self, part: ClosureModel, here: slice, x: FloatArray, e: FloatArray, u: FloatArray
+    ) -> _Block:
+        error = part.loop(x, self._q[here] + e, u)
+        system = linearise(error, e, self._variance[here], self._give)
+        whiten = whitener(system.V)
+        return _Block(
+            w=(whiten @ system.w[..., None])[..., 0],
+            A=whiten @ system.A,
+            B=whiten @ system.B,
+            Et=whiten @ np.swapaxes(system.E, -1, -2),
+            rates=Rates.of(error, error.residual - (error.jac_q @ e[..., None])[..., 0]),
+        )
+
+    def after(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Corrections (m, n), changes of the unsensed angles (m, U) and each pose's chi2 (m,) after a step (P,)."""
+        found = []
+        for (_, here), block in zip(self._parts, self._blocks.values(), strict=True):
+            left = block.w + block.A @ step
+            across = left[..., None, :]
+            e = -self._variance[here] * (across @ block.B)[..., 0, :]
+            slack = -self._give[-block.Et.shape[-1] :] * (across @ block.Et)[..., 0, :]
+            found.append((e, block.rates.unsensed_step(step, e, slack), (left * left).sum(-1)))
+        e, du, pose_chi2 = (np.concatenate(values) for values in zip(*found, strict=True))
+        return e, du, pose_chi2

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.closing import left_inverse, left_null_space
+from solver.closing import Rates, left_null_space
 from solver.estimators.effects import Design, System
 
 
@@ -30,21 +30,6 @@ class State:
     u: FloatArray
     closed_q: FloatArray
     closed_u: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rates:
-    """What the back-substitution needs of each pose: N^+ c (m, U), J_x and J_q under N^+, N^+ (m, U, k)."""
-
-    closed: FloatArray
-    by_x: FloatArray
-    by_q: FloatArray
-    down: FloatArray
-
-    def unsensed_step(self, dx: FloatArray, e: FloatArray, give: FloatArray) -> FloatArray:
-        """Change of the unsensed angles (m, U) with steps dx (P,), corrections e (m, n), give (m, k)."""
-        moved = self.closed + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
-        return np.asarray(-moved - (self.down @ give[..., None])[..., 0])
 
 
 class Linearisation:
@@ -90,10 +75,4 @@ class Linearisation:
         B = Et @ error.jac_q
         w = (Et @ c[..., None])[..., 0] - A @ self._soft
         w += (B @ self._expected[poses, :, None])[..., 0]
-        down = left_inverse(error.jac_u)
-        return System(w=w, A=A, B=B, E=E, angle=angle), Rates(
-            closed=(down @ c[..., None])[..., 0],
-            by_x=down @ error.jac_x,
-            by_q=down @ error.jac_q,
-            down=down,
-        )
+        return System(w=w, A=A, B=B, E=E, angle=angle), Rates.of(error, c)

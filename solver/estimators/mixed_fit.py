@@ -24,7 +24,7 @@ from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.linearisation import Linearisation, State
 from solver.estimators.scoring import Ascent, Step, step, with_priors
-from solver.loops.closure import ClosureModel, pose_blocks
+from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MAX_ROUNDS = 40
 SETTLED, BESIDE_VARIANCES = 1e-3, 2e-3
@@ -34,9 +34,6 @@ looked for as well, which are known less well by far."""
 STEADY, CREEPING = 5e-2, 3e-3
 """The same of every variance: so little of one moves no parameter by more than that share of its sigma. The second is
 for variances that creep, of which much more is left than one round shows."""
-
-FAST = 0.3
-"""Variances creep where a round leaves more than this share of what the one before left."""
 
 STRAIGHT = 1e-4
 """What the loops' curvature may leave of every parameter, in standard errors, and the next round, in which little
@@ -202,8 +199,8 @@ def _iterate(
         v = np.clip(v, design.floors, design.walls)
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
-    converged, switched, rounds, ascent, wanted = False, False, 0, Ascent(), Step.none(len(v))
-    here, left, enough = Linearisation(design, state), 0.0, CREEPING
+    converged, rounds, ascent, wanted = False, 0, Ascent(), Step.none(len(v))
+    here, left = Linearisation(design, state), 0.0
     for rounds in range(1, MAX_ROUNDS + 1):
         if left > STRAIGHT:
             here = Linearisation(design, state)
@@ -224,14 +221,12 @@ def _iterate(
         said(rounds, fit.chi2)
         if free:
             found = with_priors(fit)
-            before, wanted = wanted.largest, step(fit, found)
-            if not switched:
-                enough = STEADY if wanted.largest < FAST * before else CREEPING
-            switched = False
+            wanted = step(fit, found)
             v = ascent.onward(fit, found, wanted, far=moved > FAR)
             if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
                 # That is no reason to go on: the parameters settle under the variances as they are.
                 free, wanted, v = False, Step.none(len(v)), fit.v
+        enough = STEADY if ascent.fast else CREEPING
         converged = left < settled and wanted.largest < enough
         nearly = left < NEARLY and wanted.largest < ALMOST_STEADY
         if sign_asked and (nearly or rounds >= FREE_ROUNDS):
@@ -240,7 +235,7 @@ def _iterate(
             sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS
             if surplus < 0.0 and not sign_asked:
                 # From here on without; neither likelihoods nor steps of the two can be compared.
-                design, ascent, converged, switched = design.unsigned(), Ascent(), False, True
+                design, ascent, converged = design.unsigned(), Ascent(fast=ascent.fast), False
                 here = Linearisation(design, state)
                 continue
         if converged:
@@ -283,9 +278,7 @@ def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> 
         u = close_loops(design.model, x, q, sigma_rad=sd, max_iterations=3).u
     else:
         # The fixture's own freedoms follow from the readings as well as these are known.
-        u = np.concatenate(
-            [p.initial_unsensed(x, here) for p, here in pose_blocks(design.model, q)]
-        )
+        u = unsensed_at_readings(design.model, x, q)
     return State(x=x, e=np.zeros_like(q), u=u, closed_q=q, closed_u=u)
 
 

@@ -33,6 +33,10 @@ CONCAVE = 0.05
 """Smallest eigenvalue of the curvature, in units of the expected information, for Newton's step."""
 
 
+FAST = 0.3
+"""Variances creep where a round leaves more than this share of what the one before left."""
+
+
 def with_priors(fit: LinearFit) -> Derivatives:
     """Count what a specification says of an amplitude as well, and spreads recorded inside poses."""
     v, bare = fit.v, fit.derivatives
@@ -121,17 +125,28 @@ class Ascent:
     Where a variance comes off its floor the likelihood bends more than its curvature there says, and
     steps alone may go to and fro for ever. The slope at a step's end, known anyway, tells where along
     the step the top was, so nothing is computed twice: the next round is made there.
+
+    Attributes
+    ----------
+    fast
+        Whether the last step wanted was so much smaller than the one before that little is left after it; of
+        another likelihood, until two of it can be compared, what is handed on from there.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, fast: bool = False) -> None:
+        self.fast = fast
         self._from: tuple[FloatArray, float, Step] | None = None
         self._share = 1.0
+        self._wanted: float | None = None
 
     def onward(self, fit: LinearFit, found: Derivatives, wanted: Step, *, far: bool) -> FloatArray:
         """Variances (K,) for the next round, `wanted` being Newton's step from those of `fit`.
 
         `far` says that the next linearisation will be so different that slopes cannot be compared.
         """
+        if self._wanted is not None:
+            self.fast = wanted.largest < FAST * self._wanted
+        self._wanted = wanted.largest
         if self._from is not None:
             start, likelihood, last = self._from
             slope = float(found.score @ last.change)

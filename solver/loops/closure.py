@@ -18,7 +18,7 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter, wrap_angles
 
-BLOCK_POSES = 256
+BLOCK_POSES = 1024
 """Poses evaluated at a time: all that kinematics and Jacobian of so many need fits a core's own cache."""
 
 Which = IntArray | slice
@@ -269,22 +269,9 @@ def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel,
     return tuple((model.at_poses(cut), q[cut]) for cut in cuts)
 
 
-def loops_of(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
-    """Closure error of all poses, as `ClosureModel.loop`: of a block at a time, so that kinematics stay small."""
-    if len(q) <= BLOCK_POSES:
-        return model.loop(x, q, u)
-    whole: list[FloatArray] = []
-    first = 0
-    for part, here in pose_blocks(model, q):
-        last = first + len(here)
-        error = part.loop(x, here, u[first:last])
-        found = (error.residual, error.jac_x, error.jac_q, error.jac_u)
-        whole = whole or [np.empty((len(q), *values.shape[1:])) for values in found]
-        for all_poses, values in zip(whole, found, strict=True):
-            all_poses[first:last] = values
-        first = last
-    residual, jac_x, jac_q, jac_u = whole
-    return LoopError(residual=residual, jac_x=jac_x, jac_q=jac_q, jac_u=jac_u)
+def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
+    """Unsensed angles (m, U) as `ClosureModel.initial_unsensed`: a block at a time, so that kinematics stay small."""
+    return np.concatenate([part.initial_unsensed(x, here) for part, here in pose_blocks(model, q)])
 
 
 def nearest_equivalent(

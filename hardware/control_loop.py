@@ -54,6 +54,10 @@ OLD_SAMPLE_S = 0.1
 """Joints latched longer ago say nothing of where to go on from: as long as nobody here was late, it is a few
 milliseconds, and a joint that does not answer is waited for for a third of it."""
 
+LONGEST_IDLE_POLL_S = 0.02
+"""Who waits on a bus is not woken by a task. Tasks often follow each other, so the first look is soon; after
+a second in vain nobody minds 20 ms."""
+
 SYNCS_AFTER_STOP = 20
 """In fast forward, so that the drives come to rest and say that they have stopped."""
 
@@ -153,6 +157,7 @@ class ControlLoop:
         self._next_tick_s = 0.0
         self._synced_s = clock()
         self._looking_again = False
+        self._idle_poll_s = timing.idle_poll_s
         self._closing = False
 
     # ---- for other threads -----------------------------------------------------------------------
@@ -251,11 +256,13 @@ class ControlLoop:
         """Do the next thing, and be heard."""
         task = self._tasks.first
         if task is not None and not self._must_look_again():
+            self._idle_poll_s = self._timing.idle_poll_s
             self._advance(task)
         elif self._syncing and (self._pace is Pace.REAL_TIME or self._owes_sync()):
             self._cycle()
         else:
-            self._receive_one(self._timing.idle_poll_s)
+            self._receive_one(self._idle_poll_s)
+            self._idle_poll_s = min(2.0 * self._idle_poll_s, LONGEST_IDLE_POLL_S)
         self._beat()
 
     def _must_look_again(self) -> bool:

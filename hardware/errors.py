@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -28,6 +28,20 @@ class BusError(HardwareError):
 
 class BusSettingsError(BusError):
     """No such bus can be meant: what names it is wrong, and nothing was opened."""
+
+
+class FramesLost(BusError):
+    """Nodes that are there do not answer in time: `requests` says of each how often, and of how many requests."""
+
+    def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
+        self.requests = dict(requests)
+        counted = ", ".join(
+            f"{left} of {asked} to node {node}" for node, (left, asked) in self.requests.items()
+        )
+        super().__init__(
+            f"The bus loses frames, or keeps them back: of the requests {counted} were not answered in time. Check "
+            "cables, connectors, terminators, bitrate and any gateway."
+        )
 
 
 class NodeMissing(HardwareError):

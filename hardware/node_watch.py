@@ -108,11 +108,14 @@ class NodeWatch:
         self.nmt_state.clear()
         self.faults = ()
 
+    def expect_no_boot_up(self) -> None:
+        """From now on a node that boots was not told to."""
+        self._expecting = False
+
     def wait_for_boot_up(self, timeout_s: float) -> tuple[int, ...]:
         """Wait until every node has booted; return those that have not after `timeout_s`."""
         with self._changed:
             self._wait_for(lambda: self._booted.issuperset(self.nodes), timeout_s)
-            self._expecting = False
             return tuple(node for node in self.nodes if node not in self._booted)
 
     def wait_for_state(self, state: NmtState, timeout_s: float) -> tuple[int, ...]:

@@ -8,9 +8,10 @@ heartbeat; NMT start; SYNC.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 from hardware import identifying, in_use, steps
 from hardware.added import zero_added
@@ -106,9 +107,8 @@ class StartUp:
             in_use.require_unused(access, loop.nodes, self._listen, takes_over=takes_over)
             self._listen(0.0)  # who commanded while the nodes were asked, before that is forgotten
         loop.nodes.expect_boot_up()
-        self._command_nodes(NmtCommand.RESET_COMMUNICATION)
-        missing = loop.nodes.wait_for_boot_up(self._boot_timeout_s)
-        self.go_on()
+        missing = self._told(NmtCommand.RESET_COMMUNICATION, loop.nodes.wait_for_boot_up)
+        loop.nodes.expect_no_boot_up()
         if missing and not profile.configures_pdos:
             # Of an arm that is set up in another way some nodes may well be there: say all of it.
             check_mapping(access, profile, missing)
@@ -124,10 +124,9 @@ class StartUp:
         identity = replace(identity, configured=(*self._configured, *zeroed), zeroed=zeroed)
         self.go_on()
         loop.begin_heartbeat()
-        self._command_nodes(NmtCommand.START)
-        waiting = loop.nodes.wait_for_state(NmtState.OPERATIONAL, self._boot_timeout_s)
-        self.go_on()
-        _require(waiting)
+        _require(
+            self._told(NmtCommand.START, partial(loop.nodes.wait_for_state, NmtState.OPERATIONAL))
+        )
         token = 0
         if profile.supervisor is not None:
             token = access.read_unsigned(profile.supervisor, TOKEN)
@@ -199,9 +198,27 @@ class StartUp:
                 "is closed. Connect again first"
             )
 
-    def _command_nodes(self, command: NmtCommand) -> None:
-        """Send an NMT command to the arm's nodes, one by one: what else is on this bus is not ours to reset."""
-        for node in self._profile.nodes:
+    def _told(
+        self, command: NmtCommand, obeyed: Callable[[float], tuple[int, ...]]
+    ) -> tuple[int, ...]:
+        """Give the nodes an NMT command and return those that do not obey; `obeyed` waits for them and says which.
+
+        Nobody answers such a command: a node that is heard and does not obey is told once more, for either frame
+        may have been lost.
+        """
+        self._command_nodes(command)
+        missing = obeyed(self._boot_timeout_s)
+        self.go_on()
+        heard = [node for node in missing if node in self._loop.nodes.heard_at_s]
+        if heard:
+            self._command_nodes(command, heard)
+            missing = obeyed(self._boot_timeout_s)
+            self.go_on()
+        return missing
+
+    def _command_nodes(self, command: NmtCommand, nodes: Iterable[int] = ()) -> None:
+        """Send an NMT command to these of the arm's nodes, or all: what else is on this bus is not ours to reset."""
+        for node in nodes or self._profile.nodes:
             self._send(COB_NMT, bytes([command, node]))
 
     def _require_single(self) -> None:

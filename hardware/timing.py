@@ -30,6 +30,8 @@ class Timing:
     fast forward a slow machine may take longer. A joint is lost when it missed `patience` SYNCs in
     a row and has been silent for `lost_after_s`; until then a move waits where it is.
 
+    A loop that has nothing to do looks for a task after `idle_poll_s`, then less and less often.
+
     A node has `sdo_timeout_s` for every answer to an object access.
 
     `speed` is how many times faster than its own clock a simulated arm runs; a real one knows only 1.

@@ -251,7 +251,7 @@ class VirtualController:
         ahead_of_its_program()
         try:
             while not self._closing:
-                wait_s = _POLL_S if self.disturbances.wire_in is None else _SHORT_POLL_S
+                wait_s = _SHORT_POLL_S if self.disturbances.delays else _POLL_S
                 if self._attended:
                     time.sleep(wait_s)
                     self._running.wait()

@@ -70,6 +70,11 @@ class Disturbances:
     _next_beat_s: dict[int, float] = field(default_factory=dict)
     _rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
+    @property
+    def delays(self) -> bool:
+        """Whether frames wait in a bad wire until their time has come."""
+        return any(wire.delays for wire in (self.wire_out, self.wire_in) if wire is not None)
+
     def beats(self, node: int, now_s: float) -> bool:
         """Whether a node sends the heartbeat that is due now."""
         if node in self.no_heartbeat:

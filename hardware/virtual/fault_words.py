@@ -79,7 +79,7 @@ class FaultWords:
 
 
 _GONE = ("no answer from node", "does not answer", "has gone silent", "has left operation")
-_BAD_FRAMES = (*_GONE, "Hardly any SYNC is answered")
+_BAD_FRAMES = (*_GONE, "bus loses frames", "Hardly any SYNC is answered")
 _CABLE = (
     "Cable, connectors, terminators and bitrate; then connect again: every accepted pose stays."
 )

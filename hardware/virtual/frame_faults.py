@@ -34,7 +34,10 @@ class FrameFaults:
 
 
 class BadWire:
-    """Frames in, frames out as the faults have it; the same for a seed, but for when late ones come."""
+    """Frames in, frames out as the faults have it; the same for a seed, but for when late ones come.
+
+    `delays` says whether frames may wait here.
+    """
 
     def __init__(
         self, faults: FrameFaults, seed: int = 0, *, clock: Callable[[], float] = time.monotonic
@@ -43,6 +46,7 @@ class BadWire:
         self._held: can.Message | None = None
         self._late: list[tuple[float, int, can.Message]] = []
         self._count = 0
+        self.delays = faults.late > 0.0
 
     def passed(self, message: can.Message) -> Iterator[can.Message]:
         """Frames that go out when this one is sent."""

@@ -93,7 +93,7 @@ class FakeArmBus(can.BusABC):
         self.silent: set[int] = set()
         self.twice: set[int] = set()
         self.dead: set[int] = set()
-        self.operational = False
+        self.started: set[int] = set()
         self.says_it_follows = True
         self.deaf: set[int] = set()
         self.token = 0
@@ -105,7 +105,7 @@ class FakeArmBus(can.BusABC):
         self.refusal = ""
         self.corrupts = False
         self.loses: Callable[[int, bytes], bool] = lambda _identifier, _data: False
-        """Of SDO frames, by identifier: which do not arrive."""
+        """Of SDO and NMT frames and boot-ups, by identifier: which do not arrive."""
         self.staged = False
         self.on_sync: Callable[[int], None] = lambda _sync: None
         self.broken: Exception | None = None
@@ -166,30 +166,23 @@ class FakeArmBus(can.BusABC):
         if now < self._next_beat:
             return
         self._next_beat = now + 0.1
-        state = b"\x05" if self.operational else b"\x7f"
         for node in (*self.drives, SUPERVISOR):
             if node not in self.dead | self.mute:
+                state = b"\x05" if node in self.started else b"\x7f"
                 self._queue.append((0x700 + node, state))
         if self.other_operator:
             self._queue.append((0x77F, b"\x05"))
 
     def _handle(self, identifier: int, data: bytes) -> None:
         if identifier == 0x000:
-            if data[0] == 0x82:
-                self.operational = False
-                for node in (*self.drives, SUPERVISOR):
-                    if node not in self.dead and data[1] in (0, node):
-                        self._queue.append((0x700 + node, b"\x00"))
-                        self._queue.append((0x700 + node, b"\x7f"))
-            elif data[0] == 0x01:
-                self.operational = True
-                self._next_beat = 0.0
-        elif identifier == 0x080 and self.operational:
+            if not self.loses(identifier, data):
+                self._nmt(*data)
+        elif identifier == 0x080 and self.started:
             self.syncs += 1
             self.on_sync(self.syncs)
             for joint, drive in self.drives.items():
                 drive.step()
-                if joint in self.silent or joint in self.dead:
+                if joint in self.silent | self.dead or joint not in self.started:
                     continue
                 counts = drive.counts + drive.noise(self.syncs)
                 leads = self.says_it_follows and (drive.status, drive.mode) == (0x27, 8)
@@ -204,6 +197,19 @@ class FakeArmBus(can.BusABC):
             lost = self.loses(identifier, data)
             if node in (*self.drives, SUPERVISOR) and node not in self.dead and not lost:
                 self._sdo(node, data)
+
+    def _nmt(self, command: int, number: int) -> None:
+        for node in {*self.drives, SUPERVISOR} - self.dead:
+            if number not in (0, node):
+                continue
+            if command == 0x82:
+                self.started.discard(node)
+                if not self.loses(0x700 + node, b"\x00"):
+                    self._queue.append((0x700 + node, b"\x00"))
+                self._queue.append((0x700 + node, b"\x7f"))
+            elif command == 0x01:
+                self.started.add(node)
+                self._next_beat = 0.0
 
     # ---- SDO server --------------------------------------------------------------------------------
 

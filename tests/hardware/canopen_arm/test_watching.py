@@ -10,6 +10,7 @@ import pytest
 
 from hardware.buses import BusSettings
 from hardware.canopen_arm import CanopenArm
+from hardware.control_loop import LONGEST_IDLE_POLL_S
 from hardware.errors import (
     BusError,
     ControlDenied,
@@ -25,7 +26,7 @@ from hardware.on_bus import BusOpeners
 from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import capture_for_ever, describe, make
+from tests.hardware.on_fake_bus import capture_for_ever, describe, make, wait_for
 
 # ---- somebody else -----------------------------------------------------------------------------------
 
@@ -229,6 +230,28 @@ def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(pace: Pace) -> Non
     assert beats >= int(took / 0.1 * 0.5)
     bus.babbles = False
     bus.silent = set()
+    arm.close()
+
+
+def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_is_one() -> None:
+    class Noting(FakeArmBus):
+        """Notes how long its reader is ready to wait."""
+
+        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+            waits_s.append(timeout or 0.0)
+            return super()._recv_internal(timeout)
+
+    waits_s: list[float] = []
+    timing = Timing()
+    arm = make(Noting(), timing=timing)
+    arm.connect()
+    arm.take_control()
+    waits_s.clear()
+    wait_for(lambda: waits_s[-1:] == [LONGEST_IDLE_POLL_S])
+    waits_s.clear()
+    arm.capture(2)
+    wait_for(lambda: waits_s[-1:] == [LONGEST_IDLE_POLL_S])
+    assert timing.idle_poll_s in waits_s, "the next task may follow at once"
     arm.close()
 
 

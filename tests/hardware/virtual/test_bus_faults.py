@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import threading
 
+import can
+from can.interfaces.virtual import VirtualBus
+
 from hardware.arm import DriveState, JointMode
 from hardware.objects import EmergencyCode
+from hardware.virtual.controller import VirtualController
 from hardware.virtual.frame_faults import FrameFaults
-from tests.oracles.virtual_rig import Rig
+from tests.oracles.virtual_rig import ARM, Rig, TrivialPlant, axes
 
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
 
@@ -162,6 +166,42 @@ def test_a_stop_that_comes_twice_or_late_is_obeyed_and_one_that_is_lost_is_not(a
     arm.clock.time_s += 0.06
     taken_in(arm)
     assert {node.drive.state for node in arm.controller.drives} == {DriveState.QUICK_STOP_ACTIVE}
+
+
+class Noting(VirtualBus):
+    """Notes how long its reader is ready to wait."""
+
+    def __init__(self, channel: str) -> None:
+        self.waits_s: list[float] = []
+        super().__init__(channel)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        assert timeout is not None
+        self.waits_s.append(timeout)
+        return super()._recv_internal(timeout)
+
+
+def test_a_bad_wire_is_looked_at_more_often_only_where_it_keeps_frames_back() -> None:
+    plant = TrivialPlant([a.scale.counts_per_rad for a in axes()])
+    with (
+        Noting("noting") as bus,
+        VirtualController(bus, plant, axes=axes(), arm=ARM) as controller,
+    ):
+
+        def waits_with(faults: FrameFaults) -> set[float]:
+            begun, done = threading.Event(), threading.Event()
+            controller.faults.disturb_frames(faults)
+            controller.post(lambda: (bus.waits_s.clear(), begun.set()))
+            assert begun.wait(5.0)
+            while len(bus.waits_s) < 5:
+                controller.post(done.set)
+                assert done.wait(5.0)
+                done.clear()
+            return {*bus.waits_s}
+
+        usual = waits_with(FrameFaults())
+        assert waits_with(FrameFaults(lost=0.5, doubled=0.5, swapped=0.5)) == usual
+        assert max(waits_with(FrameFaults(late=0.5))) < min(usual)
 
 
 def test_frames_to_the_arm_come_twice_and_are_flipped_as_well(arm: Rig) -> None:

@@ -1,0 +1,102 @@
+"""Connecting over a bus that loses frames: no node that is there is called absent, and nobody waits for all of them."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+
+from hardware.canopen_arm import CanopenArm
+from hardware.errors import BusError, FramesLost, NodeMissing
+from hardware.timing import Pace, Timing
+from tests.hardware.fake_arm import FakeArmBus
+from tests.hardware.on_fake_bus import make
+
+HASTY = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), sdo_timeout_s=0.05)
+
+
+def one_in(share: int) -> Callable[[int, bytes], bool]:
+    """Lose so many SDO frames, aborts not counted: they are not answered."""
+    frames = itertools.count(1)
+
+    def loses(identifier: int, data: bytes) -> bool:
+        asked = 0x580 < identifier < 0x680 and data[0] != 0x80
+        return asked and next(frames) % share == 0
+
+    return loses
+
+
+def first(identifier: int, *frames: bytes) -> Callable[[int, bytes], bool]:
+    """Lose the first of each of these frames."""
+    left = Counter((identifier, data) for data in frames)
+
+    def loses(*frame: object) -> bool:
+        lost = left[frame] > 0
+        left[frame] -= 1
+        return lost
+
+    return loses
+
+
+def requests(bus: FakeArmBus) -> int:
+    return sum(0x600 < i < 0x680 and data[0] != 0x80 for i, data in bus.sent)
+
+
+def test_a_bus_that_loses_every_tenth_frame_is_named_long_before_all_was_asked(
+    bus: FakeArmBus,
+) -> None:
+    bus.loses = one_in(10)
+    with pytest.raises(FramesLost, match=r"of the requests \d of \d+ to node 1") as lost:
+        make(bus, timing=HASTY).connect()
+    left = sum(unanswered for unanswered, _ in lost.value.requests.values())
+    asked = sum(asked for _, asked in lost.value.requests.values())
+    assert left == 8
+    assert asked <= requests(bus) < 60, "of more than 500"
+
+
+def test_a_bus_that_loses_one_frame_in_a_hundred_will_do(bus: FakeArmBus) -> None:
+    bus.loses = one_in(100)
+    arm = make(bus, timing=HASTY)
+    arm.connect()
+    assert requests(bus) > 500
+    arm.close()
+
+
+def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(
+    bus: FakeArmBus,
+) -> None:
+    bus.loses = lambda identifier, data: (identifier, data[1:3]) == (0x604, b"\x14\x10")
+    with pytest.raises(BusError, match="Node 4 does not answer when asked for 1014h") as silent:
+        make(bus, timing=HASTY).connect()
+    assert not isinstance(silent.value, FramesLost)
+    assert re.search(r"It has answered \d+ of \d+ requests", str(silent.value))
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [
+        pytest.param(first(0x000, b"\x82\x04", b"\x82\x10"), id="reset"),
+        pytest.param(first(0x704, b"\x00"), id="boot-up"),
+        pytest.param(first(0x000, b"\x01\x04", b"\x01\x10"), id="start"),
+    ],
+)
+def test_a_node_that_is_heard_is_told_once_more(
+    bus: FakeArmBus, lost: Callable[[int, bytes], bool]
+) -> None:
+    bus.loses = lost
+    arm: CanopenArm = make(bus)
+    arm.connect()
+    arm.take_control()
+    assert arm.capture(2).samples == 2, "and what booted twice is no node that restarted"
+    arm.close()
+
+
+def test_a_node_that_is_not_heard_is_absent_and_not_told_again(bus: FakeArmBus) -> None:
+    bus.dead = {4}
+    with pytest.raises(NodeMissing) as missing:
+        make(bus).connect()
+    assert missing.value.nodes == (4,)
+    assert bus.sent.count((0x000, b"\x82\x04")) == 1

@@ -54,9 +54,9 @@ OLD_SAMPLE_S = 0.1
 """Joints latched longer ago say nothing of where to go on from: as long as nobody here was late, it is a few
 milliseconds, and a joint that does not answer is waited for for a third of it."""
 
-LONGEST_IDLE_POLL_S = 0.02
-"""Who waits on a bus is not woken by a task. Tasks often follow each other, so the first look is soon; after
-a second in vain nobody minds 20 ms."""
+IDLE_GROWTH, LONGEST_IDLE_POLL_S = 1.1, 0.02
+"""Who waits on a bus is not woken by a task. Tasks often follow each other, so the first look is soon; each
+one in vain makes the next wait a tenth longer, so that a task waits a tenth of the idle time before it at most."""
 
 SYNCS_AFTER_STOP = 20
 """In fast forward, so that the drives come to rest and say that they have stopped."""
@@ -262,7 +262,7 @@ class ControlLoop:
             self._cycle()
         else:
             self._receive_one(self._idle_poll_s)
-            self._idle_poll_s = min(2.0 * self._idle_poll_s, LONGEST_IDLE_POLL_S)
+            self._idle_poll_s = min(IDLE_GROWTH * self._idle_poll_s, LONGEST_IDLE_POLL_S)
         self._beat()
 
     def _must_look_again(self) -> bool:

@@ -98,9 +98,12 @@ class ObjectAccess:
         """Read an object's bytes."""
         for _ in range(READ_ATTEMPTS - 1):
             # Frames do get lost, or come twice; to ask again changes nothing.
-            with suppress(BusError, TwoDevices):
-                return self.read_once(node, index, subindex)
-            self._require_answers()
+            with suppress(TwoDevices):
+                try:
+                    return self.read_once(node, index, subindex)
+                except BusError:
+                    self._unanswered[node] += 1
+                    self._require_answers()
             # What is still on its way would be taken for the next answer.
             self._pause.wait(_ON_ITS_WAY_S)
         return self.read_once(node, index, subindex)
@@ -165,15 +168,13 @@ class ObjectAccess:
         if silence is None and isinstance(met[0], SdoAbortedError):
             text = str(met[0]).partition(",")[2].strip() or "refused"
             return SdoRefused(node, index, subindex, met[0].code, text)
-        self._unanswered[node] += 1
         # After a silence the client still closes its transfer, of which the node knows nothing any more: that
         # it refuses this is not the reason.
         remedy = "Check its power and the bus."
         if self._answered[node]:
-            asked = self._network.asked[node]
             remedy = (
-                f"It has answered {asked - self._unanswered[node]} of {asked} requests: the bus loses frames, or it "
-                "is gone by now. Check cable, connectors and terminators, and its power."
+                f"It has answered {self._answered[node]} of {self._network.asked[node]} requests: the bus loses "
+                "frames, or it is gone by now. Check cable, connectors and terminators, and its power."
             )
         return BusError(
             f"Node {node} does not answer when asked for {index:04X}h sub {subindex} ({silence}). {remedy}"

@@ -11,6 +11,7 @@ import pytest
 
 from hardware.canopen_arm import CanopenArm
 from hardware.errors import BusError, FramesLost, NodeMissing
+from hardware.sdo import ObjectAccess
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
@@ -63,6 +64,23 @@ def test_a_bus_that_loses_one_frame_in_a_hundred_will_do(bus: FakeArmBus) -> Non
     arm.connect()
     assert requests(bus) > 500
     arm.close()
+
+
+def test_what_was_asked_once_only_says_nothing_of_the_bus() -> None:
+    """Drives in the NMT state STOPPED answer nothing, and are asked whether they are in use before their reset."""
+    lost = [True] * 16 + [False] * 8 + [True]
+
+    def send(identifier: int, data: bytes) -> None:
+        if data[0] != 0x80 and not (lost and lost.pop(0)):
+            access.deliver(identifier - 0x80, b"\x43" + data[1:4] + b"\x07\0\0\0")
+
+    nodes = range(1, 9)
+    access = ObjectAccess(send, nodes, timeout_s=0.01)
+    for node in (*nodes, *nodes):
+        with pytest.raises(BusError):
+            access.read_once(node, 0x6041)
+    assert [access.read_unsigned(node, 0x1000) for node in (*nodes, *nodes)] == [7] * 16
+    assert not lost
 
 
 def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(

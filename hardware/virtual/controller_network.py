@@ -9,6 +9,7 @@ import canopen
 
 from hardware.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, Abort
 from hardware.virtual.disturbances import Disturbances
+from hardware.wire import Frame
 
 _NODE_BITS = 0x7F
 _ABORT, _ABORTED = 0x80, struct.Struct("<B3sI")
@@ -36,7 +37,7 @@ class ControllerNetwork(canopen.Network):
             return
         if self._cut and can_id & _NODE_BITS in self._cut:
             return
-        message = can.Message(
+        message = Frame(
             arbitration_id=can_id, data=data, is_extended_id=False, is_remote_frame=remote
         )
         wire = self._disturbances.wire_out

@@ -10,6 +10,7 @@ import pytest
 from hardware import buses
 from hardware.buses import BusSettings, bus_settings, open_bus, open_sender
 from hardware.errors import BusError
+from hardware.wire import Frame
 
 
 @pytest.fixture(autouse=True)
@@ -94,6 +95,24 @@ def test_a_missing_device_or_kernel_support_is_a_bus_error() -> None:
 def test_a_missing_driver_is_named() -> None:
     with pytest.raises(BusError, match="pcan"):
         open_bus(BusSettings(interface="pcan", channel="PCAN_USBBUS1"))
+
+
+def test_receivers_in_one_process_share_the_data_of_a_frame_and_nothing_else() -> None:
+    near, *far = (open_bus(BusSettings(channel="shared")) for _ in range(3))
+    sent = Frame(arbitration_id=0x181, data=b"12345678", is_extended_id=False)
+    near.send(sent)
+    got = [bus.recv(0.0) for bus in far]
+    for message in got:
+        assert message is not None
+        assert message.equals(
+            sent, timestamp_delta=None, check_channel=False, check_direction=False
+        )
+        assert message.data is sent.data
+        message.timestamp = message.arbitration_id = 0
+    assert (sent.arbitration_id, sent.is_rx) == (0x181, True)
+    assert len({id(message) for message in (sent, *got)}) == 3
+    for bus in (near, *far):
+        bus.shutdown()
 
 
 def test_a_virtual_sender_leaves_the_channel_as_it_found_it() -> None:

@@ -205,11 +205,6 @@ class LoopbackBus(can.BusABC):
         self._poll.register(self._receiver, select.POLLIN)
         super().__init__(channel=name, can_filters=can_filters, **kwargs)
 
-    @property
-    def receive_buffer_bytes(self) -> int:
-        """Receive buffer the kernel granted (it may cap what was asked for)."""
-        return self._receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame; see python-can. Waits at most `timeout` s for room in the kernel."""
         self._check_open()

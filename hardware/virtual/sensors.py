@@ -162,7 +162,3 @@ class SensorBank:
             sensor.counts(angle, draw)
             for sensor, angle, draw in zip(self.sensors, angles_rad, noise, strict=True)
         )
-
-    def deviations_rad(self, angles_rad: Sequence[float]) -> list[float]:
-        """Systematic errors of the readings at true angles in sensor coordinates (n,)."""
-        return [s.deviation_rad(a) for s, a in zip(self.sensors, angles_rad, strict=True)]

@@ -97,9 +97,3 @@ def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArra
         jacobian=J,
         joint_count=q.shape[-1],
     )
-
-
-def mean_motion(motion: ChainMotion) -> FloatArray:
-    """Root mean square motion of each arm joint per unit of self-motion (n,)."""
-    moved = motion.tangent[:, : motion.joint_count]
-    return np.asarray(np.sqrt((moved**2).sum(-1).mean(0)))

@@ -18,7 +18,6 @@ from solver.design.d_optimal import (
     TooFewCandidatesError,
     choose_poses,
     log_det,
-    next_best,
 )
 from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, Ranges, candidate_poses
@@ -117,10 +116,6 @@ class Plan:
     def poses_rad(self) -> FloatArray:
         """Planned poses (k, n) in visiting order: predicted readings of all joints."""
         return self.manifold.q[list(self.visits)]
-
-    def best_now(self, information: FloatArray) -> tuple[int, float]:
-        """Candidate that adds most to `information` (P, P) of the poses so far, and its log det gain."""
-        return next_best(self.information.root, information, allowed=self.allowed)
 
 
 def make_plan(

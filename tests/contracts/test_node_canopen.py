@@ -15,6 +15,7 @@ from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, parse
 
 MASTER = Path(__file__).resolve().parents[1] / "tools" / "node_canopen_master.js"
 JOINT, COUNTS = 3, 200
+PATIENCE_S = 5.0  # as the master's own: what the arm does when nobody is heard any more is tested elsewhere
 
 pytestmark = pytest.mark.needs("node")
 
@@ -38,7 +39,9 @@ def test_a_foreign_master_reads_samples_drives_and_stops() -> None:
     ]
     channel = f"node-canopen-{os.getpid()}"
     bus = open_bus(BusSettings(interface="loopback", channel=channel))
-    with VirtualController(bus, plant, axes=settings, arm=ARM, validate=parse) as controller:
+    with VirtualController(
+        bus, plant, axes=settings, arm=ARM, validate=parse, heartbeat_timeout_s=PATIENCE_S
+    ) as controller:
         done = subprocess.run(
             ["node", str(MASTER), channel, str(JOINT), str(COUNTS)],
             capture_output=True, text=True, timeout=60, check=False,

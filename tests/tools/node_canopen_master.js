@@ -89,6 +89,10 @@ async function main() {
     eds.addTransmitPdo({ cobId: 0x200 + JOINT, transmissionType: 0xFF, dataObjects: command });
 
     master.addListener('message', (message) => bus.send(message));
+    // The first goes out a whole producer time after the start, and control is given to who was heard.
+    const beaten = new Promise((resolve) => {
+        master.on('message', ({ id }) => id === 0x700 + OPERATOR && resolve());
+    });
     await bus.start((message) => {
         answers.delete(message.id);
         master.receive(message);
@@ -143,6 +147,7 @@ async function main() {
     await Promise.race([operational, late('NMT start')]);
 
     told.first = await sync();
+    await beaten;
     await write(SUPERVISOR, 0x2010, OPERATOR, DataType.UNSIGNED32);
     told.token = await read(SUPERVISOR, 0x2010, 0, DataType.UNSIGNED32);
 

@@ -155,8 +155,9 @@ class FakeArmBus(can.BusABC):
 
     def trip(self, joint: int, code: int) -> None:
         """Let a drive fault."""
-        self.drives[joint].status = 0x08
-        self.say(0x80 + joint, struct.pack("<HB5x", code, 0x81))
+        with self._wake:  # what it is told at this moment must not undo it
+            self.drives[joint].status = 0x08
+            self.say(0x80 + joint, struct.pack("<HB5x", code, 0x81))
 
     def _beat(self) -> None:
         now = time.monotonic()
@@ -191,7 +192,11 @@ class FakeArmBus(can.BusABC):
                 for _ in range(2 if joint in self.twice else 1):
                     self._queue.append((0x180 + joint, frame))
         elif 0x201 <= identifier <= 0x200 + JOINTS:
-            self.drives[identifier - 0x200].rpdo(data)
+            drive = self.drives[identifier - 0x200]
+            faulted = drive.status == 0x08
+            drive.rpdo(data)
+            if faulted and drive.status != 0x08:  # CiA 301: error reset or no error
+                self._queue.append((0x80 + drive.node, bytes(8)))
         elif 0x601 <= identifier <= 0x67F:
             node = identifier - 0x600
             lost = self.loses(identifier, data)

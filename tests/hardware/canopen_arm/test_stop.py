@@ -27,6 +27,7 @@ from tests.hardware.on_fake_bus import (
     describe,
     frames,
     make,
+    wait_for,
 )
 
 
@@ -168,10 +169,40 @@ def test_reset_clears_the_latch_and_moves_nothing(driven: CanopenArm, bus: FakeA
     assert [drive.counts for drive in bus.drives.values()] == positions
 
 
+def test_an_emergency_that_is_read_after_reset_is_over_when_the_drive_says_so(
+    driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy machine it may still wait to be looked at when RESET has its turn."""
+    driven.stop()
+    loop = driven._link.loop
+    run = loop.run
+
+    def tripped(asked: Steps) -> Steps:
+        bus.trip(3, 0x7305)
+        return (yield from asked)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(loop, "run", lambda asked, **options: run(tripped(asked), **options))
+        driven.reset_stop()
+    assert {drive.status for drive in bus.drives.values()} == {0x40}
+    assert driven.snapshot().faults == ()
+    driven.take_control()
+
+
 def test_an_external_stop_is_a_stop(driven: CanopenArm, bus: FakeArmBus) -> None:
     bus.say(0x90, struct.pack("<HB5x", 0x5441, 0x81))
     with pytest.raises(Stopped, match="external stop"):
         capture_for_ever(driven)
+
+
+def test_reset_forgets_an_emergency_that_nobody_says_is_over(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    bus.say(0x90, struct.pack("<HB5x", 0x5441, 0x81))
+    wait_for(lambda: bool(driven.snapshot().faults))
+    driven.reset_stop()
+    assert driven.snapshot().faults == ()
+    driven.take_control()
 
 
 def test_a_stop_between_reset_and_its_turn_stays(

@@ -332,7 +332,6 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
         assert words in out, words
 
 
-@pytest.mark.timeout(400)
 def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
     tmp_path: Path, channel: str
 ) -> None:

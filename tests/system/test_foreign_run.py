@@ -56,7 +56,6 @@ def plant() -> Physics:
     return step
 
 
-@pytest.mark.timeout(400)
 def test_a_foreign_arm_is_refused_then_probed_then_calibrated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,7 +15,8 @@ from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, parse
 
 MASTER = Path(__file__).resolve().parents[1] / "tools" / "node_canopen_master.js"
 JOINT, COUNTS = 3, 200
-PATIENCE_S = 5.0  # as the master's own: what the arm does when nobody is heard any more is tested elsewhere
+# As the master's own: what the arm does when nobody is heard any more is tested elsewhere.
+PATIENCE_S = 5.0
 
 pytestmark = pytest.mark.needs("node")
 

@@ -16,7 +16,6 @@ from operator_app.report.section import (
     sentence,
 )
 from operator_app.report.session_facts import (
-    correction_table,
     joint_table,
     pose_table,
     rvdt_joints,
@@ -32,11 +31,6 @@ from solver.judging.rvdt import RvdtVerdict, Soundness
 CURVE_WORDS = (
     "With the readings of {joints} used, these corrections close the loops. A bow or an S is the "
     "sensor's curve, not noise: no number of poses averages it out, and it pulls at the parameters."
-)
-TABLE_WORDS = (
-    "Corrections to add to the readings over the range the poses cover, straight lines in between (sarcal "
-    "solve --json lists twice as many); they belong to the offsets "
-    "that are found without these readings, not to those above."
 )
 CLOSURE_WORDS = (
     "How far the loops fail to close at the joints as measured, so that both estimators are judged on "
@@ -146,10 +140,10 @@ def _before_and_after(subject: Subject) -> list[str]:
 
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
     words = (
-        "Sigma and the 95 % interval "
-        + ("hold every stated source of error." if estimate.chi2 is not None else
-           "(Student's) follow from the size of the residuals.")
-    )  # fmt: skip
+        "The 95 % interval holds what sigma does."
+        if estimate.chi2 is not None
+        else "Sigma and the 95 % interval (Student's) follow from the size of the residuals."
+    )
     if subject.solution is not None and subject.solution.paper is None:
         words += " The paper's estimator needs every joint sensed and is not shown beside it."
     elif subject.implicit is None:
@@ -204,13 +198,6 @@ def _rvdt(subject: Subject) -> Section | None:
         content.append(remark(CURVE_WORDS.format(joints=_numbered(used))))
         shown = (pictures.rvdt_corrections(subject, estimate, j) for j in used)
         content.append(plots(map(figures.drawn, shown)))
-    tables = [
-        table_html(correction_table(v.joint, v.figures))
-        for v in verdicts
-        if v.figures is not None and v.verdict is not Soundness.SOUND
-    ]
-    if tables:
-        content += [remark(prose(TABLE_WORDS)), plots(tables)]
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
 
 

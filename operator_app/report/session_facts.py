@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from operator_app.report.subject import Subject
@@ -16,12 +18,15 @@ from operator_app.units.figure import (
     Figure,
 )
 from operator_app.units.numbers import NOT_KNOWN, places_needed
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensor_curve import rms_per_amplitude
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
+from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import Estimate
-from solver.judging.rvdt_figures import RvdtFigures
 
 CORRECTION_ODD = 3.0
-"""A joint whose corrections are this many times its sensor's noise (rms) is marked."""
+"""A joint whose corrections are this many times what its file states of a reading (rms) is marked."""
 
 
 def sensed_joints(subject: Subject) -> tuple[int, ...]:
@@ -45,13 +50,13 @@ def rvdt_joints(subject: Subject) -> tuple[int, ...]:
 def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
     """Sensor, corrections and coverage of every joint."""
     arm, q, used = subject.procedure.arm, subject.readings_rad, sensed_joints(subject)
-    sigma, rows = arm.sigma_rad(), []
+    sigma, stated, rows = arm.sigma_rad(), _stated_rad(arm), []
     for j, joint in enumerate(arm.joints, 1):
         rms = None
         if estimate is not None and estimate.corrections is not None and j in used:
             rms = float(np.sqrt(np.mean(estimate.corrections[:, j - 1] ** 2)))
         noise = float(sigma[j - 1]) or None
-        ratio = None if rms is None or noise is None else rms / noise
+        ratio = None if rms is None or noise is None else rms / float(stated[j - 1])
         low, high = float(q[:, j - 1].min()), float(q[:, j - 1].max())
         odd = ratio is not None and ratio > CORRECTION_ODD
         rows.append(
@@ -60,6 +65,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
                 sensor_words(joint.sensor, used=j in used),
                 subject.modes[j - 1] if subject.modes else NOT_KNOWN,
                 Figure(noise, CLOSURE_ANGLE, digits=2),
+                Figure(float(stated[j - 1]) or None, CLOSURE_ANGLE, digits=2),
                 Figure(rms, CLOSURE_ANGLE, digits=2),
                 Figure(ratio, digits=2, role="warn" if odd else "text"),
                 Figure(low, ANGLE, places=2),
@@ -73,16 +79,24 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
         columns=(
             *words("joint"),
             *(Column(title, words=True, detail=True) for title in ("sensor", "mode")),
-            *figures("noise", unit="mrad"),
+            *figures("noise", "stated", unit="mrad"),
             *figures("rms", unit="mrad", group="correction"),
-            *figures("/ noise", group="correction"),
+            *figures("/ stated", group="correction"),
             *figures("from", "to", unit="deg", group="poses"),
             *figures("covered", unit="%"),
         ),
         rows=tuple(rows),
-        note="Noise: of one reading, as stated. "
-        f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times it. Shaded in the plot: one such noise.",
+        note="Noise: of one reading. Stated: with all that the arm's file says of sensor, play and sag. "
+        f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times that. Shaded in the plot: one noise.",
     )
+
+
+def _stated_rad(arm: ArmModel) -> FloatArray:
+    """How far off the arm's file lets each joint's reading be, one standard deviation (n,)."""
+    encoder = math.sqrt(2.0) * arm.accuracy_rad  # once and twice per turn
+    curve = rms_per_amplitude() * SD_OF_PEAK * arm.linearity_rad()
+    parts = (arm.sigma_rad(), encoder, curve, arm.gain_rad(), arm.backlash_rad, arm.sag_rad)
+    return np.asarray(np.sqrt(sum(part**2 for part in parts)))
 
 
 def sensor_words(sensor: Sensor, *, used: bool) -> str:
@@ -136,23 +150,6 @@ def rvdt_table(subject: Subject) -> Table | None:
         ),
         rows=tuple(rows),
     )  # fmt: skip
-
-
-def correction_table(joint: int, found: RvdtFigures) -> Table:
-    """What to add to an RVDT's readings, over the range the poses cover."""
-    return Table(
-        ident=f"correction-{joint}",
-        title=f"Joint {joint}: corrections by reading",
-        columns=(*figures("reading", unit="deg"), *figures("add", "sigma", unit="mrad")),
-        rows=tuple(
-            (
-                Figure(reading, ANGLE, places=2),
-                Figure(correction, CLOSURE_ANGLE, places=2, signed=True),
-                Figure(sigma, CLOSURE_ANGLE, places=2),
-            )
-            for reading, correction, sigma in found.table_rad[::2].tolist()
-        ),
-    )
 
 
 def pose_table(subject: Subject, estimate: Estimate | None) -> Table:

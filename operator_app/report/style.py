@@ -180,6 +180,7 @@ footer{{margin:36px auto 30px;color:var(--muted);font-size:.85rem}}
  thead{{display:table-header-group}}
  table.correlations,tr,figure,.tiles,.verdict,li,dl.facts{{break-inside:avoid}}
  .scroll{{overflow:visible;margin:6px 0;background:none}}
+ .scroll:not(:has(.pose-table)){{break-inside:avoid}}
  .plots{{grid-template-columns:1fr 1fr;gap:8px 18px}}
  .tiles{{grid-template-columns:repeat(6,1fr)}}
  .tiles dd{{font-size:12pt}}

@@ -17,7 +17,7 @@ from operator_app.report.subject import Subject
 from operator_app.session.journal import read_journal
 from oracles.reported_session import HOSTILE, subject_of
 
-DIMENSIONLESS = {"/ noise", "gain, reading per angle", "gain", "chi2"}
+DIMENSIONLESS = {"/ stated", "gain, reading per angle", "gain", "chi2"}
 
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")

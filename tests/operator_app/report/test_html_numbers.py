@@ -57,6 +57,31 @@ def test_both_estimators_stand_side_by_side(page: object, subject: Subject) -> N
     assert "Believe implicit" in page.text
 
 
+def test_a_joint_is_marked_for_what_its_file_does_not_state(page: object, subject: Subject) -> None:
+    """Every joint of a sound arm was marked: an encoder's counts are the least that it is off by."""
+    stated = [
+        # 0.01 deg each: once and twice a turn, play, sag; counts are nothing beside them.
+        *[math.radians(0.01) * 2.0 * 1e3] * 5,
+        # Noise of a reading, gain over full scale, play and sag; of the curve more than a third of its peak.
+        *[math.hypot(1.03, 0.005 * math.radians(120.0) / math.sqrt(12.0) * 1e3)] * 2,
+    ]
+    joints = page.rows("Joints:")
+    for row, least in zip(joints[:5], stated[:5], strict=True):
+        assert number(row[4]) == pytest.approx(least, rel=0.02)
+    peak = 0.02 * math.radians(120.0) * 1e3
+    for row, least in zip(joints[5:], stated[5:], strict=True):
+        assert math.hypot(least, 0.25 * peak) < number(row[4]) < math.hypot(least, 0.5 * peak)
+    for row in joints:
+        assert number(row[6]) == pytest.approx(number(row[5]) / number(row[4]), rel=0.08)
+        assert not row[6].startswith("▲")
+
+
+def test_nothing_of_the_page_is_told_twice(page: object) -> None:
+    assert page.text.count("every stated source of error") == 1
+    assert page.text.count("orrections by reading") == 0
+    assert page.rows("Corrections of RVDT readings")
+
+
 def test_closure_before_and_after_in_both_readings(page: object, subject: Subject) -> None:
     assert subject.solution is not None
     rows = {row[0]: [number(cell) for cell in row[1:]] for row in page.rows("Closure at")}
@@ -102,7 +127,7 @@ def test_poses_and_joints_are_all_there(page: object, subject: Subject) -> None:
     ]  # fmt: skip
     assert "RVDT, 12 bit over 120 deg" in joints[5][1]
     low = np.rad2deg(subject.readings_rad).min(axis=0)
-    assert [number(row[6]) for row in joints] == pytest.approx(low.tolist(), abs=0.006)
+    assert [number(row[7]) for row in joints] == pytest.approx(low.tolist(), abs=0.006)
 
 
 def test_rvdt_verdicts_and_condition_are_told(page: object, subject: Subject) -> None:

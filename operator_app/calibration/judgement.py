@@ -166,6 +166,12 @@ def held_in_words(accuracy: HandAccuracy) -> str:
     )
 
 
+def held_in_short(accuracy: HandAccuracy) -> str:
+    """The same beside a figure of the hand's accuracy, for whoever reads the notice as well."""
+    names = " and ".join(h.name for h in accuracy.holds_for)
+    return f". It holds only if {names} is held at what it is: see the warnings" if names else ""
+
+
 def as_stated_notices(blind: tuple[str, ...], arm: ArmModel) -> tuple[Notice, ...]:
     """Say which offsets are known no better than before: these poses cannot see them."""
     if not blind or arm.offset_tolerance_rad is None:

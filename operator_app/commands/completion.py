@@ -12,7 +12,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-BY_DEST = {"arm": "arm", "fixture": "fixture", "procedure": "procedure"}
+BY_DEST: dict[str, Any] = {"arm": "arm", "fixture": "fixture", "procedure": "procedure"}
+COPIED = "packaged"
 SESSIONS = ("session", "name", "a", "b", "resume")
 
 
@@ -37,7 +38,7 @@ def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser |
     for action in () if command is None else command._actions:  # noqa: SLF001 - it has no other list
         if action.dest == "topic":
             action.completer = _topics  # type: ignore[attr-defined]
-        elif action.dest in BY_DEST or action.dest in SESSIONS:
+        elif action.dest in (*BY_DEST, *SESSIONS, COPIED):
             action.completer = _names(action.dest)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
 
@@ -52,9 +53,16 @@ def _names(dest: str) -> Any:
     def completer(prefix: str, parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
         from operator_app.config.resources import builtin_names
 
+        kind: Any
+        if dest == COPIED:
+            # Of the kind that is to be made, `new arm --from`, which is not parsed yet.
+            typed = asked() or []
+            return [
+                name for kind in BY_DEST.values() if kind in typed for name in builtin_names(kind)
+            ]
         if dest in BY_DEST:
             # A path will do as well, and only a path begins like one.
-            kind: Any = BY_DEST[dest]
+            kind = BY_DEST[dest]
             return [*builtin_names(kind), *_paths(prefix)]
         root = getattr(parsed_args, "sessions", None) or Path("sessions")
         folders = sorted(p.name for p in root.iterdir() if p.is_dir()) if root.is_dir() else []

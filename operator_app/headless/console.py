@@ -56,7 +56,7 @@ class ConsoleListener(Listener):
         self._joints = sum(node.role.startswith("joint") for node in identity.nodes)
         self.say(
             f"Connected to {identity.model}, serial {identity.serial_number}: "
-            f"{len(identity.nodes)} {identity.speaks} nodes."
+            f"{len(identity.nodes)} {'simulated ' if identity.simulated else ''}{identity.speaks} nodes."
         )
 
     def fixture_checked(self, checks: tuple[SetupCheck, ...]) -> None:

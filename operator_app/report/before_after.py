@@ -11,7 +11,7 @@ import numpy as np
 
 from operator_app.calibration.calibrated_arm import calibrated_arm, hand_errors
 from operator_app.calibration.hand_error import Spread
-from operator_app.calibration.judgement import held_in_words
+from operator_app.calibration.judgement import held_in_short
 from operator_app.calibration.solution import Solution
 from operator_app.report.picture import Axis, Layer, Line, Marks, Picture, map_axes
 from operator_app.report.subject import Subject
@@ -81,7 +81,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
         before=shown("Before", "how far off the hand is", errors.before_m, accuracy.before),
         after=shown("After", "one sigma of the hand", errors.after_m, accuracy.after),
         note="The area of a mark is how far off the hand is there, in both pictures on one scale"
-        f"{held_in_words(accuracy) or '.'}",
+        f"{held_in_short(accuracy)}.",
     )
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from operator_app.calibration.checks import FOLDS, Checks
-from operator_app.calibration.judgement import held_in_words
+from operator_app.calibration.judgement import held_in_short
 from operator_app.calibration.solution import Solution
 from operator_app.report.table import Cell, Column, Headline, Table, figures, words
 from operator_app.units.figure import (
@@ -154,7 +154,7 @@ def accuracy_table(solution: Solution) -> Table | None:
         note=f"At {found.poses} poses evenly over the ranges, whatever may be in the way there. Before: the "
         "arm file's own entries against the calibrated ones, as the arm's base sees the hand; what "
         "belongs to the mounting has no part in it. After: by the parameters' covariance"
-        f"{held_in_words(found) or '.'}",
+        f"{held_in_short(found)}.",
     )
 
 

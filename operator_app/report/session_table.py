@@ -50,7 +50,8 @@ def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> list
         ("poses read from", state.imported),
         (
             "in position mode",
-            f"joint {names(position)}{and_the_others(len(position), len(state.modes))}"
+            f"joint{'s' if len(position) > 1 else ''} {names(position)}"
+            f"{and_the_others(len(position), len(state.modes))}"
             if position
             else "",
         ),
@@ -76,7 +77,8 @@ def _solved(state: SessionState) -> str:
 def _exported(state: SessionState) -> str:
     exported = state.exported
     if not exported:
-        return "not yet"
+        # `sarcal export` writes files from any session, and only an upload is of its journal.
+        return "nothing that its journal knows of"
     uploaded = exported["uploaded"]
     where = f", slot {uploaded['slot']} of the controller" if uploaded else ", nothing uploaded"
     if exported.get("unknown"):

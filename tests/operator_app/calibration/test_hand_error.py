@@ -16,6 +16,7 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.facts import facts_of
+from operator_app.report.text import facts_text
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
@@ -131,6 +132,9 @@ def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right() -> 
     (notice,) = [w for w in right.warnings if w.code == "HELD"]
     assert "theta_off_4 at " in notice.text
     assert "holds only if the value held is right" in notice.text
+    told = " ".join(facts_text(facts_of(right)).split())
+    assert told.count("holds only if the value held is right") == 1, "told once, and pointed to"
+    assert "holds only if theta_off_4 is held at what it is: see the warnings." in told
     document = facts_of(right).json
     assert document["hand_accuracy_holds_for"] == {"theta_off_4": pytest.approx(np.rad2deg(at))}
     # Where the file states how well it is known, that is counted in.

@@ -121,6 +121,8 @@ def test_a_shell_completes_commands_options_and_names(tmp_path: Path) -> None:
     assert "hinge_planned" in completions("sarcal run h", tmp_path)
     assert "20260101-hinge" in completions("sarcal report 2", tmp_path)
     assert "arm-file" in completions("sarcal help arm", tmp_path)
+    copied = completions("sarcal new arm --from ", tmp_path)
+    assert set(copied) == {"franka_panda", "sarcos_dextrous"}
 
 
 def test_a_session_is_shown_as_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -133,6 +135,7 @@ def test_a_session_is_shown_as_a_table(tmp_path: Path, capsys: pytest.CaptureFix
     assert "arm, serial number SDA-9" in lines
     assert f"poses read from {HINGE}" in lines
     assert "poses 60 poses that count" in lines
+    assert "exported nothing that its journal knows of" in lines
     assert any(
         line.startswith("solved accepted by implicit, scaled condition number") for line in lines
     )

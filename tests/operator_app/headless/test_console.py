@@ -1,0 +1,31 @@
+"""What `sarcal run` says on stderr while it goes."""
+
+from __future__ import annotations
+
+import pytest
+
+from hardware.arm import ArmIdentity, NodeIdentity
+from operator_app.headless.console import ConsoleListener
+
+
+@pytest.mark.parametrize(
+    ("names", "nodes"),
+    [
+        (("sarcal virtual joint drive", "sarcal virtual supervisor"), "2 simulated CANopen nodes."),
+        (("sarcal virtual joint drive", "a drive"), "2 CANopen nodes."),
+    ],
+)
+def test_a_simulated_arm_is_said_to_be_one(
+    names: tuple[str, ...], nodes: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Who named no bus must not take it for the arm beside the desk."""
+    found = tuple(
+        NodeIdentity(
+            node=k, role=f"joint {k}", device_name=name, vendor_id=0, product_code=0, revision=0,
+            serial_number=k,
+        )
+        for k, name in enumerate(names, 1)
+    )  # fmt: skip
+    listener = ConsoleListener()
+    listener.connected(ArmIdentity(model="an_arm", serial_number="A-1", nodes=found))
+    assert capsys.readouterr().err == f"Connected to an_arm, serial A-1: {nodes}\n"

@@ -15,6 +15,7 @@ from hardware.objects import STOP_CONTACTS, EmergencyCode
 from operator_app.composition import CutShort
 from operator_app.session.folder import read_session
 from operator_app.session.wording import stopped_words, words
+from operator_app.units.numbers import plural
 
 
 def cut_short_lines(found: CutShort) -> list[str]:
@@ -32,7 +33,10 @@ def cut_short_lines(found: CutShort) -> list[str]:
     poses = len(state.poses if kept is None else kept.poses)
     lines = [f"{said}; no pose was taken."]
     if poses:
-        lines = [f"{said}. {poses} poses are kept in {folder}.", *_way_on(found)]
+        lines = [
+            f"{said}. {plural(poses, 'pose')} {'is' if poses == 1 else 'are'} kept in {folder}.",
+            *_way_on(found),
+        ]
     if isinstance(found.cause, DriveAstray):
         # Whoever stands there has just seen it move: before anything else, why, and what to do.
         lines.insert(0, f"{stopped_words(str(found.cause))}.")

@@ -79,7 +79,8 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
         columns=(
             *words("joint"),
             *(Column(title, words=True, detail=True) for title in ("sensor", "mode")),
-            *figures("noise", "stated", unit="mrad"),
+            *figures("noise", unit="mrad", detail=True),
+            *figures("stated", unit="mrad"),
             *figures("rms", unit="mrad", group="correction"),
             *figures("/ stated", group="correction"),
             *figures("from", "to", unit="deg", group="poses"),

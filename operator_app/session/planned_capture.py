@@ -281,7 +281,7 @@ class PlannedCapture:
         left = len(campaign.plan.visits)
         self._say(
             f"{head} ({campaign.estimate.text}): {left} pose{'s' if left != 1 else ''} to take, "
-            f"{names(campaign.drives)} drive."
+            f"{names(campaign.drives)} {'drives' if len(campaign.drives) == 1 else 'drive'}."
         )
 
     def _end(self, action: Finished) -> CampaignEnd:

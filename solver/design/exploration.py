@@ -32,7 +32,7 @@ class ExplorationLimits:
     reach_rad
         How far a ray goes.
     capture_every
-        Steps between poses worth capturing.
+        Steps between poses worth capturing, of two drives or more.
     margin_rad
         What every joint keeps from the ends of its range.
     most_rate
@@ -126,6 +126,8 @@ class Explorer:
         self._start_rates = np.zeros((len(start_rad), len(drives)))
         self._start_rates[self._columns, range(len(drives))] = 1.0
         self._here = _Here(q=np.array(start_rad), rates=self._start_rates.copy())
+        # One drive has two rays and no diagonals: every step of them is worth a pose.
+        self._every = 1 if len(drives) == 1 else self.limits.capture_every
         self._rays = self._plan_rays()
         self._ray = 0
         self._pending: FloatArray | None = None
@@ -153,7 +155,7 @@ class Explorer:
             taken = self._here.on_ray + 1
             return ExplorationStep(
                 targets_rad=self._targets(self._pending),
-                capture=not wiggle and taken % self.limits.capture_every == 0,
+                capture=not wiggle and taken % self._every == 0,
                 why="small wiggle to see how the other joints follow"
                 if wiggle
                 else f"exploring, ray {self._ray - 2 * len(self.drives) + 1}, step {taken}",

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -129,3 +131,16 @@ def test_observing_nothing_is_a_wrong_call() -> None:
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     with pytest.raises(ValueError, match="nothing was proposed"):
         explorer.observe(HOME)
+
+
+def test_one_drive_alone_gives_poses_enough_to_calibrate(loop, x) -> None:
+    """A rigid mount leaves one freedom and two rays: of every third step of them there were two poses."""
+    offsets = np.array(loop.table.theta_off_rad)
+    offsets[0] = close_loops(loop, x, HOME[None, :]).u[0, 0]
+    rigid = replace(loop, table=replace(loop.table, theta_off_rad=offsets), hinge=False)
+    explorer = Explorer(start_rad=HOME, drives=(2,), ranges=paper_ranges())
+    seen, captured = explore(explorer, ClosedChain(rigid, x, (2,)))
+    assert not explorer.failure
+    assert seen[-1] == pytest.approx(HOME, abs=1e-4)
+    assert len(captured) >= 5
+    assert np.abs(np.diff(np.sort(captured[:, 1]))).min() > np.deg2rad(2.0), "no pose twice"

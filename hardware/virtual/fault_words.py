@@ -162,6 +162,8 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
         "bus-off": FaultWords(
             broken="the bus is out for 3 s, and back (bus-off, a plug pulled and put in again)",
             says=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
+            # Where it is back as the nodes are waited for: those that are heard are told once more.
+            goes_on=True,
             remedy=f"{_CABLE} The drives hold meanwhile; `sarcal reset` clears their 8130h.",
             arm=Arm.HOLDS,
         ),

@@ -67,6 +67,7 @@ QUICK = [
     ("lost-counts-500", IN_CAPTURE[1]),
     ("frozen-sensor", IN_CAPTURE[0]),
     ("missed-answers", BEFORE),
+    ("bus-off", BEFORE),
     ("unwatched", BEFORE),
     ("other-map", BEFORE),
     ("other-heartbeat", BEFORE),
@@ -93,7 +94,7 @@ def judge(kind: str, at_sync: int, folder: Path) -> Outcome:
     else:
         assert words.goes_on
         assert not (kind in AT_CONNECT and at_sync == BEFORE)
-        assert not (kind == "lost-enable" and at_sync != BEFORE)
+        assert not (kind in ("lost-enable", "bus-off") and at_sync != BEFORE)
         assert kind != "deaf-drive"
         assert len(found.poses) == 6
     off_rad = np.zeros(7)

@@ -153,6 +153,12 @@ class FakeArmBus(can.BusABC):
             self._queue.append((identifier, data))
             self._wake.notify_all()
 
+    def restart(self, node: int) -> None:
+        """Let a node lose its power for a moment: it waits to be started from then on, and says so."""
+        with self._wake:
+            self._nmt(0x82, node)
+            self._wake.notify_all()
+
     def trip(self, joint: int, code: int) -> None:
         """Let a drive fault."""
         with self._wake:  # what it is told at this moment must not undo it

@@ -60,8 +60,7 @@ def test_a_broken_bus_is_a_bus_error_everywhere(driven: CanopenArm, bus: FakeArm
 
 
 def test_a_node_that_restarts_is_named(driven: CanopenArm, bus: FakeArmBus) -> None:
-    bus.say(0x703, b"\x00")
-    bus.say(0x703, b"\x7f")
+    bus.restart(3)
     with pytest.raises(BusError, match="Node 3 has left operation"):
         capture_for_ever(driven)
 

@@ -47,7 +47,7 @@ def test_it_is_calibrated_by_name(
         bus = ["-i", "moving_line_arm", "-c", arm.channel]
         assert main(["run", "quick.yaml", *bus, "--json"]) == 0
         told = capsys.readouterr()
-        assert "Connected to sarcos_dextrous, serial TOY-0001: 7 JSON nodes." in told.err
+        assert "Connected to sarcos_dextrous, serial TOY-0001: 7 simulated JSON nodes." in told.err
         found = json.loads(told.out)
         assert found["verdict"].startswith("accepted")
         # Oracle: the truth of seed 0, as test_run has it from the design.

@@ -14,6 +14,7 @@ from fixtures.base import Fixture
 from operator_app.calibration.loop import in_order, loop_of_poses
 from operator_app.calibration.noise import samples_of, soften
 from operator_app.calibration.unsteady import moved_while_read
+from operator_app.units.numbers import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind
@@ -62,7 +63,7 @@ def judge_rvdts(
     loop = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
     model = loop.at_poses(distinct).without(held)
     q = poses.q_rad[distinct]
-    without = f"without the readings of {_joints_named(tuple(sensors))}"
+    without = f"without the readings of {joints_named(tuple(sensors))}"
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return none_decided(f"{without} these poses are too few: take more")
     names = tuple(p.name for p in model.parameters)
@@ -152,7 +153,3 @@ def _beside_quiet(whole: Calibrated) -> dict[str, Component]:
         sd, low, high = np.sqrt(sizes).tolist()
         found[c.name] = replace(c, sd=sd, low=low, high=high)
     return found
-
-
-def _joints_named(joints: tuple[int, ...]) -> str:
-    return f"joint{'s' if len(joints) > 1 else ''} {' and '.join(str(j) for j in joints)}"

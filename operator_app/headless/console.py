@@ -12,12 +12,13 @@ from hardware.arm import ArmIdentity
 from operator_app.calibration.solution import Solution
 from operator_app.composition import CutShort
 from operator_app.headless.ending import cut_short_lines
-from operator_app.planning.drives import DriveChoice, names
+from operator_app.planning.drives import DriveChoice
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.lateness import late_words
 from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.state import SessionState
+from operator_app.units.numbers import joints_named
 from operator_app.words_out import Stderr, harmless
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
@@ -67,11 +68,11 @@ class ConsoleListener(Listener):
 
     def drives_chosen(self, choice: DriveChoice) -> None:
         """Say which joints drive and why."""
-        self.say(f"Chosen to drive: {names(choice.drives)} ({'; '.join(choice.reasons)}).")
+        self.say(f"Chosen to drive: {joints_named(choice.drives)} ({'; '.join(choice.reasons)}).")
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """Say which joints drive."""
-        driven = names(position_joints).capitalize()
+        driven = joints_named(position_joints).capitalize()
         others = and_the_others(len(position_joints), self._joints)
         self.say(f"{driven} in position mode{others}; read back from the drives.")
 

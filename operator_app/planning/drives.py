@@ -13,6 +13,7 @@ import numpy as np
 
 from operator_app.errors import SessionError
 from operator_app.planning.task import margin_rad, ranges_of
+from operator_app.units.numbers import joints_named
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.design.drive_joints import (
@@ -159,7 +160,7 @@ def choose_drives(
     if not usable:
         near = prediction.here[0]
         raise SessionError(
-            f"no joints can drive the chain from here: with {names(near.drives)}, "
+            f"no joints can drive the chain from here: with {joints_named(near.drives)}, "
             f"{near.reasons[0]}",
             "bring the arm away from the fold by hand, or mount the hinge elsewhere "
             "(`sarcal plan --advise`)",
@@ -171,7 +172,7 @@ def choose_drives(
         if not tried:
             raise SessionError(
                 f"none of the {len(trials)} sets of joints that were tried drives the arm: "
-                f"with {names(trial[0].drives)}, {trial[0].reasons[0]}",
+                f"with {joints_named(trial[0].drives)}, {trial[0].reasons[0]}",
                 "look for what holds the arm, or name the joints: modes: {position: [1, 5]}",
             )
         best = max(tried, key=lambda r: r.score * measured[r.drives].score)
@@ -185,13 +186,6 @@ def choose_drives(
         prediction=prediction,
         trial=trial,
     )
-
-
-def names(drives: Sequence[int]) -> str:
-    """``joints 1 and 5``."""
-    if len(drives) == 1:
-        return f"joint {drives[0]}"
-    return f"joints {', '.join(str(j) for j in drives[:-1])} and {drives[-1]}"
 
 
 def _beyond(arm: ArmModel, manifold: Manifold) -> str:
@@ -227,7 +221,7 @@ def _against_here(prediction: Prediction, best: RankedDrives) -> tuple[str, ...]
         "less",
     )
     move, reaches = ("move", "reach") if len(first.drives) > 1 else ("moves", "reaches")
-    return (f"{names(first.drives)} {move} more at the present pose but {reaches} {reach}",)
+    return (f"{joints_named(first.drives)} {move} more at the present pose but {reaches} {reach}",)
 
 
 def _with_others(

@@ -12,7 +12,6 @@ from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
-from operator_app.planning.drives import names
 from operator_app.planning.inspection import Chain
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.planning.outlook import Outlook
@@ -27,6 +26,7 @@ from operator_app.units.figure import (
     SPAN,
     STRAY,
 )
+from operator_app.units.numbers import joints_named
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
@@ -211,7 +211,7 @@ def _freedom(chain: Chain) -> list[str]:
     if not chain.fixture.fixture.holds_hand:
         lines = [f"Nothing holds the hand: all {n} joints in position mode."]
     if found.choice is not None:
-        chosen = f"{names(found.choice.drives).capitalize()} would drive"
+        chosen = f"{joints_named(found.choice.drives).capitalize()} would drive"
         lines.append(f"{chosen} ({'; '.join(found.choice.reasons)}).")
     if found.from_home_rad is not None:
         off = abs(found.from_home_rad)

@@ -8,7 +8,6 @@ import textwrap
 from fixtures.advice import PlacementReport, RankedPlacement
 from fixtures.base import Severity
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.planning.drives import names
 from operator_app.planning.held import HELD
 from operator_app.planning.preview import Preview
 from operator_app.report.facts import CONDITION_PAPER
@@ -26,6 +25,7 @@ from operator_app.units.figure import (
     Figure,
     quantity_of,
 )
+from operator_app.units.numbers import joints_named
 from solver.chain.parameters import Parameter
 from solver.design.drive_joints import RankedDrives
 
@@ -99,14 +99,14 @@ def _drives(shown: Preview) -> str:
     lines = [paragraph(head), aligned(rows), paragraph(chosen)]
     others = [d for d in shown.choice.sets if d != shown.choice.drives]
     if others:
-        also = ", ".join(names(d) for d in others)
+        also = ", ".join(joints_named(d) for d in others)
         lines.append(paragraph(f"A session may change to {also} to reach what they cannot."))
     return "\n".join(lines)
 
 
 def _subject(drives: tuple[int, ...]) -> str:
     """``Joints 1 and 5 drive``."""
-    return f"{names(drives)} drive{'s' if len(drives) == 1 else ''}".capitalize()
+    return f"{joints_named(drives)} drive{'s' if len(drives) == 1 else ''}".capitalize()
 
 
 def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:

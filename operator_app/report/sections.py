@@ -24,7 +24,7 @@ from operator_app.report.session_facts import (
 from operator_app.report.subject import Subject
 from operator_app.report.table import Table
 from operator_app.units.figure import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure
-from operator_app.units.numbers import names, plural
+from operator_app.units.numbers import joints_named, names, plural
 from solver.estimators.estimate import Estimate
 from solver.judging.rvdt import RvdtVerdict, Soundness
 
@@ -192,17 +192,13 @@ def _rvdt(subject: Subject) -> Section | None:
         content += [table_html(table), plots(map(figures.drawn, shown))]
     used = [j for j in joints if j not in subject.unsensed_joints]
     if len(used) < len(joints):
-        unused = _numbered([j for j in joints if j not in used])
+        unused = joints_named([j for j in joints if j not in used])
         content.append(remark(f"The readings of {unused} were not used."))
     if used and estimate is not None and estimate.corrections is not None:
-        content.append(remark(CURVE_WORDS.format(joints=_numbered(used))))
+        content.append(remark(CURVE_WORDS.format(joints=joints_named(used))))
         shown = (pictures.rvdt_corrections(subject, estimate, j) for j in used)
         content.append(plots(map(figures.drawn, shown)))
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
-
-
-def _numbered(joints: list[int]) -> str:
-    return f"joint{'s' if len(joints) > 1 else ''} {names(joints)}"
 
 
 def _judged(verdict: RvdtVerdict) -> Html:

@@ -11,7 +11,7 @@ from operator_app.report.table import Cell, Column, Table, figures, words
 from operator_app.report.text import table_text
 from operator_app.session.state import SessionState
 from operator_app.units.figure import ANGLE, CONDITION, NOISE_ANGLE, Figure
-from operator_app.units.numbers import names, plural
+from operator_app.units.numbers import joints_named, names, plural
 
 MOST_POSES = 60
 """In the table; `poses.csv` has them all."""
@@ -50,8 +50,7 @@ def _about(folder: Path, state: SessionState, procedure: str, torn: str) -> list
         ("poses read from", state.imported),
         (
             "in position mode",
-            f"joint{'s' if len(position) > 1 else ''} {names(position)}"
-            f"{and_the_others(len(position), len(state.modes))}"
+            f"{joints_named(position)}{and_the_others(len(position), len(state.modes))}"
             if position
             else "",
         ),

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from operator_app.calibration.judgement import Notice
 from operator_app.report.facts import Facts
 from operator_app.report.table import Column, Table, shown
-from operator_app.units.numbers import names
+from operator_app.units.numbers import joints_named, names
 from operator_app.words_out import harmless
 from solver.errors import UnidentifiableError
 
@@ -134,7 +134,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
     elif joints:
         several = len(joints) > 1
         remedy = (
-            f"take poses in which joint{'s' * several} {names(joints)} move{'s' * (not several)}, in another "
+            f"take poses in which {joints_named(joints)} move{'s' * (not several)}, in another "
             "fixture where this one does not let them (a rigid one holds the elbow, a hinge frees it), or hold "
             f"{names(f'theta_off_{j}' for j in joints)} at nominal: --drop-unidentifiable of solve and import "
             f"does, or leave {'them' if several else 'it'} out of the free entries of the arm file."

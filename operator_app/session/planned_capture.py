@@ -16,7 +16,6 @@ import numpy as np
 
 from hardware.arm import ArmSnapshot, Watch
 from operator_app.errors import GuardError
-from operator_app.planning.drives import names
 from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, require_closed_chain
 from operator_app.session.campaign_replay import (
     DivergedError,
@@ -30,6 +29,7 @@ from operator_app.session.listener import Listener
 from operator_app.session.session import Session
 from operator_app.session.unreturned import NO_WAY_BACK
 from operator_app.units.figure import WHOLE_DEGREES
+from operator_app.units.numbers import joints_named
 from solver.arrays import FloatArray
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
@@ -281,7 +281,7 @@ class PlannedCapture:
         left = len(campaign.plan.visits)
         self._say(
             f"{head} ({campaign.estimate.text}): {left} pose{'s' if left != 1 else ''} to take, "
-            f"{names(campaign.drives)} {'drives' if len(campaign.drives) == 1 else 'drive'}."
+            f"{joints_named(campaign.drives)} {'drives' if len(campaign.drives) == 1 else 'drive'}."
         )
 
     def _end(self, action: Finished) -> CampaignEnd:

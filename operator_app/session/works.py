@@ -9,14 +9,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from hardware.arm import JointMode
-from operator_app.planning import drives
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.session import guards
 from operator_app.session.face import Chosen, OneOf, Typed, YesNo
 from operator_app.session.operations import Operations
 from operator_app.session.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.units.figure import MOVED
-from operator_app.units.numbers import names
+from operator_app.units.numbers import joints_named, names
 
 VERIFY_POSES = 5
 
@@ -242,4 +241,4 @@ def hold(chosen: Chosen) -> None:
 def apply_prompt(s: SessionSnapshot) -> str:
     """Say which joints would be put into position mode."""
     others = and_the_others(len(s.wanted_joints), s.procedure.arm.joint_count)
-    return f"Put {drives.names(s.wanted_joints)} into position mode{others}"
+    return f"Put {joints_named(s.wanted_joints)} into position mode{others}"

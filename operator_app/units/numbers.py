@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 MINUS = "\N{MINUS SIGN}"
 NOT_KNOWN = "n/a"
@@ -60,6 +60,11 @@ def places_needed(values: Iterable[float], *, least: int, most: int) -> int:
 def plural(count: int, noun: str) -> str:
     """Return ``1 pose``, ``2 poses``."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def joints_named(joints: Sequence[int]) -> str:
+    """Return ``joint 5``, or ``joints 1 and 5``."""
+    return f"joint{'s' if len(joints) > 1 else ''} {names(joints)}"
 
 
 def names(items: Iterable[object]) -> str:

@@ -12,7 +12,6 @@ from operator_app.errors import SessionError
 from operator_app.planning.drives import (
     Prediction,
     choose_drives,
-    names,
     predict_drives,
     worth_trying,
 )
@@ -90,9 +89,3 @@ def test_a_start_outside_of_the_ranges_names_the_joint() -> None:
     arm = replace(own.arm, joints=tuple(joints))
     with pytest.raises(SessionError, match=r"joint 4 .* deg beyond its range"):
         predict_drives(arm, model, nominal_vector(model.parameters), home)
-
-
-def test_joints_in_words() -> None:
-    assert names((2,)) == "joint 2"
-    assert names((1, 5)) == "joints 1 and 5"
-    assert names((1, 2, 3)) == "joints 1, 2 and 3"

@@ -26,7 +26,8 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.description import ArmDescription
+from hardware.arm_description import ArmDescription
+from hardware.control.stop_line import StopLatch
 from hardware.errors import (
     BusError,
     CommandRefused,
@@ -36,7 +37,6 @@ from hardware.errors import (
     Stopped,
 )
 from hardware.limits import JointLimits, Situation, joint_limits, refuse_command, refuse_move
-from hardware.stop_line import StopLatch
 
 PERIOD_S = 0.01
 """Of no weight here: whole moves are judged, not single steps."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
-from hardware.objects import CONTROL_PERIOD_S, HEARTBEAT_PERIOD_S
+from hardware.canopen.objects import CONTROL_PERIOD_S, HEARTBEAT_PERIOD_S
 
 
 class Pace(Enum):

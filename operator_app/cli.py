@@ -17,8 +17,8 @@ from typing import NoReturn
 
 from operator_app.commands.completion import asked, complete
 from operator_app.commands.table import APP, COMMANDS, module
-from operator_app.own_names import ForeignPackageError, require_own_names
-from operator_app.words_out import harmless, say, silence, stand_in_for_closed
+from operator_app.package_names import ForeignPackageError, require_own_names
+from operator_app.safe_output import harmless, say, silence, stand_in_for_closed
 
 NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)+")
 OPTION = re.compile(r"--[a-z-]+")

@@ -18,25 +18,31 @@ from itertools import count
 from pathlib import Path
 
 from fixtures.measured import Measured
-from hardware.arm_offers import ArmOffer, ArmOrder, offer
-from hardware.buses import BusSettings, bus_settings
-from hardware.canopen_arm import CanopenArm
-from hardware.on_bus import BusOpeners
+from hardware.arm_plugins import ArmOffer, ArmOrder, offer
+from hardware.bus_setup import BusOpeners
+from hardware.buses.python_can import BusSettings, bus_settings
+from hardware.control.canopen_arm import CanopenArm
+from hardware.control.process_priority import first_in_line
 from hardware.outside_arm import OutsideArm
-from hardware.priority import first_in_line
 from hardware.timing import Pace, Timing
-from hardware.virtual.attending import attending
 from hardware.virtual.controller import VirtualController
+from hardware.virtual.embedded_bus import attending
 from operator_app.config.description import describe
 from operator_app.config.procedure import Procedure
 from operator_app.config.user_settings import usual_bus
 from operator_app.errors import SessionError
-from operator_app.session.instrument import Instrument, port_of
-from operator_app.session.opening import Choices, Opening, Rig, open_session, remove_if_empty
-from operator_app.session.session import Session
+from operator_app.safe_output import say
+from operator_app.session.workflow.instrument import Instrument, port_of
+from operator_app.session.workflow.opening import (
+    Choices,
+    Opening,
+    Rig,
+    open_session,
+    remove_if_empty,
+)
+from operator_app.session.workflow.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 from operator_app.virtual_arms import named_scenario, run_controller, virtual_instrument
-from operator_app.words_out import say
 
 EMBEDDED_PATIENCE_S = 10.0
 """An embedded arm and its operator share a processor: either may wait for it, and neither is lost."""

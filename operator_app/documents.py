@@ -10,10 +10,10 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.resources import expanded
 from operator_app.errors import SessionError
-from operator_app.session.calibrated import Calibrated, recorded
-from operator_app.session.folder import PARAMETERS_NAME, find_session, read_session
-from operator_app.session.opening import Choices, resume
-from operator_app.session.parameters_document import document_of
+from operator_app.session.store.folders import PARAMETERS_NAME, find_session, read_session
+from operator_app.session.store.parameters import document_of
+from operator_app.session.store.stored_calibration import Calibrated, recorded
+from operator_app.session.workflow.opening import Choices, resume
 
 
 def parameters_at(reference: str, root: Path) -> ParametersDocument:

@@ -7,24 +7,24 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fixtures.measured import Measured
-from hardware.buses import BusSettings, open_bus
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.canopen.objects import HEARTBEAT_TIMEOUT_S, Slot
 from hardware.line_port import CalledLines
-from hardware.objects import HEARTBEAT_TIMEOUT_S, Slot
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.drawn import Stated
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
 from hardware.virtual.parameters import ValidatedParameters
 from hardware.virtual.scenario_names import DEFAULT_SCENARIO
 from hardware.virtual.scenarios import Scenario, scenario, scenario_of
+from hardware.virtual.specimens import Stated
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import FixtureSpec, load_fixture
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.errors import SessionError
-from operator_app.session.instrument import Instrument
-from operator_app.session.opening import Choices
+from operator_app.session.workflow.instrument import Instrument
+from operator_app.session.workflow.opening import Choices
 from solver.chain.arm_model import ArmModel
 
 SERIAL_NUMBER = "SDA-0001"

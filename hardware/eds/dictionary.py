@@ -1,6 +1,6 @@
 """Object dictionaries of our devices, read from their EDS files, which are the source. Knows no bus.
 
-`hardware.objects` gives names to the indices that code uses; a test holds the two against each other.
+`hardware.canopen.objects` gives names to the indices that code uses; a test holds the two against each other.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import canopen
 from canopen import ObjectDictionary
 from canopen.objectdictionary import ODVariable
 
-from hardware.objects import JOINT_PRODUCT, SUPERVISOR_NODE, SUPERVISOR_PRODUCT
+from hardware.canopen.objects import JOINT_PRODUCT, SUPERVISOR_NODE, SUPERVISOR_PRODUCT
 
 EDS_FILES: Final[Mapping[int, Path]] = {
     JOINT_PRODUCT: Path(__file__).with_name("joint.eds"),

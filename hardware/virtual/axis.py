@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 
+from hardware.canopen.objects import CONTROL_PERIOD_S, SensorKind
 from hardware.limits import JointLimits, joint_limits
-from hardware.objects import CONTROL_PERIOD_S, SensorKind
 from hardware.scale import JointScale
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt

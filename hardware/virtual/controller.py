@@ -23,11 +23,11 @@ from typing import Self
 
 import can
 
-from hardware import objects
-from hardware.acceptance import controller_filters, keep_out
-from hardware.attention import Attention
-from hardware.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
-from hardware.priority import ahead_of_its_program
+from hardware.buses.acceptance_filters import controller_filters, keep_out
+from hardware.canopen import objects
+from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
+from hardware.control.process_priority import ahead_of_its_program
+from hardware.monitors.latency import Attention
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.controller_network import ControllerNetwork
 from hardware.virtual.disturbances import Disturbances

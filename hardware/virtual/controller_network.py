@@ -7,9 +7,9 @@ import struct
 import can
 import canopen
 
-from hardware.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, Abort
+from hardware.buses.shared_bus import Frame
+from hardware.canopen.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, Abort
 from hardware.virtual.disturbances import Disturbances
-from hardware.wire import Frame
 
 _NODE_BITS = 0x7F
 _ABORT, _ABORTED = 0x80, struct.Struct("<B3sI")

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hardware import cia402
 from hardware.arm import DriveState, JointMode
-from hardware.cia402 import Event, StatusBit
+from hardware.canopen import cia402
+from hardware.canopen.cia402 import Event, StatusBit
+from hardware.canopen.objects import JOINT_MODE, MODE_CODE, EmergencyCode
 from hardware.limits import refuse_target
-from hardware.objects import JOINT_MODE, MODE_CODE, EmergencyCode
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.port import JointCommand
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hardware.arm import DriveState, JointMode
-from hardware.objects import EmergencyCode
+from hardware.canopen.objects import EmergencyCode
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveNode
 from hardware.virtual.port import JointCommand, PlantPort

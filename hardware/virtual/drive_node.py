@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from hardware import cia402, objects
+from hardware.canopen import cia402, objects
+from hardware.canopen.objects import JOINT_PRODUCT, EmergencyCode, ErrorBit, NmtState
 from hardware.eds.dictionary import pdo_struct
-from hardware.objects import JOINT_PRODUCT, EmergencyCode, ErrorBit, NmtState
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.drive import Drive
 from hardware.virtual.node import Value, VirtualNode

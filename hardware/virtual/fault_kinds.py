@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from hardware.objects import SUPERVISOR_NODE, EmergencyCode
+from hardware.canopen.objects import SUPERVISOR_NODE, EmergencyCode
 from hardware.virtual.faults import FaultInjector, ScriptedFault
 from hardware.virtual.frame_faults import FrameFaults
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from hardware.objects import (
+from hardware.canopen.objects import (
     COB_TPDO1,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_PRODUCER,

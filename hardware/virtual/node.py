@@ -13,9 +13,16 @@ import canopen
 from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 
-from hardware import objects
+from hardware.canopen import objects
+from hardware.canopen.objects import (
+    ERROR_HISTORY,
+    Abort,
+    EmergencyCode,
+    ErrorBit,
+    NmtCommand,
+    NmtState,
+)
 from hardware.eds.dictionary import node_dictionary, variables
-from hardware.objects import ERROR_HISTORY, Abort, EmergencyCode, ErrorBit, NmtCommand, NmtState
 from hardware.virtual.sdo_server import SegmentedSdoServer
 
 Value = int | bytes | str

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hardware.virtual.fault_words import Arm, FaultWords
+from hardware.virtual.fault_messages import Arm, FaultWords
 
 OPERATOR_SIDE: Mapping[str, FaultWords] = MappingProxyType(
     {

@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 from typing import Final, Protocol
 
-from hardware.objects import Slot, SlotState
+from hardware.canopen.objects import Slot, SlotState
 
 _POINTER: Final = "active"
 _FILE: Final = {Slot.A: "slot_a", Slot.B: "slot_b"}

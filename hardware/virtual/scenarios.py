@@ -16,10 +16,11 @@ from enum import IntEnum
 import numpy as np
 
 from fixtures.measured import Measured
-from hardware.virtual.drawn import Stated, drawn_truth, may_be, mounted_anew, opened
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
+from hardware.virtual.random_truth import WildSpread, wild_loop
 from hardware.virtual.scenario_names import SCENARIOS
 from hardware.virtual.sensors import RvdtCurve, SensorBank, joint_sensor
+from hardware.virtual.specimens import Stated, drawn_truth, may_be, mounted_anew, opened
 from hardware.virtual.tracker import SimulatedTracker
 from hardware.virtual.truth import (
     PAPER_HOME_RAD,
@@ -28,7 +29,6 @@ from hardware.virtual.truth import (
     paper_loop,
     with_length_errors,
 )
-from hardware.virtual.wild import WildSpread, wild_loop
 from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt

@@ -15,7 +15,7 @@ from typing import Any, Final
 from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer
 
-from hardware.objects import Abort
+from hardware.canopen.objects import Abort
 
 _HEAD: Final = struct.Struct("<BHB")
 _ABORT: Final = struct.Struct("<BHBI")

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from canopen.sdo.exceptions import SdoAbortedError
 
-from hardware import objects
-from hardware.objects import Abort, EmergencyCode, ErrorBit, ParameterCommand, Slot
+from hardware.canopen import objects
+from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, ParameterCommand, Slot
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.node import Value, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore

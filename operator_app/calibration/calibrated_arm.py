@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from operator_app.calibration.hand_error import HandAccuracy, spread_along, spread_of
-from operator_app.calibration.solution import Solution
+from operator_app.calibration.result import Solution
+from operator_app.calibration.tool_accuracy import HandAccuracy, spread_along, spread_of
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward

@@ -31,11 +31,11 @@ from operator_app.units.figure import (
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
+from solver.diagnostics.exceeded_specifications import Larger
+from solver.diagnostics.fault_model import Candidate, Cause
+from solver.diagnostics.fault_models import Scene
+from solver.diagnostics.model_selection import Evidence
 from solver.estimators.effects import Design
-from solver.judging.candidate import Candidate, Cause
-from solver.judging.candidates import Scene
-from solver.judging.evidence import Evidence
-from solver.judging.larger import Larger
 
 NAMED = 5
 """How many poses a sentence lists by name."""

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fixtures.base import Fixture
-from operator_app.calibration.foretold import MadeFrom
-from operator_app.calibration.placed import as_calibrated
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
+from operator_app.calibration.instrument_registration import as_calibrated
+from operator_app.calibration.prediction import MadeFrom
+from operator_app.calibration.result import Solution
+from operator_app.calibration.verification import Prediction, fixed_by, judge_poses
 from solver.arrays import BoolArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fixtures.measured import Measured
-from operator_app.calibration.placed import placed_by_poses
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.instrument_registration import placed_by_poses
+from operator_app.calibration.result import Solution
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
 from solver.chain.poses import PoseSet
-from solver.judging.statistics import Chi2Test, chi2_test
+from solver.diagnostics.statistics import Chi2Test, chi2_test
 
 LEVEL = 0.01
 """How often calibrations of an arm that agree may be said to disagree."""

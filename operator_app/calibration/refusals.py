@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.errors import FixtureError
-from operator_app.calibration.verdict import FEW_DOF
+from operator_app.calibration.acceptance import FEW_DOF
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
+from solver.diagnostics.identifiability import Identifiability
 from solver.errors import UnidentifiableError
-from solver.judging.identifiability import Identifiability
 from solver.loops.closure import ClosureModel
 
 

@@ -1,6 +1,6 @@
 """What poses of any fixture say of the arm's RVDTs: a verdict each, or why there can be none.
 
-Knows arms, fixtures and pose sets; the judging itself is `solver.judging.rvdt`.
+Knows arms, fixtures and pose sets; the judging itself is `solver.diagnostics.rvdt`.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.loop import in_order, loop_of_poses
-from operator_app.calibration.noise import samples_of, soften
-from operator_app.calibration.unsteady import moved_while_read
+from operator_app.calibration.closed_loops import in_order, loop_of_poses
+from operator_app.calibration.error_model import samples_of, soften
+from operator_app.calibration.motion_during_sampling import moved_while_read
 from operator_app.units.numbers import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
@@ -21,13 +21,13 @@ from solver.chain.parameters import DhEntry, DhKind
 from solver.chain.pose_order import back_to_caller
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Rvdt
+from solver.diagnostics.information import seen_by_fit
+from solver.diagnostics.quiet_noise import noise_beside_quiet
+from solver.diagnostics.rvdt import RvdtVerdict, rvdt_verdicts, undecided
+from solver.diagnostics.rvdt_noise import SingleNoise, single_noise
 from solver.estimators.component_report import Component, interval
 from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import Calibrated
-from solver.judging.quiet_noise import noise_beside_quiet
-from solver.judging.rvdt import RvdtVerdict, rvdt_verdicts, undecided
-from solver.judging.rvdt_noise import SingleNoise, single_noise
-from solver.judging.seen_by_fit import seen_by_fit
 from solver.loops.closure import ClosureModel
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from operator_app.calibration.causes import NamedCause
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Rvdt
-from solver.judging.candidate import Stray
-from solver.judging.rvdt import RvdtVerdict, Soundness, stray_of
+from solver.diagnostics.fault_model import Stray
+from solver.diagnostics.rvdt import RvdtVerdict, Soundness, stray_of
 
 
 def measured_strays(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> dict[int, Stray]:

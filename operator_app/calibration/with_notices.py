@@ -8,9 +8,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fixtures.base import Fixture
+from operator_app.calibration.acceptance import Judgement
 from operator_app.calibration.calibrated_arm import calibrated_arm, hand_accuracy, hand_errors
-from operator_app.calibration.held_offsets import offsets_not_sought, with_held
-from operator_app.calibration.judgement import (
+from operator_app.calibration.diagnosis import Known
+from operator_app.calibration.excluded_poses import left_out_in_words, out_of_range_besides
+from operator_app.calibration.fixed_offsets import offsets_not_sought, with_held
+from operator_app.calibration.notices import (
     ASTRAY,
     alike_notices,
     as_stated_notices,
@@ -29,11 +32,8 @@ from operator_app.calibration.judgement import (
     rvdt_notices,
     setup_notices,
 )
-from operator_app.calibration.left_out import left_out_in_words, out_of_range_besides
-from operator_app.calibration.mounted_twice import Alike
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.verdict import Judgement
-from operator_app.calibration.weighing import Known
+from operator_app.calibration.placements import Alike
+from operator_app.calibration.result import Solution
 from operator_app.config.procedure import AcceptanceLimits
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet

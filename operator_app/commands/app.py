@@ -22,13 +22,13 @@ from operator_app.commands.options import (
     tracker_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from operator_app.session.opening import Opening, Rig
-    from operator_app.session.sessions import Sessions
+    from operator_app.session.ui.sessions import Sessions
+    from operator_app.session.workflow.opening import Opening, Rig
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
         from hardware.timing import Pace
         from operator_app.composition import open_arm
         from operator_app.config.user_settings import settings_if_right
-        from operator_app.session.sessions import Sessions
+        from operator_app.session.ui.sessions import Sessions
 
         usual, warning = settings_if_right()
         choices = replace(choices_from(args, journal=False), operator=usual.operator)
@@ -131,7 +131,7 @@ def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = Fal
 def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) -> str:
     from operator_app.config.user_settings import settings_if_right
     from operator_app.tui.app import run
-    from operator_app.tui.look import DARK, LIGHT, NO_COLOUR
+    from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR
 
     settings, _ = settings_if_right()
     usual = {"dark": DARK, "light": LIGHT, "none": NO_COLOUR}[settings.theme or "dark"]

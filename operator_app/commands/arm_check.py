@@ -22,13 +22,13 @@ from operator_app.commands.options import (
 )
 from operator_app.errors import NotLetGoError
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import harmless, say
+from operator_app.safe_output import harmless, say
 
 if TYPE_CHECKING:
-    from hardware.bench.finding import Finding
+    from hardware.commissioning.finding import Finding
 
 STAGES = ("look", "hold", "move", "free", "leave", "silence")
-"""Names of `hardware.bench.finding.Stage`, here so that --help does not load the bus."""
+"""Names of `hardware.commissioning.finding.Stage`, here so that --help does not load the bus."""
 MARK = {True: "ok", False: "FAILED", None: "-"}
 
 
@@ -67,8 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Try, and report each thing as it was found; exit 3 where something failed."""
     from hardware.arm import TellsPower
-    from hardware.bench.check import Bench, check
-    from hardware.bench.finding import Stage
+    from hardware.commissioning.bench_check import Bench, check
+    from hardware.commissioning.finding import Stage
     from operator_app.composition import open_arm
     from operator_app.config.description import describe
     from operator_app.signals import ending_signals_interrupt, ending_signals_wait

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from operator_app.commands.options import json_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
     from operator_app.config.any_file import AnyKind
@@ -36,8 +36,8 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.any_file import look_through
     from operator_app.config.errors import ConfigError, Problem
     from operator_app.planning.inspection import chains_of
-    from operator_app.report.check_json import found_json
-    from operator_app.report.check_text import check_text, problems_text
+    from operator_app.report.results.check import check_text, problems_text
+    from operator_app.report.results.check_json import found_json
 
     missing: list[Problem] = []
     sources: list[Resource] = []

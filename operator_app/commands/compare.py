@@ -7,7 +7,7 @@ import json
 
 from operator_app.commands.options import json_option, sessions_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,9 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Compare and report on stdout."""
-    from operator_app.calibration.compare import IncomparableError, compare
+    from operator_app.calibration.comparison import IncomparableError, compare
     from operator_app.documents import parameters_at
-    from operator_app.report.comparison_result import comparison_json, comparison_text
+    from operator_app.report.results.comparison import comparison_json, comparison_text
 
     if not 0.0 < args.level < 1.0:
         raise UsageError(f"--level {args.level:g}: a chance lies between 0 and 1, e.g. 0.01")

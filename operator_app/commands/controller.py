@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hardware.objects import HEARTBEAT_TIMEOUT_S, LONGEST_GUARD_S, LONGEST_WATCH_S
-from hardware.virtual.fault_words import FAULTS
+from hardware.canopen.objects import HEARTBEAT_TIMEOUT_S, LONGEST_GUARD_S, LONGEST_WATCH_S
+from hardware.virtual.fault_messages import FAULTS
 from operator_app.commands.options import (
     a_path,
     bus_options,
@@ -21,10 +21,10 @@ from operator_app.commands.options import (
     scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
-    from hardware.buses import BusSettings
+    from hardware.buses.python_can import BusSettings
     from hardware.virtual.faults import ScriptedFault
     from hardware.virtual.tracker import SimulatedTracker
 
@@ -104,8 +104,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Serve until interrupted."""
-    from hardware.buses import bus_settings
-    from hardware.priority import first_in_line
+    from hardware.buses.python_can import bus_settings
+    from hardware.control.process_priority import first_in_line
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.procedure_file import load_procedure
@@ -213,7 +213,7 @@ def _out_of_order(failure: Exception) -> Exception:
 @contextmanager
 def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
     """Record the bus, if asked to: from before the first boot-up to after the last frame."""
-    from hardware.bystander import recorded
+    from hardware.buses.bus_recorder import recorded
 
     if path is None:
         yield

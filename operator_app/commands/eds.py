@@ -7,7 +7,7 @@ from pathlib import Path
 
 from operator_app.commands.options import a_path
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

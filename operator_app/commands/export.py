@@ -20,7 +20,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 
@@ -61,14 +61,14 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.atomic import write_atomically
     from operator_app.config.parameters_file import format_parameters
     from operator_app.report.exports import FILES, Calibration, in_format
-    from operator_app.session.calibrated import calibrated
-    from operator_app.session.export import export
-    from operator_app.session.folder import PARAMETERS_NAME, read_session
-    from operator_app.session.journal import utc_now
-    from operator_app.session.listener import Listener
-    from operator_app.session.opening import resume
-    from operator_app.session.parameters_document import document_of
-    from operator_app.session.workflow import connect
+    from operator_app.session.store.folders import PARAMETERS_NAME, read_session
+    from operator_app.session.store.journal import utc_now
+    from operator_app.session.store.parameters import document_of
+    from operator_app.session.store.stored_calibration import calibrated
+    from operator_app.session.workflow.capture import connect
+    from operator_app.session.workflow.export import export
+    from operator_app.session.workflow.listener import Listener
+    from operator_app.session.workflow.opening import resume
 
     kind = _format(args)
     if args.upload and kind != "yaml":

@@ -12,7 +12,7 @@ from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.manual.pages import SECTIONS, Manual
 from operator_app.manual.reference import reference
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 WIDEST = 100
 """Longer lines are hard to read, however wide the terminal is."""

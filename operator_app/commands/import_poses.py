@@ -18,7 +18,7 @@ from operator_app.commands.options import (
     tolerance_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
     from solver.chain.poses import PoseSet
@@ -75,12 +75,12 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.poses_file import save_poses
     from operator_app.config.resources import resolve
     from operator_app.report.facts import facts_of
-    from operator_app.report.session_result import session_json, session_text, unidentifiable_json
+    from operator_app.report.results.session import session_json, session_text, unidentifiable_json
     from operator_app.report.text import facts_text, unidentifiable_text
-    from operator_app.session.folder import POSES_NAME
-    from operator_app.session.importing import UNSTATED, How, ImportedSession
+    from operator_app.session.store.folders import POSES_NAME
+    from operator_app.session.workflow.importing import UNSTATED, How, ImportedSession
+    from solver.diagnostics.range_checks import ReadingsOutOfRangeError
     from solver.errors import UnidentifiableError
-    from solver.judging.ranges import ReadingsOutOfRangeError
 
     arm = resolve("arm", args.arm)
     model = parse_arm(arm.data, arm.file)

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 
 from operator_app.commands.options import bus_options, json_option, record_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 POLL_S = 0.1
 
@@ -28,9 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Watch and say; at the end sum up what was seen."""
-    from hardware.buses import bus_settings, open_bus
-    from hardware.monitoring import BusMonitor
-    from hardware.wire import Wire
+    from hardware.buses.python_can import bus_settings, open_bus
+    from hardware.buses.shared_bus import Wire
+    from hardware.commissioning.bus_monitor import BusMonitor
     from operator_app.config.procedure import DEFAULT_PROFILE
     from operator_app.config.profile_file import load_profile
     from operator_app.config.user_settings import usual_bus

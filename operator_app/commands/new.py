@@ -15,8 +15,8 @@ import numpy as np
 from fixtures.base import Tolerance
 from operator_app.commands.options import a_path
 from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.safe_output import say
 from operator_app.units.figure import ANGLE, LENGTH, STRAY, Figure
-from operator_app.words_out import say
 from solver.loops.endpoint_geometry import Line
 
 if TYPE_CHECKING:
@@ -248,7 +248,7 @@ def _procedure(args: argparse.Namespace) -> int:
     from operator_app.config.new_files import copied, procedure_file
     from operator_app.config.procedure_file import parse_procedure
     from operator_app.config.resources import Resource, resolve
-    from operator_app.planning.held import holds_for
+    from operator_app.planning.fixed_parameters import holds_for
 
     def read(data: bytes, file: str) -> object:
         return parse_procedure(Resource(file=file, folder=_target(args, name).parent, data=data))

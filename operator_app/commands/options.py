@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from hardware.virtual.scenario_names import DEFAULT_SCENARIO, SCENARIOS
 from operator_app.exit_codes import UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
     from operator_app.config.poses_file import LoadedPoses
-    from operator_app.session.opening import Choices, Opening
+    from operator_app.session.workflow.opening import Choices, Opening
 
 
 MOST_POSES = 100_000
@@ -192,7 +192,7 @@ def opening_from(args: argparse.Namespace) -> Opening:
     from operator_app.config.arm_file import load_arm
     from operator_app.config.procedure import DEFAULT_PROFILE
     from operator_app.config.profile_file import load_profile
-    from operator_app.session.opening import begin, resume
+    from operator_app.session.workflow.opening import begin, resume
 
     # Such a command takes no poses and keeps no journal: a wrong settings file need not stop it.
     choices = choices_from(args, journal=False)
@@ -230,7 +230,7 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
 
     With `journal` the user's settings say who works here; where their file is wrong nobody, and that is said.
     """
-    from operator_app.session.opening import Choices
+    from operator_app.session.workflow.opening import Choices
 
     if args.seed is not None and args.seed < 0:
         raise UsageError("--seed: a seed is a whole number from zero")

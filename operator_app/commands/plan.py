@@ -17,7 +17,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
     from fixtures.advice import RankedPlacement
@@ -68,10 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Plan and report on stdout."""
-    from operator_app.planning.held import held_checks
+    from operator_app.planning.fixed_parameters import held_checks
     from operator_app.planning.preview import preview
-    from operator_app.report.plan_json import advice_json, plan_json
-    from operator_app.report.plan_text import advice_text, plan_text
+    from operator_app.report.results.plan import advice_text, plan_text
+    from operator_app.report.results.plan_json import advice_json, plan_json
 
     if args.poses is not None and args.poses < 1:
         raise UsageError("--poses: plan at least 1")
@@ -158,8 +158,8 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]
     """Return the session's procedure and what its poses tell."""
     from operator_app.composition import carried_procedure
     from operator_app.planning.preview import Known
-    from operator_app.session.folder import read_session
-    from operator_app.session.opening import Choices, resume
+    from operator_app.session.store.folders import read_session
+    from operator_app.session.workflow.opening import Choices, resume
 
     if args.procedure or args.arm or args.fixture:
         raise UsageError(

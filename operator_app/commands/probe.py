@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 from operator_app.commands.options import a_path, bus_options, json_option, record_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
-    from hardware.probing import Probe
-    from hardware.profile import BusProfile
+    from hardware.canopen.bus_profile import BusProfile
+    from hardware.commissioning.probe import Probe
 
 CHECK = """\
 As found by `sarcal probe`; nothing was moved. What no drive can say, check before anything is enabled:
@@ -56,8 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Look, and report; exit 3 where nobody answers or something differs."""
-    from hardware.buses import bus_settings
-    from hardware.probing import probe
+    from hardware.buses.python_can import bus_settings
+    from hardware.commissioning.probe import probe
     from operator_app.config.procedure import DEFAULT_PROFILE
     from operator_app.config.profile_file import load_profile
     from operator_app.config.user_settings import usual_bus
@@ -120,7 +120,7 @@ def _nobody(found: Probe, bus: str) -> bool:
 
 
 def _draft(args: argparse.Namespace, found: Probe) -> int:
-    from hardware.drafting import NoDraft, draft
+    from hardware.commissioning.profile_draft import NoDraft, draft
     from operator_app.config.editor import save_with_schema, schema_line
     from operator_app.config.profile_file import format_profile
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 from operator_app.commands.options import a_path, estimator_options, given_joints, sessions_option
 from operator_app.exit_codes import ExitCode
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
     from operator_app.report.subject import Subject
-    from operator_app.session.state import SessionState
+    from operator_app.session.store.state import SessionState
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,10 +49,10 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.commands.options import require_joints
     from operator_app.composition import carried_procedure
     from operator_app.report.subject import subject_of_session
-    from operator_app.session.calibrated import calibrated, checked
-    from operator_app.session.journal import read_journal
-    from operator_app.session.opening import Choices, resume
-    from operator_app.session.replay import session_state
+    from operator_app.session.store.journal import read_journal
+    from operator_app.session.store.replay import session_state
+    from operator_app.session.store.stored_calibration import calibrated, checked
+    from operator_app.session.workflow.opening import Choices, resume
     from solver.errors import UnidentifiableError
 
     unsensed = given_joints(args.unsensed)
@@ -84,7 +84,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: SessionState) -> None:
-    from operator_app.report.session_result import session_json, session_text, unidentifiable_json
+    from operator_app.report.results.session import session_json, session_text, unidentifiable_json
     from operator_app.report.text import facts_text, unidentifiable_text
 
     blind, solution, facts = subject.unidentifiable, subject.solution, subject.facts
@@ -110,7 +110,7 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
 
 
 def _draw(folder: Path, subject: Subject) -> None:
-    from operator_app.report.plotted import save_figures
+    from operator_app.report.plots.matplotlib_figures import save_figures
     from operator_app.report.text import unidentifiable_text
 
     if subject.unidentifiable is not None:
@@ -122,8 +122,8 @@ def _draw(folder: Path, subject: Subject) -> None:
 
 def _write(args: argparse.Namespace, subject: Subject, folder: Path) -> None:
     from operator_app.config.atomic import write_atomically
-    from operator_app.report.html import report_html
-    from operator_app.report.of_session import REPORT_NAME
+    from operator_app.report.html.page import report_html
+    from operator_app.report.html.session_page import REPORT_NAME
 
     page = report_html(subject)
     if str(args.output) == "-":

@@ -7,7 +7,7 @@ import json
 
 from operator_app.commands.options import json_option, pose_count
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 FEWEST, MOST = 8, 120
 
@@ -22,8 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Reproduce, and print."""
-    from operator_app.planning.published import published
-    from operator_app.report.published_result import published_json, published_text
+    from operator_app.planning.reproduction import published
+    from operator_app.report.results.reproduction import published_json, published_text
 
     if not FEWEST <= args.poses <= MOST:
         raise UsageError(f"--poses: between {FEWEST} and {MOST}")

@@ -14,7 +14,7 @@ from operator_app.commands.options import (
     scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,11 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Connect, say what has tripped, reset it, say what stays."""
     from hardware.arm import DriveState
-    from hardware.canopen_arm import CanopenArm
-    from hardware.cia402 import POWERED
+    from hardware.canopen.cia402 import POWERED
+    from hardware.control.canopen_arm import CanopenArm
     from hardware.errors import DriveFault
     from operator_app.composition import open_arm
-    from operator_app.session.wording import drive_words, unwatching_words
+    from operator_app.messages.errors import drive_words, unwatching_words
     from operator_app.signals import ending_signals_interrupt
 
     with ending_signals_interrupt(), open_arm(opening_from(args), record_to=args.record) as rig:

@@ -26,13 +26,13 @@ from operator_app.commands.options import (
     tracker_option,
 )
 from operator_app.exit_codes import ExitCode
+from operator_app.safe_output import say
 from operator_app.signals import ending_signals_interrupt
-from operator_app.words_out import say
 
 if TYPE_CHECKING:
     from operator_app.headless.runner import RunResult
-    from operator_app.session.session import Session
-    from operator_app.session.solving import Solver
+    from operator_app.session.store.solver_process import Solver
+    from operator_app.session.workflow.session import Session
     from solver.errors import UnidentifiableError
 
 
@@ -76,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.headless.console import ConsoleListener
     from operator_app.headless.remounting import next_placement, require_mounted
     from operator_app.headless.runner import run
-    from operator_app.session.opening import begin, resume
+    from operator_app.session.workflow.opening import begin, resume
     from solver.errors import UnidentifiableError
 
     choices = choices_from(args)
@@ -128,7 +128,7 @@ def execute(args: argparse.Namespace) -> int:
 
 def _solver_beside(session: Session) -> AbstractContextManager[Solver]:
     """Return what solves without keeping SYNC from an arm that is in real time; a simulated one waits."""
-    from operator_app.session.solving import SolvingProcess, solve_here
+    from operator_app.session.store.solver_process import SolvingProcess, solve_here
 
     if session.state.settings["interface"] == "virtual":
         return nullcontext(solve_here)
@@ -136,9 +136,9 @@ def _solver_beside(session: Session) -> AbstractContextManager[Solver]:
 
 
 def _report(args: argparse.Namespace, session: Session, result: RunResult) -> None:
-    from operator_app.report.capture_result import capture_json, capture_text
     from operator_app.report.facts import facts_of
-    from operator_app.report.session_result import session_json, session_text
+    from operator_app.report.results.capture import capture_json, capture_text
+    from operator_app.report.results.session import session_json, session_text
     from operator_app.report.text import facts_text
 
     folder, state, solution = session.journal.path.parent, session.state, result.solution
@@ -163,7 +163,7 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
 def _report_unidentifiable(
     args: argparse.Namespace, session: Session, error: UnidentifiableError
 ) -> None:
-    from operator_app.report.session_result import unidentifiable_json
+    from operator_app.report.results.session import unidentifiable_json
     from operator_app.report.text import unidentifiable_text
 
     if not args.json:

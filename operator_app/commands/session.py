@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from operator_app.commands.options import json_option, sessions_option
 from operator_app.config.errors import ConfigError
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
-    from operator_app.session.state import SessionState
+    from operator_app.session.store.state import SessionState
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,9 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Report on stdout."""
     from operator_app.errors import JournalError
-    from operator_app.report.session_table import session_table_text
+    from operator_app.report.results.session_table import session_table_text
     from operator_app.report.text import aligned
-    from operator_app.session.folder import (
+    from operator_app.session.store.folders import (
         SessionEntry,
         find_session,
         list_sessions,
@@ -115,9 +115,9 @@ def _procedure_of(state: SessionState) -> str:
 
 
 def _repair(args: argparse.Namespace) -> int:
-    from operator_app.report.repair_result import repair_json, repair_text
-    from operator_app.session.folder import find_session
-    from operator_app.session.repair import repair
+    from operator_app.report.results.repair import repair_json, repair_text
+    from operator_app.session.store.folders import find_session
+    from operator_app.session.store.journal_repair import repair
 
     if args.name is None:
         raise UsageError("session repair: name the session; `sarcal session list` shows them")

@@ -7,7 +7,7 @@ import json
 
 from operator_app.commands.options import json_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 MEANING = {
     "interface": "the bus, as -i",

@@ -16,11 +16,11 @@ from operator_app.commands.options import (
     tolerance_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
     from fixtures.base import Fixture
-    from operator_app.calibration.remedy import ReadingTable
+    from operator_app.calibration.remedies import ReadingTable
     from solver.chain.arm_model import ArmModel
     from solver.chain.poses import PoseSet
 
@@ -71,23 +71,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Solve and report on stdout."""
-    from operator_app.calibration.checks import check
-    from operator_app.calibration.foretold import MadeFrom
-    from operator_app.calibration.judgement import Notice
-    from operator_app.calibration.loop import loop_of_poses, pick_placements
-    from operator_app.calibration.placed import as_calibrated
-    from operator_app.calibration.remedy import corrected_poses
-    from operator_app.calibration.solve import calibrate
-    from operator_app.calibration.verify import fixed_by, judge_poses
+    from operator_app.calibration.calibrate import calibrate
+    from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
+    from operator_app.calibration.cross_validation import check
+    from operator_app.calibration.instrument_registration import as_calibrated
+    from operator_app.calibration.notices import Notice
+    from operator_app.calibration.prediction import MadeFrom
+    from operator_app.calibration.remedies import corrected_poses
+    from operator_app.calibration.verification import fixed_by, judge_poses
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
-    from operator_app.report.calibration_data import unidentifiable_data
     from operator_app.report.facts import facts_of
+    from operator_app.report.json_schema import unidentifiable_data
+    from operator_app.report.results.verification import verification_json, verification_text
     from operator_app.report.text import facts_text, unidentifiable_text
-    from operator_app.report.verification import verification_json, verification_text
+    from solver.diagnostics.range_checks import ReadingsOutOfRangeError
     from solver.errors import UnidentifiableError
-    from solver.judging.ranges import ReadingsOutOfRangeError
 
     arm = load_arm(args.arm)
     fixture = load_fixture(args.fixture).fixture
@@ -163,7 +163,7 @@ def execute(args: argparse.Namespace) -> int:
 
 def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> PoseSet:
     """Read the poses of ``--test``, or say why they are no test."""
-    from operator_app.calibration.loop import pick_placements
+    from operator_app.calibration.closed_loops import pick_placements
     from operator_app.calibration.new_poses import NoTestError, require_new
     from operator_app.config.poses_file import load_poses
 
@@ -184,7 +184,7 @@ def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> P
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
     """Read the corrections of ``--rvdt-table``, none without it, and the digest of the poses they came from."""
-    from operator_app.calibration.remedy import tables_of
+    from operator_app.calibration.remedies import tables_of
     from operator_app.config.parameters_file import load_parameters
     from solver.chain.sensors import Rvdt
 

@@ -22,13 +22,13 @@ from operator_app.commands.options import (
     tracker_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.words_out import say
+from operator_app.safe_output import say
 
 if TYPE_CHECKING:
     from fixtures.measured import Measured
-    from operator_app.calibration.solution import Solution
-    from operator_app.calibration.verify import Prediction
-    from operator_app.session.opening import Opening
+    from operator_app.calibration.result import Solution
+    from operator_app.calibration.verification import Prediction
+    from operator_app.session.workflow.opening import Opening
     from solver.chain.poses import PoseSet
 
 NEW_POSES = 12
@@ -86,10 +86,10 @@ def execute(args: argparse.Namespace) -> int:
     """Judge and report."""
     from operator_app.calibration.new_poses import NoTestError, judge_new
     from operator_app.composition import carried_procedure
-    from operator_app.report.verification import verification_json, verification_text
-    from operator_app.session.calibrated import calibrated
-    from operator_app.session.folder import read_session
-    from operator_app.session.opening import resume
+    from operator_app.report.results.verification import verification_json, verification_text
+    from operator_app.session.store.folders import read_session
+    from operator_app.session.store.stored_calibration import calibrated
+    from operator_app.session.workflow.opening import resume
 
     wanted, args.poses = args.poses, None
     opening = resume(args.session, choices_from(args), root=args.sessions)
@@ -136,7 +136,7 @@ def _open_loop(
     from operator_app.calibration.open_loop import check_open_loop
     from operator_app.composition import carried_procedure
     from operator_app.config.fixture_file import load_fixture
-    from operator_app.report.open_loop import open_loop_json, open_loop_text
+    from operator_app.report.results.open_loop import open_loop_json, open_loop_text
 
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError("--open-loop judges calibrations of one hinge or rigid placement")
@@ -167,10 +167,10 @@ def _open_arm(
     from fixtures.measured import Measured
     from operator_app.composition import unattended
     from operator_app.headless.console import ConsoleListener
-    from operator_app.session.drives import drives_of
-    from operator_app.session.folder import read_session
-    from operator_app.session.opening import begin
-    from operator_app.session.workflow import connect, take_poses
+    from operator_app.session.store.folders import read_session
+    from operator_app.session.workflow.capture import connect, take_poses
+    from operator_app.session.workflow.drive_selection import drives_of
+    from operator_app.session.workflow.opening import begin
 
     choices = replace(
         judged.choices,
@@ -218,9 +218,9 @@ def _on_the_arm(
     """Take `count` poses in the session, elsewhere than it did."""
     from operator_app.composition import unattended
     from operator_app.headless.console import ConsoleListener
-    from operator_app.session.drives import drives_of
-    from operator_app.session.listener import Listener
-    from operator_app.session.workflow import connect, home_if_away, verify
+    from operator_app.session.workflow.capture import connect, home_if_away, verify
+    from operator_app.session.workflow.drive_selection import drives_of
+    from operator_app.session.workflow.listener import Listener
 
     if count < 1:
         raise UsageError("--poses: take at least 1")

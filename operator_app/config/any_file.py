@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from hardware.profile import BusProfile
+from hardware.canopen.bus_profile import BusProfile
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import FixtureSpec, parse_fixture

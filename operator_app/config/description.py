@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hardware.description import (
+from hardware.arm_description import (
     ArmDescription,
     EncoderDescription,
     JointDescription,

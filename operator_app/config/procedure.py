@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from hardware.profile import BusProfile
+from hardware.canopen.bus_profile import BusProfile
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.quantities import (
     AngleDeg,

@@ -13,21 +13,21 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, StringConstraints, WithJsonSchema
 
 from hardware.arm import JointMode
-from hardware.objects import (
-    CYCLIC_POSITION,
-    CYCLIC_TORQUE,
-    DEVICE_TYPE_MASK,
-    DRIVE_DEVICE_TYPE,
-    MAX_JOINTS,
-    OPERATOR_NODE,
-)
-from hardware.profile import (
+from hardware.canopen.bus_profile import (
     LONGEST_HEARTBEAT_MS,
     SLOWEST_HEARTBEAT_MS,
     BusProfile,
     Entry,
     JointProfile,
     Pdo,
+)
+from hardware.canopen.objects import (
+    CYCLIC_POSITION,
+    CYCLIC_TORQUE,
+    DEVICE_TYPE_MASK,
+    DRIVE_DEVICE_TYPE,
+    MAX_JOINTS,
+    OPERATOR_NODE,
 )
 from operator_app.config.quantities import Count, Integer, Name, PositiveNumber, Text, refuse
 from operator_app.config.schema import StrictRecord

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from hardware.objects import CONTROLWORD, TARGET_POSITION
-from hardware.pdo_reading import DESCRIBING
-from hardware.profile import ANSWERED, COMMANDED, FIELD_BITS, LEFT_AT_ZERO, entry_words
+from hardware.canopen.bus_profile import ANSWERED, COMMANDED, FIELD_BITS, LEFT_AT_ZERO, entry_words
+from hardware.canopen.objects import CONTROLWORD, TARGET_POSITION
+from hardware.canopen.pdo_reading import DESCRIBING
 from operator_app.config.profile import PdoSpec, ProfileFile, hexadecimal
 
 _RESERVED = (

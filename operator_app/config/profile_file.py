@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hardware.profile import BusProfile, Pdo, entry_words
+from hardware.canopen.bus_profile import BusProfile, Pdo, entry_words
 from operator_app.config.errors import ConfigError
 from operator_app.config.profile import ProfileFile
 from operator_app.config.profile_checks import check_profile

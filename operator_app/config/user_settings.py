@@ -25,7 +25,7 @@ from operator_app.config.text import only
 from operator_app.config.yaml_writer import dump_strict
 
 if TYPE_CHECKING:
-    from hardware.buses import BusSettings
+    from hardware.buses.python_can import BusSettings
 
 FILE_NAME = "settings.yaml"
 SCHEMA = "sarcal/settings/1"
@@ -111,7 +111,7 @@ def usual_bus(named: str | None = None) -> BusSettings | None:
     Where an interface has been `named` already, or the environment names one, nobody asks them: a wrong file
     does not matter.
     """
-    from hardware.buses import BusSettings
+    from hardware.buses.python_can import BusSettings
 
     asked = named is None and not os.environ.get("CAN_INTERFACE")
     usual = load_settings() if asked else UserSettings()
@@ -135,7 +135,7 @@ def changed(words: Mapping[str, str]) -> UserSettings:
     ConfigError
         A word is no setting, or something is wrong still.
     """
-    from hardware.buses import known_interfaces
+    from hardware.buses.python_can import known_interfaces
 
     data, file = settings_bytes(), str(settings_path())
     before: dict[str, Any] = {}

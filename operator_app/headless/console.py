@@ -9,17 +9,17 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from fixtures.base import SetupCheck, Severity
 from hardware.arm import ArmIdentity
-from operator_app.calibration.solution import Solution
+from operator_app.calibration.result import Solution
 from operator_app.composition import CutShort
 from operator_app.headless.ending import cut_short_lines
 from operator_app.planning.drives import DriveChoice
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.session.lateness import late_words
-from operator_app.session.listener import Listener
-from operator_app.session.session import Session
-from operator_app.session.state import SessionState
+from operator_app.safe_output import Stderr, harmless
+from operator_app.session.safety.latency import late_words
+from operator_app.session.store.state import SessionState
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.session import Session
 from operator_app.units.numbers import joints_named
-from operator_app.words_out import Stderr, harmless
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
 

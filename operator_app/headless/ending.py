@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hardware.canopen.objects import STOP_CONTACTS, EmergencyCode
 from hardware.errors import (
     DriveAstray,
     DriveFault,
@@ -11,10 +12,9 @@ from hardware.errors import (
     NotConfigured,
     WrongArm,
 )
-from hardware.objects import STOP_CONTACTS, EmergencyCode
 from operator_app.composition import CutShort
-from operator_app.session.folder import read_session
-from operator_app.session.wording import stopped_words, words
+from operator_app.messages.errors import stopped_words, words
+from operator_app.session.store.folders import read_session
 from operator_app.units.numbers import plural
 
 

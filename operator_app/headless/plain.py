@@ -12,18 +12,25 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from operator_app.headless.plain_words import describe, results
+from operator_app.headless.plain_messages import describe, results
 from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
 from operator_app.manual.shown import as_text
-from operator_app.session import actions, guards
-from operator_app.session.face import Action, Question, ShownAlarm, Typed, YesNo, perform
-from operator_app.session.runner import Runner
-from operator_app.session.sessions import Sessions
-from operator_app.session.snapshot import DataState, SessionSnapshot
-from operator_app.session.steps import Step
-from operator_app.session.wording import EXPECTED, words
-from operator_app.words_out import harmless, lines
+from operator_app.messages.errors import EXPECTED, words
+from operator_app.safe_output import harmless, lines
+from operator_app.session.store.steps import Step
+from operator_app.session.ui import actions, guards
+from operator_app.session.ui.runner import Runner
+from operator_app.session.ui.sessions import Sessions
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot
+from operator_app.session.ui.user_interface import (
+    Action,
+    Question,
+    ShownAlarm,
+    Typed,
+    YesNo,
+    perform,
+)
 
 WAIT_S = 0.1
 PAGE_WIDTH = 80
@@ -246,7 +253,7 @@ class Plain:
 
     def write_report(self, runner: Runner) -> Path:
         """Write the report page."""
-        from operator_app.report.of_session import write_report
+        from operator_app.report.html.session_page import write_report
 
         return write_report(runner.session)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import select
 import sys
 
-from operator_app.words_out import harmless, say
+from operator_app.safe_output import harmless, say
 
 
 class StandardTerminal:

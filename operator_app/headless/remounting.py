@@ -14,8 +14,8 @@ from pathlib import Path
 
 from operator_app.errors import SessionError
 from operator_app.headless.console import ConsoleListener
-from operator_app.session.mounting import keep_remounted, remounting_steps
-from operator_app.session.opening import Opening, resume
+from operator_app.session.workflow.opening import Opening, resume
+from operator_app.session.workflow.placements import keep_remounted, remounting_steps
 
 _WORD = "mounted"
 """A word, and not Enter: that may be left from before, and the arm moves on it."""

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from operator_app.calibration.checks import Checks
-from operator_app.calibration.solution import Solution
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.result import Solution
 from operator_app.errors import SessionError
 from operator_app.planning.advice import QUICK_TRIES, advise, hint
-from operator_app.session.drives import drives_of
-from operator_app.session.export import Exported, export
-from operator_app.session.listener import Listener
-from operator_app.session.planned_capture import CampaignEnd
-from operator_app.session.session import Session
-from operator_app.session.solving import Solver, solve_here
-from operator_app.session.workflow import connect, take_poses
+from operator_app.session.store.solver_process import Solver, solve_here
+from operator_app.session.workflow.capture import connect, take_poses
+from operator_app.session.workflow.drive_selection import drives_of
+from operator_app.session.workflow.export import Exported, export
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.planned_capture import CampaignEnd
+from operator_app.session.workflow.session import Session
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,15 +6,15 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from canopen.objectdictionary import ODVariable, datatypes
 
+from hardware.canopen.objects import JOINT_PRODUCT
 from hardware.eds.dictionary import EDS_FILES, product_dictionary, variables
-from hardware.objects import JOINT_PRODUCT
-from hardware.virtual.fault_words import FAULTS, FaultWords
+from hardware.virtual.fault_messages import FAULTS, FaultWords
 from hardware.virtual.operator_side import OPERATOR_SIDE
 from operator_app.exit_codes import MEANING
 from operator_app.manual.markup import table
-from operator_app.session.actions import ACTIONS
-from operator_app.session.face import EVERYWHERE, Entry
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui.actions import ACTIONS
+from operator_app.session.ui.user_interface import EVERYWHERE, Entry
 
 TYPES = {
     getattr(datatypes, name): name

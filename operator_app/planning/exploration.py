@@ -151,7 +151,7 @@ def range_watch(arm: ArmModel, braking_s: float) -> Watch:
 
     Free joints may be several times as fast as the drives: what counts is where a joint would come to
     rest if the move braked now, its present speed times `braking_s` ahead
-    (`hardware.trajectory.coming_to_rest_s`). Where the way was planned, ends and all, that is 0.
+    (`hardware.control.trajectory.coming_to_rest_s`). Where the way was planned, ends and all, that is 0.
     """
     lower = arm.lower_rad + RANGE_MARGIN_RAD
     upper = arm.upper_rad - RANGE_MARGIN_RAD

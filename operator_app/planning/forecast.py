@@ -15,7 +15,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.closing import close_loops
 from solver.design.pose_information import planning_noise, pose_information
-from solver.judging.identifiability import identifiability
+from solver.diagnostics.identifiability import identifiability
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 

@@ -16,8 +16,8 @@ from operator_app.planning.homes import closing_home
 from operator_app.planning.outlook import Outlook, outlook, seen_by
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
+from solver.diagnostics.identifiability import Identifiability
 from solver.errors import SolverError
-from solver.judging.identifiability import Identifiability
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

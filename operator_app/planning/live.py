@@ -12,9 +12,9 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
+from solver.diagnostics.identifiability import identifiability
 from solver.estimators.goodness import closure_at_readings
 from solver.estimators.paper import estimate_paper
-from solver.judging.identifiability import identifiability
 from solver.loops.closure import ClosureModel, poses_needed
 
 EACH_UP_TO = 100

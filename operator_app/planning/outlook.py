@@ -11,8 +11,8 @@ import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.measured import Measured
-from operator_app.calibration.loop import loop_of_poses
-from operator_app.calibration.placed import as_seen
+from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.instrument_registration import as_seen
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives
 from operator_app.planning.measured_axes import from_home_rad
@@ -22,8 +22,8 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.chain.poses import PoseSet
+from solver.diagnostics.identifiability import Identifiability, identifiability
 from solver.errors import UnidentifiableDirection
-from solver.judging.identifiability import Identifiability, identifiability
 from solver.loops.closure import ClosureModel
 
 SPREAD = 60

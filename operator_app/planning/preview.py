@@ -25,7 +25,7 @@ from solver.chain.parameters import Parameter, nominal_vector
 from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.paths import Route
 from solver.design.plan import Plan, PlanningTask, make_plan
-from solver.judging.identifiability import Identifiability, identifiability
+from solver.diagnostics.identifiability import Identifiability, identifiability
 from solver.loops.closure import ClosureModel
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.virtual.sensors import JointSensor, RvdtCurve, joint_sensor
-from operator_app.calibration.noise import soften
+from operator_app.calibration.error_model import soften
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.errors import SessionError
 from operator_app.planning.task import margin_rad, ranges_of, require_closed_chain

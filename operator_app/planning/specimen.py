@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from hardware.arm import JointMode
-from hardware.objects import CONTROL_PERIOD_S
+from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import Scenario
 from operator_app.config.procedure import Procedure

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import CalibratedArm, calibrated_arm, side_of
-from operator_app.calibration.checks import Checks
-from operator_app.calibration.solution import Solution
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.result import Solution
 from operator_app.config.csv_table import write_records
 from operator_app.config.urdf import format_urdf
 from operator_app.report.facts import facts_of

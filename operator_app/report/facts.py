@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import side_of
-from operator_app.calibration.checks import Checks
-from operator_app.calibration.judgement import Notice
-from operator_app.calibration.solution import Solution
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.notices import Notice
+from operator_app.calibration.result import Solution
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.report.calibration_data import calibration_data, checks_data, estimate_data
-from operator_app.report.error_facts import budget_table, components_table, halving_table
-from operator_app.report.parameter_facts import (
+from operator_app.report.json_schema import calibration_data, checks_data, estimate_data
+from operator_app.report.parameter_tables import (
     correlation_table,
     dh_table,
     estimators_table,
@@ -28,7 +27,7 @@ from operator_app.report.parameter_facts import (
     parameter_table,
     tolerated_table,
 )
-from operator_app.report.quality_facts import (
+from operator_app.report.quality_tables import (
     CLOSURE_COLUMNS,
     accuracy_table,
     closure_row,
@@ -38,9 +37,10 @@ from operator_app.report.quality_facts import (
     observability_table,
     trend_table,
 )
-from operator_app.report.remedy_facts import remedy_table, side_note
+from operator_app.report.remedy_tables import remedy_table, side_note
 from operator_app.report.table import Headline, Table, keyed
-from operator_app.report.verdict_facts import causes_table, tests_table
+from operator_app.report.uncertainty_tables import budget_table, components_table, halving_table
+from operator_app.report.verdict_tables import causes_table, tests_table
 from operator_app.units.figure import CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
 from solver.arrays import FloatArray
 from solver.estimators.estimate import Estimate

@@ -8,15 +8,15 @@ from importlib.metadata import version
 
 import numpy as np
 
-from operator_app.calibration.checks import Checks
-from operator_app.calibration.judgement import Notice
-from operator_app.calibration.solution import Solution
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.notices import Notice
+from operator_app.calibration.result import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.report.facts import Facts, facts_of
-from operator_app.session.calibrated import Calibrated
-from operator_app.session.journal_lines import Event
-from operator_app.session.replay import replay
-from operator_app.session.state import CapturedPose, SessionState
+from operator_app.session.store.journal_format import Event
+from operator_app.session.store.replay import replay
+from operator_app.session.store.state import CapturedPose, SessionState
+from operator_app.session.store.stored_calibration import Calibrated
 from solver.arrays import FloatArray
 from solver.errors import UnidentifiableError
 from solver.estimators.estimate import Estimate

@@ -5,11 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from operator_app.calibration.judgement import Notice
+from operator_app.calibration.notices import Notice
 from operator_app.report.facts import Facts
 from operator_app.report.table import Column, Table, shown
+from operator_app.safe_output import harmless
 from operator_app.units.numbers import joints_named, names
-from operator_app.words_out import harmless
 from solver.errors import UnidentifiableError
 
 WIDTH = 80

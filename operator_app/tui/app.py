@@ -25,21 +25,21 @@ from textual.widgets import Input
 from operator_app.exit_codes import ExitCode
 from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
-from operator_app.session.keys import QUIT_KEYS, STOP_KEYS
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui.keys import QUIT_KEYS, STOP_KEYS
 from operator_app.signals import ending_signals_wait
 from operator_app.tui.driver import Pressed, watched
 from operator_app.tui.lines import Clicked
-from operator_app.tui.look import DARK, LIGHT, NO_COLOUR, STOP_WIDTH, Look, look, themes
 from operator_app.tui.palette import ActionProvider
 from operator_app.tui.start_screen import StartScreen
+from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR, STOP_WIDTH, Look, look, themes
 
 if TYPE_CHECKING:
-    from operator_app.session.runner import Runner
-    from operator_app.session.sessions import Sessions
-    from operator_app.session.snapshot import SessionSnapshot
-    from operator_app.tui.face import ScreenFace
+    from operator_app.session.ui.runner import Runner
+    from operator_app.session.ui.sessions import Sessions
+    from operator_app.session.ui.snapshot import SessionSnapshot
     from operator_app.tui.main_screen import MainScreen
+    from operator_app.tui.user_interface import ScreenFace
 
 POLL_S = 1.0 / 20.0
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
@@ -260,8 +260,8 @@ class SarcalApp(App[str]):
 
 def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], ScreenFace]]:
     """Import what the first screen does not need."""
-    from operator_app.tui.face import ScreenFace
     from operator_app.tui.main_screen import MainScreen
+    from operator_app.tui.user_interface import ScreenFace
 
     return MainScreen, ScreenFace
 

@@ -14,9 +14,9 @@ from textual.screen import ModalScreen
 from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
-from operator_app.session.face import OneOf, Question, Typed, YesNo
-from operator_app.tui.look import is_compact
-from operator_app.words_out import harmless
+from operator_app.safe_output import harmless
+from operator_app.session.ui.user_interface import OneOf, Question, Typed, YesNo
+from operator_app.tui.theme import is_compact
 
 
 class Dialog(ModalScreen[str | None]):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import textwrap
 
-from operator_app.session import actions
-from operator_app.session.face import EVERYWHERE
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui import actions
+from operator_app.session.ui.user_interface import EVERYWHERE
 from operator_app.tui.lines import Lines
 
 ABOUT = {

@@ -17,11 +17,11 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from operator_app.report.spans import Line, clip, length
-from operator_app.words_out import harmless
+from operator_app.safe_output import harmless
 
 if TYPE_CHECKING:
-    from operator_app.session.snapshot import SessionSnapshot
-    from operator_app.tui.look import Look
+    from operator_app.session.ui.snapshot import SessionSnapshot
+    from operator_app.tui.theme import Look
 
 
 class Clicked(Message):

@@ -12,13 +12,12 @@ from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
 from operator_app.report.spans import Line, Span, cut, line, wrapped
-from operator_app.session import actions
-from operator_app.session.guards import ends_with_any_key
-from operator_app.session.next_thing import next_thing
-from operator_app.session.snapshot import SessionSnapshot
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui import actions
+from operator_app.session.ui.guards import ends_with_any_key
+from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.tui.lines import Clicked, Lines
-from operator_app.tui.look import SMALLEST, is_compact
 from operator_app.tui.steps.calibrate import CalibrateView
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.connect import ConnectView
@@ -27,6 +26,7 @@ from operator_app.tui.steps.fixture import FixtureView
 from operator_app.tui.steps.modes import ModesView
 from operator_app.tui.steps.results import ResultsView
 from operator_app.tui.steps.view import StepView
+from operator_app.tui.theme import SMALLEST, is_compact
 from operator_app.tui.widgets.log import Log
 from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
 from operator_app.tui.widgets.step_rail import StepRail, StepRow

@@ -10,7 +10,7 @@ from textual.command import DiscoveryHit, Hit, Hits, Provider
 from textual.content import Content
 
 if TYPE_CHECKING:
-    from operator_app.session.face import Entry
+    from operator_app.session.ui.user_interface import Entry
 
 
 def title(action: Entry) -> str:
@@ -26,7 +26,7 @@ class ActionProvider(Provider):
 
     def _all(self) -> Iterator[tuple[Entry, dict[str, Any]]]:
         """Every action, and how the palette shows and does it."""
-        from operator_app.session import actions
+        from operator_app.session.ui import actions
 
         app: Any = self.app
         for action in actions.ACTIONS:

@@ -25,8 +25,8 @@ from solver.design.paths import MotionLimits, PathGraph
 from solver.design.pose_information import PoseInformation, pose_information
 from solver.design.stop_rule import standard_deviations
 from solver.design.tour import visiting_order
+from solver.diagnostics.identifiability import Identifiability, judge_jacobian
 from solver.estimators.implicit import NoiseModel
-from solver.judging.identifiability import Identifiability, judge_jacobian
 from solver.loops.closure import ClosureModel
 
 

@@ -22,10 +22,10 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
-from hardware.buses import BusSettings, open_bus
-from hardware.objects import COB_HEARTBEAT, COB_TPDO1
-from operator_app.session.journal import JOURNAL_NAME, read_journal
-from operator_app.session.snapshot import STALE_S
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.canopen.objects import COB_HEARTBEAT, COB_TPDO1
+from operator_app.session.store.journal import JOURNAL_NAME, read_journal
+from operator_app.session.ui.snapshot import STALE_S
 from tests.oracles.terminal import Terminal, select
 
 SARCAL = str(Path(sys.executable).with_name("sarcal"))

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
 from operator_app.config.poses_file import parse_poses
 from operator_app.exit_codes import EXPECTED_ERRORS
 from solver.chain.poses import PoseSet

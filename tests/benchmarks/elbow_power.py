@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from operator_app.calibration.loop import loop_of_poses
-from operator_app.calibration.noise import error_model, soften
+from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.error_model import error_model, soften
 from operator_app.config.poses_file import parse_poses
 from solver.estimators.variance_components import estimate_with_errors
 from tests.benchmarks.shop_floor_outcome import packaged

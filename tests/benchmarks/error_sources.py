@@ -13,10 +13,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from hardware.virtual.scenarios import STIFF, Scenario, scenario
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.listener import Listener
-from operator_app.session.workflow import take_poses
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.listener import Listener
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
 

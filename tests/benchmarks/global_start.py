@@ -16,9 +16,9 @@ from time import perf_counter
 import numpy as np
 
 from solver.chain.parameters import wrap_angle, wrap_angles
+from solver.diagnostics.identifiability import identifiability
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.paper import ClosureProblem
-from solver.judging.identifiability import identifiability
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
 from solver.search.global_start import GlobalStart, global_start

@@ -27,15 +27,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
 from operator_app.composition import unattended
 from operator_app.config.poses_file import load_poses
-from operator_app.session.drives import drives_of
-from operator_app.session.listener import Listener
-from operator_app.session.opening import Choices, begin
-from operator_app.session.session import Session
-from operator_app.session.state import SessionState
-from operator_app.session.workflow import connect, take_poses
+from operator_app.session.store.state import SessionState
+from operator_app.session.workflow.capture import connect, take_poses
+from operator_app.session.workflow.drive_selection import drives_of
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Choices, begin
+from operator_app.session.workflow.session import Session
 
 BLOCK = 100
 DATA = Path(__file__).parents[1] / "data" / "hinge" / "hinge_quantised.csv"

@@ -21,8 +21,8 @@ from multiprocessing.synchronize import Event
 import numpy as np
 
 from hardware.arm import ArmSnapshot
-from hardware.buses import BusSettings, open_bus
-from hardware.canopen_arm import CanopenArm
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import Stopped
 from hardware.timing import Pace
 from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on

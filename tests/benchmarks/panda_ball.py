@@ -12,10 +12,10 @@ import sys
 
 import numpy as np
 
+from solver.diagnostics.identifiability import identifiability
+from solver.diagnostics.parameter_selection import drop_unidentifiable
 from solver.estimators.implicit import estimate_implicit
 from solver.estimators.paper import estimate_paper
-from solver.judging.dropping import drop_unidentifiable
-from solver.judging.identifiability import identifiability
 from solver.loops.placements import Placements
 from solver.search.global_start import global_start
 from tests.oracles.panda import TRAINING

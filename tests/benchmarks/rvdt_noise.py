@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
 from operator_app.config.poses_file import parse_poses
 from tests.benchmarks.shop_floor_outcome import packaged
 from tests.oracles.shop_floor import Sizes, session

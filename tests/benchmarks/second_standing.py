@@ -39,11 +39,11 @@ Found = Counter[tuple[int, int, bool]]
 def one_arm(kind: str, poses: int, seed: int) -> Found:
     """Try every slip on one arm, wherever it stands."""
     from hardware.arm import Reading
-    from operator_app.calibration.believed import known_arm
+    from operator_app.calibration.prior import known_arm
     from operator_app.config.poses_file import parse_poses
     from operator_app.config.procedure_file import load_procedure
     from operator_app.errors import GuardError
-    from operator_app.session.first_standing import check_first_standing
+    from operator_app.session.safety.closure_check import check_first_standing
 
     procedure = load_procedure("hinge")
     case = remounted(kind, seed, poses=poses, standings=STANDINGS)

@@ -13,8 +13,8 @@ from functools import cache
 
 import numpy as np
 
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.result import Solution
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses

@@ -38,8 +38,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
 
-from operator_app.calibration.checks import check
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.cross_validation import check
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses

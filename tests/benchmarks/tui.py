@@ -25,9 +25,9 @@ from pathlib import Path
 import can
 import numpy as np
 
-from hardware.buses import BusSettings, open_bus
-from hardware.cia402 import CONTROLWORD_QUICK_STOP
-from hardware.objects import COB_RPDO1
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
+from hardware.canopen.objects import COB_RPDO1
 from tests.oracles.pty_program import PtyProgram
 
 QUICK = "--quick" in sys.argv

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from hardware.virtual.scenarios import Loads, Scenario, scenario
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.arrays import frozen

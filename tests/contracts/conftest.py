@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hardware.buses import BusSettings
+from hardware.buses.python_can import BusSettings
 from tests.contracts.transports import TRANSPORTS
 
 

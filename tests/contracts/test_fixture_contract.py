@@ -10,10 +10,10 @@ from fixtures.mobility import mobility
 from fixtures.registry import FIXTURES
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.sensors import Encoder
+from solver.diagnostics.identifiability import identifiability
+from solver.diagnostics.parameter_selection import drop_unidentifiable
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
-from solver.judging.dropping import drop_unidentifiable
-from solver.judging.identifiability import identifiability
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 from solver.loops.placements import place

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.buses import BusSettings, open_bus
+from hardware.buses.python_can import BusSettings, open_bus
 from hardware.virtual.controller import VirtualController
 from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, parse
 

@@ -13,10 +13,10 @@ from sarcal import arm_contract
 from sarcal.arm_contract import *  # noqa: F403 - the tests
 from sarcal.arm_contract import Bench, fulfils
 
-from hardware.bench.check import Bench as Tried
-from hardware.bench.check import check
-from hardware.bench.finding import Clause, Stage
-from hardware.canopen_arm import CanopenArm
+from hardware.commissioning.bench_check import Bench as Tried
+from hardware.commissioning.bench_check import check
+from hardware.commissioning.finding import Clause, Stage
+from hardware.control.canopen_arm import CanopenArm
 from operator_app.config.description import describe
 from oracles.toy_arm import package, toy
 

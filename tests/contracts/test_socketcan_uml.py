@@ -16,7 +16,7 @@ pytestmark = pytest.mark.needs("candump", "ip")
 INSIDE = """
 import pathlib, subprocess, sys, time
 import can
-from hardware.buses import BusSettings, open_bus
+from hardware.buses.python_can import BusSettings, open_bus
 from hardware.errors import BusError
 
 bus = open_bus(BusSettings(interface="socketcan", channel="vcan0"))

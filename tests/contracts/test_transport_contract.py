@@ -10,7 +10,7 @@ from typing import Any
 import can
 import pytest
 
-from hardware.buses import BusSettings, open_bus, open_sender
+from hardware.buses.python_can import BusSettings, open_bus, open_sender
 
 Opener = Callable[..., can.BusABC]
 

@@ -7,15 +7,15 @@ from collections.abc import Callable
 from typing import Any
 
 from hardware.arm import JointMode
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
-from hardware.description import (
+from hardware.arm_description import (
     ArmDescription,
     EncoderDescription,
     JointDescription,
     RvdtDescription,
 )
-from hardware.on_bus import BusOpeners
+from hardware.bus_setup import BusOpeners
+from hardware.buses.python_can import BusSettings
+from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus

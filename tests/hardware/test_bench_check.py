@@ -14,19 +14,19 @@ import can
 import pytest
 
 from hardware.arm import ArmSnapshot, DriveState, MoveResult
-from hardware.bench.check import LEFT_OUT, check
-from hardware.bench.check import Bench as Tried
-from hardware.bench.finding import BENCH, Finding, Stage
-from hardware.bench.motion import Turn, is_interrupted
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
-from hardware.description import (
+from hardware.arm_description import (
     ArmDescription,
     EncoderDescription,
     JointDescription,
     RvdtDescription,
 )
-from hardware.objects import HEARTBEAT_CONSUMER, OPERATOR_NODE
+from hardware.buses.python_can import BusSettings
+from hardware.canopen.objects import HEARTBEAT_CONSUMER, OPERATOR_NODE
+from hardware.commissioning.bench_check import LEFT_OUT, check
+from hardware.commissioning.bench_check import Bench as Tried
+from hardware.commissioning.finding import BENCH, Finding, Stage
+from hardware.commissioning.motion_checks import Turn, is_interrupted
+from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from oracles.foreign_arm import Axis, foreign_arm
@@ -42,8 +42,8 @@ _channels = itertools.count()
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.15)
-    monkeypatch.setattr("hardware.probing.ANSWERS_S", 0.3)
+    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.15)
+    monkeypatch.setattr("hardware.commissioning.probe.ANSWERS_S", 0.3)
 
 
 class Bystander:
@@ -330,7 +330,7 @@ def test_a_second_program_that_is_refused_after_it_has_reset_the_nodes_was_let_i
 ) -> None:
     """On the same bus: it hears nobody, and what it meets once it is at work is no refusal."""
     arm = bench.arm()
-    monkeypatch.setattr("hardware.start_up.StartUp._listen", lambda *_: None)
+    monkeypatch.setattr("hardware.control.start_up.StartUp._listen", lambda *_: None)
     findings = tried(arm, Bystander(), Stage.LOOK)
     assert failed(findings) == [("one operator", None)]
     assert "was let in" in findings[-1].text

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from hardware.bench.clauses import keeps_its_document
-from hardware.bench.on_can import told
-from hardware.drive_facts import DriveFacts
+from hardware.canopen.drive_facts import DriveFacts
+from hardware.commissioning.can_checks import told
+from hardware.commissioning.clauses import keeps_its_document
 
 
 @pytest.mark.parametrize(

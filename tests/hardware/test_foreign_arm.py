@@ -12,13 +12,13 @@ import can
 import pytest
 
 from hardware.arm import DriveState, JointMode
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
-from hardware.description import ArmDescription, EncoderDescription, JointDescription
-from hardware.drafting import NoDraft, draft
+from hardware.arm_description import ArmDescription, EncoderDescription, JointDescription
+from hardware.buses.python_can import BusSettings
+from hardware.canopen.bus_profile import BusProfile
+from hardware.commissioning.probe import probe
+from hardware.commissioning.profile_draft import NoDraft, draft
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import MappingDiffers, UploadRefused, WrongArm
-from hardware.probing import probe
-from hardware.profile import BusProfile
 from hardware.timing import Pace, Timing
 from operator_app.config.profile_file import format_profile, parse_profile
 from oracles.foreign_arm import Axis, ForeignArm, foreign_arm
@@ -46,9 +46,9 @@ _channels = itertools.count()
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.05)
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 1.0)
-    monkeypatch.setattr("hardware.probing.ANSWERS_S", 0.3)
+    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.05)
+    monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 1.0)
+    monkeypatch.setattr("hardware.commissioning.probe.ANSWERS_S", 0.3)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from operator_app.config.procedure import Procedure
-from operator_app.session.session import Session
+from operator_app.session.workflow.session import Session
 from oracles.journalled_sessions import journalled_sessions
 from oracles.opened import MakeSession, opened
 from oracles.plant_arm import SERIAL, PlantArm

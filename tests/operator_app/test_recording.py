@@ -15,9 +15,9 @@ import pytest
 
 from hardware.timing import Pace
 from operator_app.composition import open_arm
-from operator_app.session.opening import Choices, Opening, Rig, begin, open_session
-from operator_app.session.sessions import Sessions
-from operator_app.session.snapshot import Level, TaskKind
+from operator_app.session.ui.sessions import Sessions
+from operator_app.session.ui.snapshot import Level, TaskKind
+from operator_app.session.workflow.opening import Choices, Opening, Rig, begin, open_session
 
 
 @contextmanager

@@ -16,23 +16,23 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fixtures.measured import Measured
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
+from hardware.buses.python_can import BusSettings
+from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
-from hardware.virtual.attending import attending
 from hardware.virtual.controller import VirtualController
+from hardware.virtual.embedded_bus import attending
 from hardware.virtual.truth import BallTruth, OpenTruth
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.verify import Prediction
+from operator_app.calibration.result import Solution
+from operator_app.calibration.verification import Prediction
 from operator_app.composition import carried_procedure
 from operator_app.config.description import describe
 from operator_app.headless.runner import RunResult, run
-from operator_app.session.calibrated import calibrated
-from operator_app.session.drives import drives_of
-from operator_app.session.listener import Listener
-from operator_app.session.opening import Choices, Rig, begin, open_session, resume
-from operator_app.session.session import Session
-from operator_app.session.workflow import verify
+from operator_app.session.store.stored_calibration import calibrated
+from operator_app.session.workflow.capture import verify
+from operator_app.session.workflow.drive_selection import drives_of
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
+from operator_app.session.workflow.session import Session
 from operator_app.virtual_arms import run_controller, virtual_arm, virtual_instrument
 from solver.chain.parameters import DhEntry
 from solver.loops.closure import ClosureModel

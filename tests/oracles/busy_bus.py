@@ -1,6 +1,6 @@
 """A loopback bus full of other people's frames, and a clock beside it: the kernel's time stamps of every SYNC.
 
-Sockets of its own and the datagrams as `hardware.loopback` documents them. The watcher's socket lets only the
+Sockets of its own and the datagrams as `hardware.buses.loopback` documents them. The watcher's socket lets only the
 arm's frames through (a filter in the kernel), so that it is never behind; a stamp is taken when a frame is
 sent, not when a busy machine gets round to reading it.
 """

@@ -18,12 +18,12 @@ import can
 import numpy as np
 
 from hardware.arm import DriveState
-from hardware.buses import BusSettings, open_bus
+from hardware.buses.python_can import BusSettings, open_bus
 from hardware.virtual.drive import Drive
 from hardware.virtual.plant import Plant
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.opening import Choices
+from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
 from oracles.raw_can import RawAbort, RawPeer
 from oracles.wire_fuzzing import NODES, SDO_BYTES, FellOverError

@@ -8,10 +8,10 @@ from functools import cache
 from pathlib import Path
 from random import Random
 
-from operator_app.calibration.checks import Checks
-from operator_app.calibration.record import RecordError, from_dict, to_dict
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.result import Solution
+from operator_app.calibration.serialization import RecordError, from_dict, to_dict
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.fixture_file import load_fixture, parse_fixture
 from operator_app.config.joint_log import load_joint_log
@@ -22,10 +22,10 @@ from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Resource, resolve
 from operator_app.config.urdf import format_urdf, parse_urdf
 from operator_app.config.user_settings import parse_settings
-from operator_app.session.folder import read_session
-from operator_app.session.journal import JOURNAL_NAME
-from operator_app.session.opening import Choices, resume
-from operator_app.session.repair import repair
+from operator_app.session.store.folders import read_session
+from operator_app.session.store.journal import JOURNAL_NAME
+from operator_app.session.store.journal_repair import repair
+from operator_app.session.workflow.opening import Choices, resume
 from oracles.journals import events, mutated, mutated_journal, written
 from oracles.odd_input import Refused, bytes_changed, in_yaml, refuse
 from oracles.parameter_documents import make_document

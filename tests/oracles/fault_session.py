@@ -19,21 +19,21 @@ from typing import TypeVar
 import numpy as np
 
 from hardware.arm import DriveState, JointMode
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
+from hardware.buses.python_can import BusSettings
+from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
-from hardware.virtual.attending import attending
 from hardware.virtual.controller import VirtualController
+from hardware.virtual.embedded_bus import attending
 from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.plant import Plant
 from operator_app.config.description import describe
-from operator_app.session.journal import Clock, utc_now
-from operator_app.session.listener import Listener
-from operator_app.session.opening import Choices
-from operator_app.session.state import CapturedPose
-from operator_app.session.wording import EXPECTED
-from operator_app.session.workflow import connect, take_poses
+from operator_app.messages.errors import EXPECTED
+from operator_app.session.store.journal import Clock, utc_now
+from operator_app.session.store.state import CapturedPose
+from operator_app.session.workflow.capture import connect, take_poses
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
 from oracles.loop_oracle import paper_truth, product
 from oracles.opened import opened

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from operator_app.composition import carried_procedure
 from operator_app.headless.runner import run
-from operator_app.session.journal import JOURNAL_NAME, Clock, utc_now
-from operator_app.session.listener import Listener
-from operator_app.session.opening import Choices, Opening, Rig, begin, open_session, resume
-from operator_app.session.operations import Operations
-from operator_app.session.session import Session
-from operator_app.session.snapshot import Change, SessionSnapshot
+from operator_app.session.store.journal import JOURNAL_NAME, Clock, utc_now
+from operator_app.session.ui.operations import Operations
+from operator_app.session.ui.snapshot import Change, SessionSnapshot
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Choices, Opening, Rig, begin, open_session, resume
+from operator_app.session.workflow.session import Session
 from oracles.plant_arm import PlantArm
 from oracles.ticking import Ticking
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.opening import Choices, Opening, Rig
-from operator_app.session.runner import Runner
-from operator_app.session.sessions import Sessions
+from operator_app.session.ui.runner import Runner
+from operator_app.session.ui.sessions import Sessions
+from operator_app.session.workflow.opening import Choices, Opening, Rig
 from oracles.live_arm import LiveArm
 
 

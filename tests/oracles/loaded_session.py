@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from operator_app.session.journal import read_journal
+from operator_app.session.store.journal import read_journal
 from oracles.busy_bus import Rhythm, backlog_bytes, busy_bus
 from oracles.fault_session import CLOSES, loop_error
 from oracles.machine_pauses import Pauses, machine_pauses

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from hardware.arm import Arm
 from operator_app.config.procedure import Procedure
-from operator_app.session.journal import Clock, utc_now
-from operator_app.session.opening import Choices, Opening, Rig, open_session
-from operator_app.session.session import Session
+from operator_app.session.store.journal import Clock, utc_now
+from operator_app.session.workflow.opening import Choices, Opening, Rig, open_session
+from operator_app.session.workflow.session import Session
 
 MakeSession = Callable[..., Session]
 """How a test is given sessions: the fixture `make_session`."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from operator_app.calibration.loop import loop_of_poses, pick_placements
-from operator_app.calibration.noise import error_model, soften
+from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
+from operator_app.calibration.error_model import error_model, soften
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses

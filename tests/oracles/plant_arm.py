@@ -18,8 +18,8 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
+from hardware.control.trajectory import StraightMove
 from hardware.errors import UploadRefused
-from hardware.trajectory import StraightMove
 from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.scenarios import Scenario, scenario
 from operator_app.config.parameters_file import parse_parameters

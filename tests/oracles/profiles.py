@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hardware.profile import BusProfile
+from hardware.canopen.bus_profile import BusProfile
 from operator_app.config.profile_file import load_profile
 
 

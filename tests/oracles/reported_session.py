@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from operator_app.report.subject import Subject, subject_of_session
-from operator_app.session.calibrated import calibrated, checked
-from operator_app.session.journal import Event
-from operator_app.session.replay import replay
+from operator_app.session.store.journal import Event
+from operator_app.session.store.replay import replay
+from operator_app.session.store.stored_calibration import calibrated, checked
 from oracles.short_procedure import short_procedure
 from solver.errors import UnidentifiableError
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.folder import SessionEntry
-from operator_app.session.messages import acknowledged
-from operator_app.session.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
+from operator_app.session.store.folders import SessionEntry
+from operator_app.session.ui.message_log import acknowledged
+from operator_app.session.ui.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
 
 
 class StillRunner:

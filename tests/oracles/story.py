@@ -17,10 +17,11 @@ import numpy as np
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.errors import DriveAstray
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.messages import ARM_AGAIN, told
-from operator_app.session.motion import Motion
-from operator_app.session.runner import Runner
-from operator_app.session.snapshot import (
+from operator_app.messages.errors import stopped_words
+from operator_app.session.safety.joint_motion import Motion
+from operator_app.session.ui.message_log import ARM_AGAIN, told
+from operator_app.session.ui.runner import Runner
+from operator_app.session.ui.snapshot import (
     DataState,
     Level,
     SessionSnapshot,
@@ -28,7 +29,6 @@ from operator_app.session.snapshot import (
     Task,
     TaskKind,
 )
-from operator_app.session.wording import stopped_words
 from oracles.live_arm import LiveArm
 from oracles.opened import opened
 from oracles.ticking import Ticking

@@ -21,15 +21,15 @@ import can
 import numpy as np
 
 from hardware.arm import JointMode
-from hardware.buses import BusSettings, open_bus
-from hardware.canopen_arm import CanopenArm
+from hardware.bus_setup import BusOpeners
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
-from hardware.on_bus import BusOpeners
 from hardware.timing import Pace, Timing
 from hardware.virtual.scenarios import scenario
 from operator_app.config.description import describe
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.opening import Choices
+from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
 from oracles.profiles import sarcos
 

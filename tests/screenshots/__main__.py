@@ -21,9 +21,9 @@ from textual.pilot import Pilot
 
 from hardware.timing import Pace
 from operator_app.composition import open_arm
-from operator_app.session.opening import Choices
-from operator_app.session.sessions import Sessions
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui.sessions import Sessions
+from operator_app.session.workflow.opening import Choices
 from operator_app.tui.app import SarcalApp
 
 HERE = Path(__file__).parent

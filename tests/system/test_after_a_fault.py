@@ -15,9 +15,9 @@ from pathlib import Path
 import can
 import pytest
 
-from hardware.buses import BusSettings, open_bus
+from hardware.buses.python_can import BusSettings, open_bus
 from operator_app.cli import main
-from operator_app.session.journal import read_journal
+from operator_app.session.store.journal import read_journal
 from oracles.own_process import start, wait_for_poses
 
 pytestmark = pytest.mark.real_time
@@ -202,7 +202,7 @@ def test_a_failed_connection_leaves_a_folder_that_was_there(
     monkeypatch: pytest.MonkeyPatch,
     channel: str,
 ) -> None:
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 0.2)
     sessions = tmp_path / "s"
     sessions.mkdir()
     bus = ["-i", "loopback", "-c", channel]
@@ -215,7 +215,7 @@ def test_a_failed_connection_leaves_a_folder_that_was_there(
 def test_arm_check_says_nothing_is_held_where_nothing_was_connected(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, channel: str
 ) -> None:
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 0.2)
     assert main(["arm-check", "-i", "loopback", "-c", channel]) == 3
     told = capsys.readouterr().out
     assert "no answer from nodes" in told

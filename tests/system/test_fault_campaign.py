@@ -1,6 +1,6 @@
 """Every fault that the virtual controller can make, in every phase: what is said, and that no accepted pose is wrong.
 
-The rows of `hardware.virtual.fault_words` are the documentation of each fault; the campaign holds the program
+The rows of `hardware.virtual.fault_messages` are the documentation of each fault; the campaign holds the program
 to them. All of them in every phase: pytest -m campaign tests/system/test_fault_campaign.py; with figures, and
 with kills: python -m tests.benchmarks.campaign
 """
@@ -18,19 +18,19 @@ import numpy as np
 import pytest
 
 from hardware.arm import DriveState, JointMode
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
+from hardware.buses.python_can import BusSettings
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
 from hardware.timing import Pace, Timing
 from hardware.virtual.fault_kinds import FAULT_KINDS
-from hardware.virtual.fault_words import FAULTS, Arm
+from hardware.virtual.fault_messages import FAULTS, Arm
 from hardware.virtual.scenarios import scenario
 from operator_app.config.description import describe
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.journal import read_journal
-from operator_app.session.opening import Choices
-from operator_app.session.replay import replay
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.replay import replay
+from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
 from oracles.fault_session import CLOSES, PATIENCE_S, Outcome, loop_error, session_with
 from oracles.parameter_documents import VALUES, make_document

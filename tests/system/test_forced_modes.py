@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hardware.arm import JointMode
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import DriveFault
 from operator_app.composition import open_arm
-from operator_app.session.opening import Choices, begin
+from operator_app.session.workflow.opening import Choices, begin
 
 EXCESS_TORQUE = 0x8311
 

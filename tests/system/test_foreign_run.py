@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from hardware.arm import JointMode
-from hardware.buses import BusSettings, open_bus
-from hardware.canopen_arm import CanopenArm
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.port import JointCommand
@@ -21,9 +21,9 @@ from operator_app.composition import carried_procedure
 from operator_app.config.arm_file import load_arm
 from operator_app.config.description import describe
 from operator_app.headless.runner import RunResult, run
-from operator_app.session.listener import Listener
-from operator_app.session.opening import Choices, Rig, begin, open_session
-from operator_app.session.session import Session
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Choices, Rig, begin, open_session
+from operator_app.session.workflow.session import Session
 from oracles.foreign_arm import Axis, Physics, foreign_arm
 from oracles.parameter_documents import VALUES
 

@@ -11,7 +11,7 @@ import pytest
 
 PROGRAM = """
 import sys
-from hardware.control_loop import ControlLoop
+from hardware.control.control_loop import ControlLoop
 
 begin, live = ControlLoop.begin_sync, []
 

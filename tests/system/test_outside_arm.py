@@ -17,7 +17,7 @@ from sarcal import arms
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.description import describe
-from operator_app.session.journal import read_journal
+from operator_app.session.store.journal import read_journal
 from oracles.toy_arm import PROCEDURE, package, toy
 
 
@@ -59,7 +59,7 @@ def test_it_is_calibrated_by_name(
         # Nobody there keeps parameters: written, not uploaded.
         assert (folder_of_it / "parameters.yaml").is_file()
         assert found["session"]["uploaded"] is False
-        monkeypatch.setattr("operator_app.session.logbook.calibrate", None)
+        monkeypatch.setattr("operator_app.session.store.logbook.calibrate", None)
         # The journal knows the arm by name, no option is needed; nothing is solved twice.
         assert main(["run", "--resume", "latest", "--json"]) == 0
         assert "serial TOY-0001" in capsys.readouterr().err
@@ -198,7 +198,7 @@ def test_a_package_that_is_wrong_is_named(
 def test_a_name_of_pythoncans_goes_on_meaning_its_bus(
     desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hardware.arm_offers import offer
+    from hardware.arm_plugins import offer
 
     offered(tmp_path / "site", "socketcan", "OFFER = 1\n")
     monkeypatch.syspath_prepend(tmp_path / "site")
@@ -208,7 +208,7 @@ def test_a_name_of_pythoncans_goes_on_meaning_its_bus(
 def test_two_packages_of_one_name_are_named(
     desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hardware.arm_offers import offer
+    from hardware.arm_plugins import offer
     from hardware.errors import BusError
 
     offered(tmp_path / "site", "line_arm", "OFFER = 1\n")

@@ -15,9 +15,9 @@ import pytest
 
 from operator_app.cli import main
 from operator_app.config.parameters_file import load_parameters
-from operator_app.session.folder import read_session
-from operator_app.session.journal import read_journal
-from operator_app.session.opening import Choices, begin
+from operator_app.session.store.folders import read_session
+from operator_app.session.store.journal import read_journal
+from operator_app.session.workflow.opening import Choices, begin
 from operator_app.virtual_arms import virtual_arm
 from oracles.own_process import start, wait_for_poses
 from solver.chain.parameters import DhEntry

@@ -16,7 +16,7 @@ from hardware.virtual.drive import Drive
 from operator_app.cli import main
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.resources import resolve
-from operator_app.session.journal import read_journal
+from operator_app.session.store.journal import read_journal
 from oracles.own_process import start, wait_for_poses
 
 TRUTH = {

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from operator_app.config.parameters_file import load_parameters
-from operator_app.session.folder import read_session
-from operator_app.session.journal import JOURNAL_NAME, read_journal
+from operator_app.session.store.folders import read_session
+from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from oracles.pty_program import PtyProgram
 from oracles.terminal import PATIENCE_S, POLL_S, Terminal, select
 

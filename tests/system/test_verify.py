@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from operator_app.cli import main
-from operator_app.session.folder import read_session
+from operator_app.session.store.folders import read_session
 
 
 @pytest.fixture(scope="module")

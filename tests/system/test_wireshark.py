@@ -12,7 +12,7 @@ import pytest
 from hardware.timing import Pace
 from operator_app.cli import main
 from operator_app.composition import open_arm
-from operator_app.session.opening import Choices, begin
+from operator_app.session.workflow.opening import Choices, begin
 from oracles.wireshark import dissected
 
 pytestmark = pytest.mark.needs("tshark")

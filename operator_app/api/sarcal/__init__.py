@@ -23,13 +23,13 @@ the last digit: a better error model moves them within their sigmas. Everything 
 (``operator_app``, ``hardware``, ``fixtures``, ``solver``) may change with any release.
 """
 
-from operator_app.own_names import require_own_names
+from operator_app.package_names import require_own_names
 
 # Before anything is imported by these names: what fails later fails far from the cause.
 require_own_names()
 
 from fixtures.errors import FixtureError  # noqa: E402
-from operator_app.calibration.compare import IncomparableError  # noqa: E402
+from operator_app.calibration.comparison import IncomparableError  # noqa: E402
 from operator_app.config.errors import ConfigError, WriteError  # noqa: E402
 from operator_app.errors import SessionError  # noqa: E402
 from solver.errors import SolverError, UnidentifiableError  # noqa: E402

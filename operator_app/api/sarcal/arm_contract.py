@@ -8,7 +8,7 @@ The arm is found as `sarcal run` finds it. `SARCAL_PROCEDURE` names the procedur
 it has (default hinge). **The arm moves**: the joints that drive go `STEP_RAD` away and back, and STOP is tried.
 An arm that is moved by hand stays where it is. Without CAN_INTERFACE it is the embedded virtual arm.
 
-What is asked of it is stated in `hardware.bench.clauses` and `hardware.bench.motion`; `sarcal arm-check` asks the same.
+What is asked of it is stated in `hardware.commissioning.clauses` and `hardware.commissioning.motion_checks`; `sarcal arm-check` asks the same.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from collections.abc import Iterable, Iterator
 import pytest
 
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode
-from hardware.bench import clauses, motion
-from hardware.bench.finding import Bounds, Clause
+from hardware.commissioning import clauses, motion_checks
+from hardware.commissioning.finding import Bounds, Clause
 from operator_app.composition import open_arm
 from operator_app.config.procedure import Procedure
-from operator_app.session.opening import Choices, begin
+from operator_app.session.workflow.opening import Choices, begin
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import rank_at_pose
 
@@ -75,9 +75,9 @@ class Bench:
         up = limits.upper_rad - here.position_rad > here.position_rad - limits.lower_rad
         return here.position_rad + (STEP_RAD if up else -STEP_RAD)
 
-    def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> motion.Turn:
+    def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> motion_checks.Turn:
         """Have a joint turn to a target."""
-        return motion.Turn(
+        return motion_checks.Turn(
             arm=self.arm,
             joint=joint,
             target_rad=target_rad,
@@ -146,7 +146,7 @@ def test_a_drive_joint_goes_where_it_is_told_and_back(bench: Bench) -> None:
     joint = bench.ready()[0]
     here, there = bench.arm.snapshot().joints[joint - 1].position_rad, bench.away(joint)
     turns = (bench.turn(joint, target, bench.speed_rad_per_s) for target in (there, here))
-    fulfils(clause for turn in turns for clause in motion.goes(turn))
+    fulfils(clause for turn in turns for clause in motion_checks.goes(turn))
 
 
 def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: Bench) -> None:
@@ -182,7 +182,7 @@ def test_stop_ends_a_move_latches_and_its_reset_moves_nothing(bench: Bench) -> N
     bench.require_moved()
     joint = bench.ready()[0]
     slowly = bench.speed_rad_per_s / 4.0
-    fulfils(motion.is_stopped(bench.turn(joint, bench.away(joint), slowly)))
+    fulfils(motion_checks.is_stopped(bench.turn(joint, bench.away(joint), slowly)))
     bench.ready()
 
 

@@ -31,8 +31,8 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.arm_offers import GROUP, ArmOffer, ArmOrder
-from hardware.description import ArmDescription, JointDescription
+from hardware.arm_description import ArmDescription, JointDescription
+from hardware.arm_plugins import GROUP, ArmOffer, ArmOrder
 from hardware.errors import (
     BusError,
     CommandRefused,
@@ -48,7 +48,7 @@ from hardware.virtual.port import JointCommand
 from hardware.virtual.scenario_names import DEFAULT_SCENARIO
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from operator_app.session.opening import Choices
+from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import virtual_arm
 from solver.arrays import FloatArray, frozen
 

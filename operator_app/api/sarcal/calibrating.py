@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import Any, Literal, get_args
 
-from operator_app.calibration.checks import check
-from operator_app.calibration.judgement import Notice
-from operator_app.calibration.solve import calibrate as solve
-from operator_app.session.importing import How
+from operator_app.calibration.calibrate import calibrate as solve
+from operator_app.calibration.cross_validation import check
+from operator_app.calibration.notices import Notice
+from operator_app.session.workflow.importing import How
 
 from .given import joints, one_of, tolerance_m
 from .machines import Arm, Fixture, load_arm, load_fixture

@@ -7,15 +7,15 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from operator_app.calibration.compare import DEFAULT_LEVEL
-from operator_app.calibration.compare import Comparison as Found
-from operator_app.calibration.compare import compare as compared
+from operator_app.calibration.comparison import DEFAULT_LEVEL
+from operator_app.calibration.comparison import Comparison as Found
+from operator_app.calibration.comparison import compare as compared
 from operator_app.calibration.new_poses import judge_new
-from operator_app.calibration.verify import Prediction
+from operator_app.calibration.verification import Prediction
 from operator_app.config.parameters import ParametersDocument
 from operator_app.documents import parameters_at
-from operator_app.report.comparison_result import comparison_json, comparison_text
-from operator_app.report.verification import verification_json, verification_text
+from operator_app.report.results.comparison import comparison_json, comparison_text
+from operator_app.report.results.verification import verification_json, verification_text
 
 from .given import number, shown
 from .poses import Poses, load_poses

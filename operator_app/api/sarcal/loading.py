@@ -7,9 +7,9 @@ from pathlib import Path
 
 from operator_app.composition import carried_procedure
 from operator_app.errors import SessionError
-from operator_app.session.calibrated import calibrated
-from operator_app.session.folder import read_session
-from operator_app.session.opening import Choices, resume
+from operator_app.session.store.folders import read_session
+from operator_app.session.store.stored_calibration import calibrated
+from operator_app.session.workflow.opening import Choices, resume
 
 from .given import shown
 from .machines import Arm, Fixture

@@ -10,8 +10,8 @@ import numpy as np
 
 from operator_app.planning.preview import Preview, preview
 from operator_app.planning.simulated import simulated_poses
-from operator_app.report.plan_json import plan_json
-from operator_app.report.plan_text import plan_text
+from operator_app.report.results.plan import plan_text
+from operator_app.report.results.plan_json import plan_json
 from solver.arrays import FloatArray
 
 from .given import joints, whole

@@ -13,8 +13,8 @@ from typing import Any, get_args
 from numpy.typing import ArrayLike
 
 from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibrated_arm
-from operator_app.calibration.checks import Checks
-from operator_app.calibration.solution import Solution
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.result import Solution
 from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import save_parameters
@@ -23,20 +23,20 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.report.exports import FILES, Calibration, in_format
 from operator_app.report.facts import Facts, facts_of
-from operator_app.report.html import report_html
-from operator_app.report.markup import element, join
-from operator_app.report.of_session import REPORT_NAME
-from operator_app.report.page_table import table_html
-from operator_app.report.paper_figures import drawings
-from operator_app.report.plotted import figure as draw_figure
+from operator_app.report.html.markup import element, join
+from operator_app.report.html.page import report_html
+from operator_app.report.html.session_page import REPORT_NAME
+from operator_app.report.html.table import table_html
+from operator_app.report.plots.matplotlib_figures import figure as draw_figure
+from operator_app.report.plots.paper_figures import drawings
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.report.text import facts_text
-from operator_app.session.calibrated import Calibrated
-from operator_app.session.folder import PARAMETERS_NAME, POSES_NAME
-from operator_app.session.importing import How, ImportedSession
-from operator_app.session.journal import read_journal
-from operator_app.session.parameters_document import document_of, why_used
-from operator_app.session.state import SessionState
+from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.parameters import document_of, why_used
+from operator_app.session.store.state import SessionState
+from operator_app.session.store.stored_calibration import Calibrated
+from operator_app.session.workflow.importing import How, ImportedSession
 from solver.arrays import FloatArray
 
 from .given import one_of, readings_rad

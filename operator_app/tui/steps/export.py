@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from textual.app import ComposeResult
 
-from operator_app.report.difference import changed, difference_table
+from operator_app.report.results.upload import changed, difference_table
+from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line, clip, line, wrapped
 from operator_app.report.table import Table
-from operator_app.report.verification import verified_words
-from operator_app.session.snapshot import SessionSnapshot
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel

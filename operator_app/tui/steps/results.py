@@ -7,29 +7,29 @@ from collections.abc import Sequence
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.verdict import Verdict
-from operator_app.report.pictures import misses, rvdt_deviations
-from operator_app.report.screen import (
+from operator_app.calibration.acceptance import Verdict
+from operator_app.calibration.result import Solution
+from operator_app.report.plots.calibration_plots import misses, rvdt_deviations
+from operator_app.report.session_tables import joint_table
+from operator_app.report.spans import Line, clip, line, wrapped
+from operator_app.report.subject import Subject
+from operator_app.report.table import Table
+from operator_app.report.terminal import (
     facts_on,
     headline_spans,
     no_facts,
     subject_on,
     table_spans,
 )
-from operator_app.report.session_facts import joint_table
-from operator_app.report.spans import Line, clip, line, wrapped
-from operator_app.report.subject import Subject
-from operator_app.report.table import Table
-from operator_app.session.snapshot import SessionSnapshot
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
 from operator_app.tui.widgets.plot import plot
 from operator_app.units.figure import CLOSURE_LENGTH, Figure
 from operator_app.units.numbers import plural
-from solver.judging.rvdt import RvdtVerdict
+from solver.diagnostics.rvdt import RvdtVerdict
 
 TABLES = ("causes", "dh", "hand", "accuracy", "budget", "halving", "closure")
 """Tables that the plots' panel shows after them, those of them that there are."""

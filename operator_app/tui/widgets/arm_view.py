@@ -9,9 +9,9 @@ from operator import is_not
 import numpy as np
 
 from hardware.arm import JointMode
-from operator_app.report.braille import Canvas
+from operator_app.report.plots.braille import Canvas
 from operator_app.report.spans import Line, line, wrapped
-from operator_app.session.snapshot import DataState, SessionSnapshot
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot
 from operator_app.tui.lines import Lines
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector

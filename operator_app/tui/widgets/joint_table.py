@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from hardware.arm import DriveState, JointMode, JointState
 from operator_app.report.spans import Line, Span, length, line
-from operator_app.session.snapshot import STALE_S, DataState, SessionSnapshot
+from operator_app.session.ui.snapshot import STALE_S, DataState, SessionSnapshot
 from operator_app.tui.widgets.list_panel import ListPanel
 from operator_app.units.figure import DATA_AGE, JOINT_SPEED, JOINT_TORQUE, POSITION, WHOLE_DEGREES
 from solver.chain.arm_model import Joint

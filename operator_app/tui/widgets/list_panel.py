@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from operator_app.report.screen import table_spans
 from operator_app.report.spans import Line, window
 from operator_app.report.table import Table
-from operator_app.session.snapshot import SessionSnapshot
+from operator_app.report.terminal import table_spans
+from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.tui.lines import Lines
 
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from textual import events
 
 from operator_app.report.spans import Line, clip, cut, wrapped
-from operator_app.session.face import ShownAlarm
-from operator_app.session.guards import ends_with_any_key
-from operator_app.session.snapshot import Level, Message, SessionSnapshot
+from operator_app.session.ui.guards import ends_with_any_key
+from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot
+from operator_app.session.ui.user_interface import ShownAlarm
 from operator_app.tui.lines import Clicked, Lines
 
 ROWS = 4

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from operator_app.report.braille import Canvas
-from operator_app.report.picture import Axis, Band, Line, Marks, Picture, Ribbon
+from operator_app.report.plots.braille import Canvas
+from operator_app.report.plots.plot import Axis, Band, Line, Marks, Picture, Ribbon
 from operator_app.report.spans import Line as Row
 from operator_app.report.spans import Span
 

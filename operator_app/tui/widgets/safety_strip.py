@@ -11,10 +11,10 @@ from textual import events
 
 from hardware.arm import DriveState, JointMode
 from operator_app.report.spans import Line, Span, clip, length
-from operator_app.session.guards import ends_with_any_key
-from operator_app.session.snapshot import DataState, SessionSnapshot
+from operator_app.session.ui.guards import ends_with_any_key
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot
 from operator_app.tui.lines import Clicked, Lines
-from operator_app.tui.look import STOP_WIDTH
+from operator_app.tui.theme import STOP_WIDTH
 from operator_app.units.figure import DATA_AGE
 
 HEARTBEAT_LATE_S = 0.35

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from hardware.arm import JointMode
-from hardware.buses import BusSettings, open_bus
-from hardware.canopen_arm import CanopenArm
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController

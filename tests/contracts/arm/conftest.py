@@ -6,15 +6,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
+from hardware.buses.python_can import BusSettings
+from hardware.control.canopen_arm import CanopenArm
 from hardware.virtual.controller import VirtualController
 from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on
 
 
 @pytest.fixture(autouse=True)
 def a_shorter_listen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.15)
+    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.15)
 
 
 @pytest.fixture

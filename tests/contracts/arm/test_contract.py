@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot, DriveState
-from hardware.buses import BusSettings, open_bus
-from hardware.canopen_arm import CanopenArm
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     ControlDenied,
     Stopped,

@@ -7,8 +7,8 @@ import threading
 import pytest
 
 from hardware.arm import ArmSnapshot, DriveState
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
+from hardware.buses.python_can import BusSettings
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     BusError,
     DriveFault,

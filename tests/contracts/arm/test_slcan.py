@@ -7,9 +7,9 @@ import os
 import pytest
 
 from hardware.arm import DriveState
-from hardware.buses import BusSettings, open_bus
-from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import Pace, Timing
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.control.canopen_arm import CanopenArm
+from hardware.control.control_loop import Pace, Timing
 from operator_app.config.description import describe
 from oracles.profiles import sarcos
 from oracles.slcan_adapter import SlcanAdapter

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import (
     TWO_DRIVEN,
@@ -23,8 +23,8 @@ def bus() -> FakeArmBus:
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 1.0)
+    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.02)
+    monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 1.0)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import can
 import pytest
 
 from hardware.arm import JointMode
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, DriveAstray, Stopped
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus, FakeDrive

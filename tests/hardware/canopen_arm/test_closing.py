@@ -11,7 +11,7 @@ import can
 import numpy as np
 import pytest
 
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, DriveFault
 from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus

@@ -9,7 +9,7 @@ import can
 import pytest
 
 from hardware.arm import Arm, DriveState
-from hardware.description import (
+from hardware.arm_description import (
     EncoderDescription,
 )
 from hardware.errors import (
@@ -82,7 +82,7 @@ def test_nothing_is_sent_where_another_master_works(
     frames: tuple[tuple[int, bytes], ...],
     words: str,
 ) -> None:
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.3)
+    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.3)
     bus.other_master = frames
     with pytest.raises(Intruder, match=f"else works on this bus: {words} came .* End that program"):
         make(bus).connect()

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import pytest
 
-from hardware.alarms import Seen, find_alarm
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import CommandRefused, ControlDenied, Intruder, InUse, NodeMissing
-from hardware.node_watch import NodeWatch
+from hardware.monitors.alarms import Seen, find_alarm
+from hardware.monitors.node_watch import NodeWatch
 from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
@@ -49,9 +49,9 @@ class Asked(FakeArmBus):
 
 @pytest.fixture(autouse=True)
 def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.in_use.LEAST_S", 0.2)
-    monkeypatch.setattr("hardware.in_use.LOOK_AGAIN_S", 0.02)
-    monkeypatch.setattr("hardware.connection.BOOT_TIMEOUT_S", 1.0)
+    monkeypatch.setattr("hardware.control.in_use.LEAST_S", 0.2)
+    monkeypatch.setattr("hardware.control.in_use.LOOK_AGAIN_S", 0.02)
+    monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 1.0)
 
 
 @pytest.fixture

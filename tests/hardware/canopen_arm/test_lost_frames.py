@@ -9,9 +9,9 @@ from collections.abc import Callable
 
 import pytest
 
-from hardware.canopen_arm import CanopenArm
+from hardware.canopen.sdo import ObjectAccess
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, FramesLost, NodeMissing
-from hardware.sdo import ObjectAccess
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     CommandRefused,
     ControlDenied,

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
+from hardware.control.tasks import Task
 from hardware.errors import (
     CommandRefused,
     DriveFault,
     Stopped,
 )
-from hardware.tasks import Task
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import (
     PER_RAD,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import (
     PER_RAD,

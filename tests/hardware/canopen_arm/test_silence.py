@@ -7,7 +7,7 @@ import struct
 import can
 import pytest
 
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     BusError,
     CommandRefused,

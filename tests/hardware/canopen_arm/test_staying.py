@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, CommandRefused, DriveAstray, DriveFault, DriveLeft
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus

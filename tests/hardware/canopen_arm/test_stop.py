@@ -9,15 +9,15 @@ from typing import Any
 import can
 import pytest
 
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
+from hardware.bus_setup import BusOpeners
+from hardware.buses.python_can import BusSettings
+from hardware.control.canopen_arm import CanopenArm
+from hardware.control.tasks import Steps
 from hardware.errors import (
     BusError,
     CommandRefused,
     Stopped,
 )
-from hardware.on_bus import BusOpeners
-from hardware.tasks import Steps
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import (
@@ -111,7 +111,9 @@ def test_stop_while_connecting_is_latched_and_sent_and_ends_it(
                 arm.stop()
             return super()._recv_internal(timeout)
 
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 30.0 if stage == "listening" else 0.02)
+    monkeypatch.setattr(
+        "hardware.control.connection.LISTEN_S", 30.0 if stage == "listening" else 0.02
+    )
     bus = Pressed()
     bus.drives[7].counts = 100
     arm = make(bus)
@@ -122,7 +124,7 @@ def test_stop_while_connecting_is_latched_and_sent_and_ends_it(
     assert [data[:2] for _, data in frames(bus, 0x200)] == [b"\x02\x00"] * JOINTS
     with pytest.raises(BusError, match="not connected"):
         arm.stop()
-    monkeypatch.setattr("hardware.connection.LISTEN_S", 0.02)
+    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.02)
     arm.connect()
     assert arm.snapshot().stopped
     with pytest.raises(Stopped):

@@ -7,10 +7,10 @@ import struct
 
 import pytest
 
+from hardware.canopen.sdo import ObjectAccess
+from hardware.canopen.supervision import following_windows_counts
 from hardware.errors import MappingDiffers
 from hardware.scale import JointScale
-from hardware.sdo import ObjectAccess
-from hardware.supervision import following_windows_counts
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make

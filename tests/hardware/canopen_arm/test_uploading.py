@@ -8,7 +8,7 @@ import struct
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
 
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     BusError,
     CommandRefused,

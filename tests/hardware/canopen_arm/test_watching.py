@@ -8,9 +8,10 @@ import time
 import can
 import pytest
 
-from hardware.buses import BusSettings
-from hardware.canopen_arm import CanopenArm
-from hardware.control_loop import LONGEST_IDLE_POLL_S
+from hardware.bus_setup import BusOpeners
+from hardware.buses.python_can import BusSettings
+from hardware.control.canopen_arm import CanopenArm
+from hardware.control.control_loop import LONGEST_IDLE_POLL_S
 from hardware.errors import (
     BusError,
     ControlDenied,
@@ -21,8 +22,7 @@ from hardware.errors import (
     SensorFault,
     TwoDevices,
 )
-from hardware.node_watch import NodeWatch
-from hardware.on_bus import BusOpeners
+from hardware.monitors.node_watch import NodeWatch
 from hardware.timing import Pace, Timing
 from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus

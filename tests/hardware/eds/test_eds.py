@@ -1,4 +1,4 @@
-"""The EDS files against the names in `hardware.objects`, against dcfchk, and as nodes get them."""
+"""The EDS files against the names in `hardware.canopen.objects`, against dcfchk, and as nodes get them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ import canopen
 import pytest
 from canopen.objectdictionary import ODVariable, datatypes
 
-from hardware import objects
+from hardware.canopen import objects
+from hardware.canopen.bus_profile import Pdo
 from hardware.eds.dictionary import EDS_FILES, node_dictionary, product_dictionary, variables
-from hardware.profile import Pdo
 from hardware.virtual.drive_node import RPDO1, TPDO1
 from oracles.profiles import sarcos
 

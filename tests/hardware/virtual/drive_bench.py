@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hardware.arm import DriveState
-from hardware.objects import EmergencyCode
+from hardware.canopen.objects import EmergencyCode
 from hardware.virtual.drive import Drive
 from tests.oracles.virtual_rig import axes
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from hardware.objects import SensorKind
+from hardware.canopen.objects import SensorKind
 from hardware.virtual.axis import arm_axes, axis, joint_scale
 from hardware.virtual.sensors import joint_sensor
 from solver.chain.sensors import Encoder, NoSensor, Rvdt

@@ -8,7 +8,7 @@ import can
 from can.interfaces.virtual import VirtualBus
 
 from hardware.arm import DriveState, JointMode
-from hardware.objects import EmergencyCode
+from hardware.canopen.objects import EmergencyCode
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.frame_faults import FrameFaults
 from tests.oracles.virtual_rig import ARM, Rig, TrivialPlant, axes

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hardware.arm import JointMode
-from hardware.cia402 import StatusBit
+from hardware.canopen.cia402 import StatusBit
 from tests.hardware.virtual.drive_bench import (
     CSP,
     CST,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.objects import Slot, SlotState
+from hardware.canopen.objects import Slot, SlotState
 from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
 
 FIRST, SECOND, THIRD = b"first document\n", b"second document\n" * 40, b"third"

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from fixtures.measured import Measured
 from hardware.arm import JointMode
-from hardware.virtual.drawn import Stated, mounted_entries
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import scenario, scenario_of
+from hardware.virtual.specimens import Stated, mounted_entries
 from hardware.virtual.truth import OpenTruth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture

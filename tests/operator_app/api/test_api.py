@@ -221,7 +221,7 @@ def test_what_was_taken_once_is_not_saved_over(
     result: sarcal.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A session of an arm, one that somebody wrote notes in, one in use, and one that cannot be read."""
-    from operator_app.session.journal import Journal
+    from operator_app.session.store.journal import Journal
 
     monkeypatch.chdir(tmp_path)
     arm = Journal.create(Path("arm"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from operator_app.calibration.solution import Solution
+from operator_app.calibration.result import Solution
 from tests.operator_app.calibration.as_shipped import SEED, solved
 from tests.oracles.shop_floor import session
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.calibration.attempts import FEW
-from operator_app.calibration.verdict import Verdict
+from operator_app.calibration.acceptance import Verdict
+from operator_app.calibration.multistart import FEW
 from tests.benchmarks.shop_floor_outcome import outcome
 from tests.oracles.shop_floor_large import LARGE_FAULTS, large
 

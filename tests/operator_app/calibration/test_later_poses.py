@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.calibration.foretold import FIXTURE, MadeFrom
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
+from operator_app.calibration.prediction import FIXTURE, MadeFrom
+from operator_app.calibration.result import Solution
+from operator_app.calibration.verification import Prediction, fixed_by, judge_poses
 from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
 

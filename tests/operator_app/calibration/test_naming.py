@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.calibration.loop import loop_of_poses
-from operator_app.calibration.noise import error_model, soften
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.verdict import NamedCause, causes_of, each_once
+from operator_app.calibration.acceptance import NamedCause, causes_of, each_once
+from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.error_model import error_model, soften
+from operator_app.calibration.result import Solution
+from solver.diagnostics.diagnosis import Explanation, Trial, judge
+from solver.diagnostics.fault_model import Candidate, Cause
+from solver.diagnostics.hypothesis_tests import Test as Trying
+from solver.diagnostics.model_selection import Evidence, evidence, evidence_of_own
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import estimate_with_errors
-from solver.judging.candidate import Candidate, Cause
-from solver.judging.evidence import Evidence, evidence, evidence_of_own
-from solver.judging.stated_tests import Test as Trying
-from solver.judging.trial import Explanation, Trial, judge
 from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Session, session
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.new_poses import NoTestError, judge_new, require_new
-from operator_app.calibration.solve import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses

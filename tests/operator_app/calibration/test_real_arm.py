@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from operator_app.calibration.foretold import MadeFrom
-from operator_app.calibration.loop import pick_placements
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.solve import calibrate
-from operator_app.calibration.verdict import Verdict
-from operator_app.calibration.verify import Prediction, fixed_by, judge_poses
+from operator_app.calibration.acceptance import Verdict
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.closed_loops import pick_placements
+from operator_app.calibration.prediction import MadeFrom
+from operator_app.calibration.result import Solution
+from operator_app.calibration.verification import Prediction, fixed_by, judge_poses
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture

@@ -9,10 +9,10 @@ import pytest
 
 from fixtures.ball import Ball
 from fixtures.measured import Measured
-from operator_app.calibration.solve import calibrate
+from operator_app.calibration.calibrate import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from solver.judging.rvdt import Soundness
+from solver.diagnostics.rvdt import Soundness
 from tests.operator_app.calibration.as_shipped import ARM, HINGE, poses_of, solved
 from tests.oracles.shop_floor import Session, Sizes, Specimen, session
 from tests.oracles.shop_floor import taken as taken_at

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.calibration.solution import Solution
+from operator_app.calibration.result import Solution
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
-from solver.judging.rvdt import Soundness
+from solver.diagnostics.rvdt import Soundness
 from tests.operator_app.calibration.as_shipped import solved
 from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_faults import CASES

@@ -12,7 +12,7 @@ from operator_app.cli import main
 from operator_app.config.parameter_records import WhichArm
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import save_parameters
-from operator_app.session.journal import Journal
+from operator_app.session.store.journal import Journal
 from oracles.parameter_documents import VALUES, make_document
 
 

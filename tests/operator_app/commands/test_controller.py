@@ -9,14 +9,14 @@ from pathlib import Path
 import can
 import pytest
 
-from hardware.buses import BusSettings
-from hardware.virtual.fault_words import FAULTS
+from hardware.buses.python_can import BusSettings
+from hardware.virtual.fault_messages import FAULTS
 from operator_app.cli import main
 from operator_app.commands.controller import script_of
 from operator_app.commands.table import parser_of
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
-from operator_app.session.opening import Choices
+from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller, slots_in
 from oracles.raw_can import RawPeer
 

@@ -11,8 +11,8 @@ import pytest
 
 from operator_app.cli import main
 from operator_app.config.parameters_file import load_parameters
-from operator_app.session.folder import read_session
-from operator_app.session.journal import read_journal
+from operator_app.session.store.folders import read_session
+from operator_app.session.store.journal import read_journal
 
 
 def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(

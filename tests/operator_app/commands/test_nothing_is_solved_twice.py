@@ -10,23 +10,23 @@ from pathlib import Path
 import pytest
 import sarcal
 
-from operator_app.calibration.checks import check
-from operator_app.calibration.hand_error import tip_sigma
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.cross_validation import check
+from operator_app.calibration.diagnosis import weigh
 from operator_app.calibration.rvdt import judge_rvdts
-from operator_app.calibration.solve import calibrate
-from operator_app.calibration.weighing import weigh
+from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.cli import main
-from operator_app.session.journal import JOURNAL_NAME, read_journal
+from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from solver.closing import close_loops, newton_step, unsensed_step
+from solver.diagnostics.cross_validation import hold_out
+from solver.diagnostics.diagnosis import judge
+from solver.diagnostics.identifiability import identifiability
+from solver.diagnostics.statistics import jackknife
 from solver.estimators.implicit import estimate_implicit, fit_implicit
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.mixed_fit import fit_mixed
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
-from solver.judging.holdout import hold_out
-from solver.judging.identifiability import identifiability
-from solver.judging.statistics import jackknife
-from solver.judging.trial import judge
 from solver.search.global_start import global_start
 
 SOLVING = (

@@ -11,10 +11,10 @@ import pytest
 
 from operator_app.cli import main
 from operator_app.config.poses_file import load_poses, save_poses
-from operator_app.report.session_result import session_text
-from operator_app.session.journal import Journal, read_journal
-from operator_app.session.opening import Choices, begin
-from operator_app.session.replay import session_state
+from operator_app.report.results.session import session_text
+from operator_app.session.store.journal import Journal, read_journal
+from operator_app.session.store.replay import session_state
+from operator_app.session.workflow.opening import Choices, begin
 
 MakeFolder = Callable[..., Path]
 

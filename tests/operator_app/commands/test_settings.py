@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from hardware.buses import BusSettings, bus_settings
+from hardware.buses.python_can import BusSettings, bus_settings
 from operator_app.cli import main
 from operator_app.commands.options import choices_from
 from operator_app.commands.table import parser_of
 from operator_app.composition import carried_procedure
 from operator_app.config.user_settings import load_settings, usual_bus
-from operator_app.session.journal import read_journal
-from operator_app.session.opening import begin
+from operator_app.session.store.journal import read_journal
+from operator_app.session.workflow.opening import begin
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hardware.objects import MAX_JOINTS
+from hardware.canopen.objects import MAX_JOINTS
 from hardware.virtual.sdo_server import LONGEST_DOCUMENT
 from operator_app.config.errors import ConfigError
 from operator_app.config.json_schemas import json_schema

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hardware.arm import JointMode
-from hardware.profile import BusProfile, JointProfile, Pdo
+from hardware.canopen.bus_profile import BusProfile, JointProfile, Pdo
 from operator_app.config.errors import ConfigError
 from operator_app.config.profile_file import format_profile, load_profile, parse_profile
 from operator_app.config.resources import resolve
-from operator_app.session.opening import Choices, begin
+from operator_app.session.workflow.opening import Choices, begin
 
 GOOD = """\
 schema: sarcal/profile/1

@@ -11,8 +11,8 @@ import pytest
 
 from operator_app.config.parameters_file import load_parameters
 from operator_app.headless.plain import Plain
-from operator_app.session.journal import read_journal
-from operator_app.session.replay import session_state
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.replay import session_state
 from oracles.live_source import FakeSource
 
 

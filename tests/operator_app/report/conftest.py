@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from operator_app.headless.runner import run
-from operator_app.report.html import report_html
+from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject
-from operator_app.session.journal import JOURNAL_NAME, read_journal
-from operator_app.session.listener import Listener
+from operator_app.session.store.journal import JOURNAL_NAME, read_journal
+from operator_app.session.workflow.listener import Listener
 from oracles.opened import MakeSession
 from oracles.reported_session import HOSTILE, subject_of
 from oracles.short_procedure import short_procedure

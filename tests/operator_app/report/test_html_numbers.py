@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from operator_app.report.html import report_html
+from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject
-from operator_app.session.journal import read_journal
+from operator_app.session.store.journal import read_journal
 from oracles.reported_session import number, subject_of
 
 

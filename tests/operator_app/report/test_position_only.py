@@ -11,10 +11,10 @@ import sarcal
 
 from operator_app.config.parameters_file import load_parameters, save_parameters
 from operator_app.report.facts import Facts, estimate_json, facts_of
-from operator_app.report.screen import table_spans
+from operator_app.report.results.verification import verification_json, verified_words
+from operator_app.report.terminal import table_spans
 from operator_app.report.text import facts_text
-from operator_app.report.verification import verification_json, verified_words
-from operator_app.session.snapshot import Verified
+from operator_app.session.ui.snapshot import Verified
 from oracles.parameter_documents import make_document
 
 NOT_KNOWN = {"rms": None, "as_printed": None}

@@ -20,10 +20,10 @@ import pytest
 
 from operator_app.cli import main
 from operator_app.report.facts import Facts
-from operator_app.report.screen import facts_on, headline_spans, table_spans
 from operator_app.report.spans import Line
 from operator_app.report.table import Table
-from operator_app.session.operations import Operations
+from operator_app.report.terminal import facts_on, headline_spans, table_spans
+from operator_app.session.ui.operations import Operations
 from operator_app.units.figure import Figure
 from oracles.journalled_sessions import Quiet, opened_again
 

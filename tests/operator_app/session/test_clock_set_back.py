@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.folder import find_session, list_sessions, new_folder
-from operator_app.session.journal import read_journal
+from operator_app.session.store.folders import find_session, list_sessions, new_folder
+from operator_app.session.store.journal import read_journal
 from oracles.journals import POSE
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm

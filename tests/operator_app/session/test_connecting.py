@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from operator_app.session.journal import read_journal
-from operator_app.session.listener import Listener
-from operator_app.session.operations import Operations
-from operator_app.session.workflow import connect
+from operator_app.session.store.journal import read_journal
+from operator_app.session.ui.operations import Operations
+from operator_app.session.workflow.capture import connect
+from operator_app.session.workflow.listener import Listener
 from oracles.journalled_sessions import Quiet
 from oracles.opened import MakeSession
 from oracles.short_procedure import short_procedure

@@ -13,12 +13,12 @@ from operator_app.cli import main
 from operator_app.errors import JournalLostError
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.runner import run
-from operator_app.session.folder import find_session, read_session
-from operator_app.session.journal import read_journal
-from operator_app.session.listener import Listener
-from operator_app.session.session import Session
-from operator_app.session.snapshot import Level, TaskKind
-from operator_app.session.state import SessionState
+from operator_app.session.store.folders import find_session, read_session
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.state import SessionState
+from operator_app.session.ui.snapshot import Level, TaskKind
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.session import Session
 from oracles.live_source import FakeSource
 from oracles.opened import MakeSession, opened
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from operator_app.errors import JournalLostError
-from operator_app.session.journal import JOURNAL_NAME, Journal, read_journal
+from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
 
 EVENTS = (("opened", {"a": 1.25}), ("pose", {"number": 1}))
 

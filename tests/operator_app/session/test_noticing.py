@@ -12,11 +12,11 @@ from hardware.arm import ArmSnapshot, MoveResult, Reading, Watch
 from hardware.errors import DriveAstray, SensorFault
 from operator_app.cli import main
 from operator_app.errors import Cancelled, GuardError, SessionError
-from operator_app.session.journal import read_journal
-from operator_app.session.listener import Listener
-from operator_app.session.opening import Choices, begin
-from operator_app.session.session import Session
-from operator_app.session.workflow import take_poses
+from operator_app.session.store.journal import read_journal
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Choices, begin
+from operator_app.session.workflow.session import Session
 from oracles.opened import MakeSession, opened
 from oracles.plant_arm import PlantArm
 from oracles.short_procedure import short_procedure

@@ -16,13 +16,13 @@ from hardware.line_port import CalledLines
 from hardware.virtual.truth import OpenTruth, paper_loop
 from operator_app.composition import carried_procedure
 from operator_app.errors import GuardError, SessionError
-from operator_app.session.exploring import visit
-from operator_app.session.instrument import Instrument
-from operator_app.session.listener import Listener
-from operator_app.session.opening import Choices, Rig, begin, open_session, resume
-from operator_app.session.operations import Operations
-from operator_app.session.session import Session
-from operator_app.session.workflow import take_poses
+from operator_app.session.ui.operations import Operations
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.exploration import visit
+from operator_app.session.workflow.instrument import Instrument
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
+from operator_app.session.workflow.session import Session
 from operator_app.virtual_arms import virtual_arm
 from oracles.journalled_sessions import Quiet
 from oracles.plant_arm import PlantArm

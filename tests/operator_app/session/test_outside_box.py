@@ -13,11 +13,11 @@ from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
-from operator_app.session.going_home import SLOWLY_RAD_PER_S
-from operator_app.session.listener import Listener
-from operator_app.session.session import Session
-from operator_app.session.state import SessionState
-from operator_app.session.workflow import take_poses
+from operator_app.session.store.state import SessionState
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.home import SLOWLY_RAD_PER_S
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.session import Session
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm
 

@@ -10,16 +10,16 @@ from typing import Any
 
 import pytest
 
-from hardware.canopen_arm import CanopenArm
+from hardware.control.canopen_arm import CanopenArm
 from operator_app.cli import main
 from operator_app.errors import GuardError, NotLetGoError, SessionError
 from operator_app.exit_codes import exit_code
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.remounting import next_placement, require_mounted, words
-from operator_app.session.journal import Journal, read_journal
-from operator_app.session.opening import Choices, begin, resume
-from operator_app.session.replay import replay, session_state
-from operator_app.session.state import SessionState
+from operator_app.session.store.journal import Journal, read_journal
+from operator_app.session.store.replay import replay, session_state
+from operator_app.session.store.state import SessionState
+from operator_app.session.workflow.opening import Choices, begin, resume
 from oracles.journals import POSE, sources
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from operator_app.errors import Cancelled
-from operator_app.session.operations import Operations
-from operator_app.session.session import Session
-from operator_app.session.snapshot import Change, Level
+from operator_app.session.ui.operations import Operations
+from operator_app.session.ui.snapshot import Change, Level
+from operator_app.session.workflow.session import Session
 from oracles.journalled_sessions import first_picture
 from oracles.opened import MakeSession
 from oracles.short_procedure import short_procedure

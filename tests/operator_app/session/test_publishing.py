@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[3]
 SNIPPET = """
 from dataclasses import replace
 
-from operator_app.session.runner import Runner
-from operator_app.session.publisher import Publisher
+from operator_app.session.ui.runner import Runner
+from operator_app.session.ui.publisher import Publisher
 
 
 def publish(runner: Runner, publisher: Publisher) -> None:

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 
 from hardware.arm import Reading
+from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.causes import NamedCause
-from operator_app.calibration.repeats import Repeat, compare_readings
-from operator_app.calibration.returned import not_yet_named, proven_by_return
-from operator_app.calibration.solution import Solution
-from operator_app.calibration.verdict import Verdict
+from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return
+from operator_app.calibration.repeat_measurement import Repeat, compare_readings
+from operator_app.calibration.result import Solution
 from operator_app.errors import Cancelled
-from operator_app.session.exploring import visit
-from operator_app.session.journal import read_journal
-from operator_app.session.listener import Listener
-from operator_app.session.planned_capture import PlannedCapture
-from operator_app.session.session import Session
-from operator_app.session.unreturned import NO_WAY_BACK, unreturned_notices
-from operator_app.session.workflow import take_poses
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.missing_repeat import NO_WAY_BACK, unreturned_notices
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.exploration import visit
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.planned_capture import PlannedCapture
+from operator_app.session.workflow.session import Session
 from oracles.opened import MakeSession
 from oracles.short_procedure import short_procedure
-from solver.judging import stated_tests
+from solver.diagnostics import hypothesis_tests
 
 
 def begun(session: Session) -> Session:
@@ -207,7 +207,7 @@ def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Sol
     return session.calibrate()
 
 
-def return_test(solution: Solution) -> stated_tests.Test:
+def return_test(solution: Solution) -> hypothesis_tests.Test:
     (found,) = (t for t in solution.judgement.tests if t.code.startswith("RETURN"))
     return found
 

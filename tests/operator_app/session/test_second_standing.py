@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from hardware.arm import Reading
-from hardware.virtual.drawn import Stated
 from hardware.virtual.port import PlantReading
 from hardware.virtual.scenarios import scenario_of
-from operator_app.calibration.believed import KnownArm, known_arm
+from hardware.virtual.specimens import Stated
+from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
-from operator_app.session.first_standing import check_first_standing
-from operator_app.session.journal import read_journal
-from operator_app.session.listener import Listener
-from operator_app.session.mounting import keep_remounted, keep_remounting
-from operator_app.session.session import Session
-from operator_app.session.workflow import take_poses
+from operator_app.session.safety.closure_check import check_first_standing
+from operator_app.session.store.journal import read_journal
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.placements import keep_remounted, keep_remounting
+from operator_app.session.workflow.session import Session
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm
 from tests.oracles.shop_floor_remounted import Remounted, remounted

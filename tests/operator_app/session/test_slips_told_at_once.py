@@ -10,18 +10,18 @@ import pytest
 
 from hardware.virtual.port import PlantReading
 from hardware.virtual.scenarios import scenario
-from operator_app.calibration.foreseen import LEAST, out_of_line
+from operator_app.calibration.joint_prediction import LEAST, out_of_line
 from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
-from operator_app.session.exploring import visit
-from operator_app.session.listener import Listener
-from operator_app.session.operations import Operations
-from operator_app.session.session import Session
-from operator_app.session.snapshot import Level
-from operator_app.session.state import SessionState
-from operator_app.session.workflow import take_poses
+from operator_app.session.store.state import SessionState
+from operator_app.session.ui.operations import Operations
+from operator_app.session.ui.snapshot import Level
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.exploration import visit
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.session import Session
 from oracles.journalled_sessions import Quiet
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm

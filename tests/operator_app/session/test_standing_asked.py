@@ -14,10 +14,10 @@ from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
-from operator_app.session.journal import read_journal
-from operator_app.session.listener import Listener
-from operator_app.session.replay import session_state
-from operator_app.session.workflow import take_poses
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.replay import session_state
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.listener import Listener
 from oracles.opened import opened
 from oracles.plant_arm import PlantArm
 

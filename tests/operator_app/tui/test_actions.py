@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from operator_app.headless.plain import Plain
-from operator_app.session import actions
-from operator_app.session.face import Action, OnScreen
-from operator_app.session.next_thing import next_thing
-from operator_app.session.snapshot import Level
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui import actions
+from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.snapshot import Level
+from operator_app.session.ui.user_interface import Action, OnScreen
 from operator_app.tui.dialogs import Read
 from operator_app.tui.palette import ActionProvider, title
 from oracles.story import busy, real, story

@@ -16,10 +16,10 @@ from hardware.errors import (
     WrongArm,
 )
 from operator_app.errors import ConnectAgainError, StandingRefusedError
-from operator_app.session.journal import read_journal
-from operator_app.session.snapshot import DataState, Level, TaskKind
-from operator_app.session.steps import Step
-from operator_app.session.wording import stopped_words
+from operator_app.messages.errors import stopped_words
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.steps import Step
+from operator_app.session.ui.snapshot import DataState, Level, TaskKind
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ async def test_a_counter_that_began_anew_is_led_to_connecting_again(drive, sourc
         if began_anew:
             raise ConnectAgainError(began_anew[0], "home the joint, then connect again")
 
-    monkeypatch.setattr("operator_app.session.before_enabling.check_first_standing", check)
+    monkeypatch.setattr("operator_app.session.safety.preflight.check_first_standing", check)
     async with drive(size=(80, 24)) as d:
         await d.to_step(Step.MODES)
         await d.press("enter", "y")
@@ -282,7 +282,7 @@ async def test_poses_that_do_not_belong_to_the_arm_any_more_are_led_to_a_new_ses
     def refuse(*_: object) -> None:
         raise StandingRefusedError("the loop does not close", "start a new session")
 
-    monkeypatch.setattr("operator_app.session.before_enabling.check_first_standing", refuse)
+    monkeypatch.setattr("operator_app.session.safety.preflight.check_first_standing", refuse)
     async with drive() as d:
         await d.to_step(Step.MODES)
         await d.press("enter", "y")
@@ -317,7 +317,7 @@ async def test_any_key_ends_a_motion_of_the_live_arm(drive, source):
 
 
 async def test_a_calibration_can_be_cancelled(drive, source, monkeypatch):
-    from operator_app.session.session import Session
+    from operator_app.session.workflow.session import Session
 
     reached, go_on = threading.Event(), threading.Event()
     real = Session.calibrate

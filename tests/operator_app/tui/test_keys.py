@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from operator_app.session.snapshot import TaskKind
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui.snapshot import TaskKind
 from operator_app.tui.dialogs import Ask, Choose, Confirm
 from oracles.still_runner import entry
 from oracles.story import busy, real, stale, story

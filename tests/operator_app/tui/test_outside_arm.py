@@ -11,11 +11,11 @@ import pytest
 
 from hardware.timing import Pace
 from operator_app.composition import open_arm
-from operator_app.session import guards
-from operator_app.session.next_thing import next_thing
-from operator_app.session.opening import Choices
-from operator_app.session.sessions import Sessions
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui import guards
+from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.sessions import Sessions
+from operator_app.session.workflow.opening import Choices
 from operator_app.tui.app import SarcalApp
 from oracles.toy_arm import PROCEDURE, Toy, package, toy
 from tests.operator_app.tui.conftest import Driver, running

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from operator_app.report.picture import Marks, Picture, axis
+from operator_app.report.plots.plot import Marks, Picture, axis
 from operator_app.tui.widgets.plot import LABEL, plot
 
 WIDTH = 60

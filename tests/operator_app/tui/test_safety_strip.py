@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from hardware.arm import DriveState
-from operator_app.session.snapshot import DataState, StopReport, TaskKind
+from operator_app.session.ui.snapshot import DataState, StopReport, TaskKind
 from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
 from oracles.story import busy, lost, real, stale, stopped, story, tripped
 

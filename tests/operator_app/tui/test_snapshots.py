@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from operator_app.session.snapshot import TaskKind
-from operator_app.session.steps import Step
+from operator_app.session.store.steps import Step
+from operator_app.session.ui.snapshot import TaskKind
 from operator_app.tui.app import SarcalApp
-from operator_app.tui.look import DARK, LIGHT, NO_COLOUR
+from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR
 from oracles.still_runner import StillSource
 from oracles.story import astray, busy, lost, stale, stopped, story
 

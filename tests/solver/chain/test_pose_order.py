@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from solver.chain.pose_order import back_to_caller, canonical_order
+from solver.diagnostics.cross_validation import far_block, fold_poses
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
-from solver.judging.holdout import far_block, fold_poses
 from tests.oracles.loop_oracle import Truth
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import loop_of, paper_arm

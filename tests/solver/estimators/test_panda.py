@@ -7,11 +7,11 @@ import pytest
 
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhKind, entries
+from solver.diagnostics.identifiability import identifiability
+from solver.diagnostics.parameter_selection import drop_unidentifiable
 from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
-from solver.judging.dropping import drop_unidentifiable
-from solver.judging.identifiability import identifiability
 from solver.loops.placements import Placements, place
 from solver.loops.point import PointClosure
 from tests.oracles.panda import TRAINING, panda_columns, panda_readings, scatter_mm

@@ -1,0 +1,265 @@
+"""Who is on the bus, and whether it is the arm the description means. Knows SDO access; moves nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from hardware.arm import ArmIdentity, NodeIdentity
+from hardware.arm_description import ArmDescription, EncoderDescription, JointDescription
+from hardware.canopen.bus_profile import BusProfile, JointProfile
+from hardware.canopen.maps import ABSENT
+from hardware.canopen.objects import (
+    ARM,
+    ARM_JOINTS,
+    ARM_MODEL,
+    ARM_SERIAL,
+    CONTROL_PERIOD,
+    DEVICE_NAME,
+    DEVICE_TYPE,
+    ENCODER_RESOLUTION,
+    IDENTITY,
+    IDENTITY_PRODUCT,
+    IDENTITY_REVISION,
+    IDENTITY_SERIAL,
+    IDENTITY_VENDOR,
+    POSITION_LIMITS,
+    RATED_TORQUE,
+    SENSOR,
+    SENSOR_BITS,
+    SENSOR_FULL_SCALE,
+    SENSOR_KIND,
+    SensorKind,
+)
+from hardware.canopen.sdo import ObjectAccess
+from hardware.errors import SdoRefused, WrongArm
+from hardware.limits import JointLimits, joint_limits
+from hardware.scale import JointScale
+
+
+def read_identity(
+    access: ObjectAccess, profile: BusProfile, description: ArmDescription
+) -> ArmIdentity:
+    """Ask every node who it is (1008h, 1018h), and the supervisor which arm this is (2020h).
+
+    Without a supervisor the arm is what its files say it is.
+    """
+    supervisor = profile.supervisor
+    nodes = [(node, f"joint {joint}") for joint, node in enumerate(profile.drives, 1)]
+    if supervisor is not None:
+        nodes.append((supervisor, "supervisor"))
+    model, serial_number = description.model, profile.serial_number
+    if supervisor is not None:
+        model = access.read_text(supervisor, ARM, ARM_MODEL)
+        serial_number = access.read_text(supervisor, ARM, ARM_SERIAL)
+    return ArmIdentity(
+        model=model,
+        serial_number=serial_number,
+        keeps_parameters=supervisor is not None,
+        nodes=tuple(
+            NodeIdentity(
+                node=node,
+                role=role,
+                device_name=_text(access, node, DEVICE_NAME),
+                vendor_id=access.read_unsigned(node, IDENTITY, IDENTITY_VENDOR),
+                product_code=_optional(access, node, IDENTITY_PRODUCT),
+                revision=_optional(access, node, IDENTITY_REVISION),
+                serial_number=_optional(access, node, IDENTITY_SERIAL),
+            )
+            for node, role in nodes
+        ),
+    )
+
+
+def check_arm(
+    access: ObjectAccess,
+    identity: ArmIdentity,
+    description: ArmDescription,
+    profile: BusProfile,
+    *,
+    period_s: float,
+) -> None:
+    """Compare the arm on the bus with its description, in the objects that its profile names.
+
+    Raises
+    ------
+    WrongArm
+        Naming everything that differs.
+    """
+    found = list(_arm_differences(access, identity, description, profile.supervisor))
+    limits = limits_of(description, profile, period_s=period_s)
+    for joint, expected in enumerate(description.joints, 1):
+        try:
+            found += [
+                f"joint {joint} {what}"
+                for what in _joint_differences(
+                    access, joint, expected, profile, limits[joint - 1], period_s
+                )
+            ]
+        except SdoRefused as refusal:
+            if refusal.code not in ABSENT:
+                raise
+            found.append(
+                f"joint {joint} does not describe itself in {refusal.index:04X}h, which the bus "
+                f"profile {profile.name} has compared"
+            )
+    if found:
+        raise WrongArm(
+            "The arm on the bus is not the one in the arm file: "
+            + "; ".join(found)
+            + ". Choose the file that belongs to this arm."
+        )
+
+
+def scale_of(joint: JointDescription, drive: JointProfile) -> JointScale:
+    """Drive counts against radians: as the joint's sensor is, unless its drive counts otherwise."""
+    per_rad = joint.sensor.counts_per_rad
+    if drive.counts_per_rev is not None:
+        per_rad = drive.counts_per_rev / math.tau
+    return JointScale(counts_per_rad=drive.direction * per_rad, zero_counts=drive.zero_counts)
+
+
+def limits_of(
+    description: ArmDescription, profile: BusProfile, *, period_s: float
+) -> tuple[JointLimits, ...]:
+    """Limits of every joint's commands, in counts of its drive."""
+    return tuple(
+        joint_limits(
+            number,
+            scale_of(joint, drive),
+            lower_rad=joint.lower_rad,
+            upper_rad=joint.upper_rad,
+            max_speed_rad_per_s=joint.max_speed_rad_per_s,
+            period_s=period_s,
+        )
+        for number, (joint, drive) in enumerate(
+            zip(description.joints, profile.joints, strict=True), 1
+        )
+    )
+
+
+def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
+    """What 1000 per mille of 6077h mean for every joint: by the profile, or as its drive says (6076h).
+
+    Raises
+    ------
+    WrongArm
+        Neither says it.
+    """
+    found = []
+    for number, joint in enumerate(profile.joints, 1):
+        if joint.rated_torque_nm is not None:
+            found.append(joint.rated_torque_nm)
+            continue
+        try:
+            found.append(access.read_unsigned(joint.node, RATED_TORQUE) * 1e-3)
+        except SdoRefused as refusal:
+            raise WrongArm(
+                f"Joint {number} does not say what its torques mean (no {RATED_TORQUE:04X}h). Give "
+                f"rated_torque_nm for it in the bus profile {profile.name}."
+            ) from refusal
+    return tuple(found)
+
+
+def _arm_differences(
+    access: ObjectAccess,
+    identity: ArmIdentity,
+    description: ArmDescription,
+    supervisor: int | None,
+) -> Iterable[str]:
+    if identity.model != description.model:
+        yield f"its model is {identity.model!r}, expected {description.model!r}"
+    if supervisor is None:
+        return
+    joints = access.read_unsigned(supervisor, ARM, ARM_JOINTS)
+    if joints != len(description.joints):
+        yield f"it has {joints} joints, expected {len(description.joints)}"
+
+
+def _joint_differences(
+    access: ObjectAccess,
+    joint: int,
+    expected: JointDescription,
+    profile: BusProfile,
+    limits: JointLimits,
+    period_s: float,
+) -> Iterable[str]:
+    node = profile.drives[joint - 1]
+    device = access.read_unsigned(node, DEVICE_TYPE)
+    if not profile.is_drive(device):
+        yield f"is no CiA 402 servo drive (1000h = {device:08X}h)"
+        return
+    yield from _sensor_differences(access, joint, expected, profile)
+    if POSITION_LIMITS in profile.compared:
+        yield from _range_differences(access, node, limits)
+    if CONTROL_PERIOD not in profile.compared:
+        return
+    value, index = (
+        access.read_unsigned(node, CONTROL_PERIOD, 1),
+        access.read_signed(node, CONTROL_PERIOD, 2),
+    )
+    if abs(value * 10.0**index - period_s) > 1e-9:
+        yield f"has a control period of {value * 10.0**index:g} s, expected {period_s:g} s"
+
+
+def _range_differences(access: ObjectAccess, node: int, limits: JointLimits) -> Iterable[str]:
+    ends = tuple(access.read_signed(node, POSITION_LIMITS, sub) for sub in (1, 2))
+    if ends != (limits.lower_counts, limits.upper_counts):
+        yield (
+            f"has the range {ends[0]} .. {ends[1]} counts, expected "
+            f"{limits.lower_counts} .. {limits.upper_counts}"
+        )
+
+
+def _sensor_differences(
+    access: ObjectAccess, joint: int, expected: JointDescription, profile: BusProfile
+) -> Iterable[str]:
+    drive, sensor = profile.joints[joint - 1], expected.sensor
+    node, told = drive.node, SENSOR in profile.compared
+    kind = access.read_unsigned(node, SENSOR, SENSOR_KIND) if told else None
+    if isinstance(sensor, EncoderDescription):
+        if kind not in (None, SensorKind.ENCODER):
+            yield f"has sensor kind {kind}, expected an encoder ({SensorKind.ENCODER:d})"
+            return
+        if ENCODER_RESOLUTION not in profile.compared:
+            return
+        per_rev = sensor.counts_per_rev if drive.counts_per_rev is None else drive.counts_per_rev
+        counts, turns = (access.read_unsigned(node, ENCODER_RESOLUTION, sub) for sub in (1, 2))
+        if counts != per_rev * turns:
+            yield (
+                f"has an encoder of {counts} counts in {turns} turn(s), expected {per_rev} a turn"
+            )
+        return
+    if kind is None:
+        return
+    if kind != SensorKind.RVDT:
+        yield f"has sensor kind {kind}, expected an RVDT ({SensorKind.RVDT:d})"
+        return
+    bits = access.read_unsigned(node, SENSOR, SENSOR_BITS)
+    full_scale = access.read_unsigned(node, SENSOR, SENSOR_FULL_SCALE)
+    if bits != sensor.bits:
+        yield f"has a converter of {bits} bits, expected {sensor.bits}"
+    if abs(full_scale - sensor.full_scale_microdegrees) > 1:
+        yield (
+            f"has an RVDT of {full_scale * 1e-6:.6f} deg full scale, expected "
+            f"{sensor.full_scale_microdegrees * 1e-6:.6f} deg"
+        )
+
+
+def _text(access: ObjectAccess, node: int, index: int) -> str:
+    try:
+        return access.read_text(node, index)
+    except SdoRefused as refusal:
+        if refusal.code in ABSENT:
+            return ""
+        raise
+
+
+def _optional(access: ObjectAccess, node: int, subindex: int) -> int:
+    """Part of 1018h; 0 where a device has none, as CiA 301 allows for all but the vendor."""
+    try:
+        return access.read_unsigned(node, IDENTITY, subindex)
+    except SdoRefused as refusal:
+        if refusal.code in ABSENT:
+            return 0
+        raise

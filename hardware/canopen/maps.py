@@ -1,0 +1,286 @@
+"""Do a drive's frames carry what we pack and unpack? Read by SDO before anything is enabled. Moves nothing.
+
+Eight bytes are eight bytes: a drive with its velocity where its position belongs answers every SYNC as
+it should, and would be told to go to where it never was. So its PDOs are read, and compared as a whole;
+then the first position that came by PDO is compared with the one that the object dictionary holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from hardware.canopen.bus_profile import BusProfile, Entry, JointProfile, Pdo, map_words
+from hardware.canopen.objects import (
+    COB_EMCY,
+    COB_HEARTBEAT,
+    COB_NMT,
+    COB_SDO_FROM_SERVER,
+    COB_SDO_TO_SERVER,
+    COB_SYNC,
+    CONTROL_PERIOD_S,
+    DEVICE_TYPE,
+    EMCY_COB_ID,
+    POSITION_ACTUAL,
+    RPDO1_COMMUNICATION,
+    RPDO1_MAP,
+    SYNC_COB_ID,
+    TPDO1_COMMUNICATION,
+    TPDO1_MAP,
+    TPDO_EVERY_SYNC,
+    Abort,
+)
+from hardware.canopen.sdo import ObjectAccess
+from hardware.errors import Difference, InProfile, MappingDiffers, SdoRefused
+from hardware.scale import JointScale
+
+AGREES_RAD = 0.01
+"""Position by PDO and by SDO: an RVDT's noise, and what a joint at rest creeps between the two."""
+
+NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
+"""Bits beside an identifier."""
+IDENTIFIER = 0x1FFFFFFF
+ON_RECEIPT = (254, 255)
+"""Not with the next SYNC: STOP must not wait for one."""
+EVERY_SYNC = (TPDO_EVERY_SYNC,)
+_SYNC_COUNTER = 0x1019
+"""Synchronous counter overflow value, which ours do not have; other than 0, a SYNC carries a counter."""
+MOST_PDOS, PDOS_OF_AN_AXIS, LOOKED_AHEAD = 512, 64, 16
+"""CiA 301 has 512 records each way, CiA 402 gives each axis of a device 64 of them. None is known of from
+outside: of the first axis we look until so many in a row are absent, of the others where the first is there."""
+INHIBIT_S, LONGEST_INHIBIT_S = 1e-4, 0.5 * CONTROL_PERIOD_S
+"""Unit of 1800h sub 3, and what is no more than a maker's way to keep a bus from filling up."""
+INHIBIT, SYNC_START = 3, 6
+"""Sub-indices of 1800h."""
+_RESERVED = frozenset(
+    {
+        COB_NMT,
+        *range(COB_SYNC, COB_EMCY + 0x80),
+        *range(COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER + 0x80),
+        *range(COB_HEARTBEAT, COB_HEARTBEAT + 0x80),
+    }
+)
+"""NMT, SYNC, and the emergencies, objects and heartbeats of all nodes, ours and the supervisor's among them."""
+ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
+
+
+def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
+    """Compare the PDOs of all drives with what this program sends and reads.
+
+    `silent` are nodes that do not answer, and are named with the others. What is no drive at all is not
+    looked at.
+
+    Raises
+    ------
+    MappingDiffers
+        Naming node, object, what was expected and what was found, for everything that differs.
+    """
+    absent = sorted(silent)
+    found = [
+        text
+        for node in profile.drives
+        if node not in absent and profile.is_drive(access.read_unsigned(node, DEVICE_TYPE))
+        for text in differences(access, node, profile)
+    ]
+    if found:
+        raise MappingDiffers(found, [f"{profile.who(node)}: no answer" for node in absent])
+
+
+def check_positions(
+    access: ObjectAccess,
+    profile: BusProfile,
+    counts: Sequence[int],
+    scales: Sequence[JointScale],
+) -> None:
+    """Compare positions as TPDO1 brought them with 6064h by SDO; the joints are at rest.
+
+    Raises
+    ------
+    MappingDiffers
+    """
+    found = []
+    for node, by_pdo, scale in zip(profile.drives, counts, scales, strict=True):
+        by_sdo = access.read_signed(node, POSITION_ACTUAL)
+        if abs(by_pdo - by_sdo) > AGREES_RAD * scale.density + 1.0:
+            found.append(
+                Difference(
+                    node=node,
+                    index=POSITION_ACTUAL,
+                    expected=f"the {by_sdo} counts that it holds",
+                    found=f"{by_pdo} in {_carrier(profile, node)}",
+                )
+            )
+    if found:
+        raise MappingDiffers(found)
+
+
+def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
+    """Compare of all drives what no profile says and nobody writes: before PDOs are written.
+
+    Raises
+    ------
+    MappingDiffers
+    """
+    found = [text for node in profile.drives for text in _communication(access, node)]
+    if found:
+        raise MappingDiffers(found)
+
+
+def _communication(access: ObjectAccess, node: int) -> Iterator[Difference]:
+    found = [
+        *_cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=GENERATES_SYNC),
+        *_cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=NOT_VALID),
+    ]
+    counter = read_number(access, node, _SYNC_COUNTER, 0)
+    if counter:
+        expected = "0 (a SYNC without counter)"
+        found.append(_difference(node, _SYNC_COUNTER, 0, expected, f"{counter}"))
+    for each in found:
+        yield replace(each, in_profile=InProfile.NOT)
+
+
+def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[Difference]:
+    """What of a drive's PDOs is not as it has to be."""
+    yield from _communication(access, node)
+    joint = profile.joints[profile.joint_of[node] - 1]
+    for letter, communication, mapping, types, pdos in (
+        ("R", RPDO1_COMMUNICATION, RPDO1_MAP, ON_RECEIPT, joint.commands),
+        ("T", TPDO1_COMMUNICATION, TPDO1_MAP, EVERY_SYNC, joint.answers),
+    ):
+        for pdo in pdos:
+            at = pdo.number - 1
+            yield from _cob_id(access, node, communication + at, 1, pdo.cob_id, refused=NOT_VALID)
+            yield from _type(access, node, communication + at, types)
+            if types is EVERY_SYNC:
+                yield from _on_every_sync(access, node, communication + at)
+            yield from _map(access, node, mapping + at, f"{letter}PDO{pdo.number}", pdo)
+    for _, index, value in in_the_way(access, node, profile, joint):
+        found = f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel"
+        yield _difference(node, index, 1, "another identifier, or none", found)
+
+
+def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:
+    """Read number and identifier (sub 1, with the bits beside it) of every PDO of a kind that a drive has."""
+    for axis in range(0, MOST_PDOS, PDOS_OF_AN_AXIS):
+        absent = 0 if axis == 0 else LOOKED_AHEAD - 1
+        for at in range(axis, axis + PDOS_OF_AN_AXIS):
+            value = read_number(access, node, communication + at, 1)
+            if value is not None:
+                yield at + 1, value
+            absent = 0 if value is not None else absent + 1
+            if absent == LOOKED_AHEAD:
+                break
+
+
+def in_the_way(
+    access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
+) -> Iterator[tuple[int, int, int]]:
+    """PDOs that this program does not use, on identifiers of the arm's own frames.
+
+    A drive that takes the commands to another one obeys them, whatever it is asked itself.
+
+    Yields
+    ------
+    Number, index of the communication record, and what it holds as identifier.
+    """
+    taken = _RESERVED | {
+        pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
+    }
+    for communication, pdos in (
+        (RPDO1_COMMUNICATION, joint.commands),
+        (TPDO1_COMMUNICATION, joint.answers),
+    ):
+        used = {pdo.number for pdo in pdos}
+        for number, value in read_records(access, node, communication):
+            if number not in used and not value & NOT_VALID and value & IDENTIFIER in taken:
+                yield number, communication + number - 1, value
+
+
+def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Difference]:
+    """What a TPDO may have beside its type, that would keep it from following a SYNC."""
+    inhibit = inhibit_s(access, node, index)
+    if inhibit >= LONGEST_INHIBIT_S:
+        limit = f"an inhibit time below {1e3 * LONGEST_INHIBIT_S:g} ms"
+        found = f"{1e3 * inhibit:g} ms"
+        yield _difference(node, index, INHIBIT, limit, found)
+    start = read_number(access, node, index, SYNC_START)
+    if start:
+        expected = "SYNC start value 0 (with the next SYNC)"
+        yield _difference(node, index, SYNC_START, expected, f"{start}")
+
+
+def inhibit_s(access: ObjectAccess, node: int, index: int) -> float:
+    """How long a TPDO is kept back after the one before."""
+    return INHIBIT_S * (read_number(access, node, index, INHIBIT) or 0)
+
+
+def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] | None:
+    """Map of a PDO as the drive holds it; None where there is no such object."""
+    count = read_number(access, node, index, 0)
+    if count is None:
+        return None
+    return tuple(
+        _entry(read_number(access, node, index, sub)) for sub in range(1, min(count, 64) + 1)
+    )
+
+
+def _type(
+    access: ObjectAccess, node: int, index: int, types: tuple[int, ...]
+) -> Iterator[Difference]:
+    kind = read_number(access, node, index, 2)
+    if kind not in types:
+        expected = " or ".join(map(str, types))
+        yield _difference(node, index, 2, f"transmission type {expected}", _number(kind, "d"))
+
+
+def _map(access: ObjectAccess, node: int, index: int, name: str, pdo: Pdo) -> Iterator[Difference]:
+    entries = read_map(access, node, index)
+    if entries != pdo.entries:
+        yield _difference(
+            node,
+            index,
+            None,
+            f"{name} = {map_words(pdo.entries)}",
+            "no such object" if entries is None else map_words(entries),
+        )
+
+
+def _carrier(profile: BusProfile, node: int) -> str:
+    """Name the TPDO that brings a drive's position."""
+    answers = profile.joints[profile.joint_of[node] - 1].answers
+    return next(f"TPDO{pdo.number}" for pdo in answers if POSITION_ACTUAL in pdo.carried)
+
+
+def _cob_id(
+    access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
+) -> Iterator[Difference]:
+    """Compare an identifier; `refused` is the bit that must not be set beside it."""
+    value = read_number(access, node, index, sub)
+    wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
+    if wrong:
+        yield _difference(node, index, sub, f"{expected:03X}h", _number(value, "03X"))
+
+
+def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
+    """Read a number; None where there is no such object."""
+    try:
+        return access.read_unsigned(node, index, sub)
+    except SdoRefused as refusal:
+        if refusal.code in ABSENT:
+            return None
+        raise
+
+
+def _entry(value: int | None) -> Entry:
+    value = value or 0
+    return value >> 16, value >> 8 & 0xFF, value & 0xFF
+
+
+def _number(value: int | None, digits: str) -> str:
+    if value is None:
+        return "no such object"
+    return f"{value:{digits}}" + ("h" if digits.endswith("X") else "")
+
+
+def _difference(node: int, index: int, sub: int | None, expected: str, found: str) -> Difference:
+    return Difference(node=node, index=index, sub=sub, expected=expected, found=found)

@@ -1,0 +1,73 @@
+"""Which frames on a bus come from somebody who masters it, by identifier and first bytes. Pure: knows no bus."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from hardware.canopen.bus_profile import BusProfile
+from hardware.canopen.objects import (
+    COB_HEARTBEAT,
+    COB_NEXT_PDO,
+    COB_NMT,
+    COB_RPDO1,
+    COB_SDO_TO_SERVER,
+    COB_SYNC,
+    OPERATOR_NODE,
+    NmtCommand,
+)
+
+_RPDOS: Final = tuple(COB_RPDO1 + at * COB_NEXT_PDO for at in range(4))
+"""Bases of what nodes are told, in CiA 301's predefined connection set."""
+_WRITES: Final = {1: True, 2: False, 5: False, 6: True}
+"""By the client command specifier of an SDO that begins: whole or in segments, then in blocks."""
+_LATER_IN_BLOCK: Final = {5: 0x03, 6: 0x01}
+"""Bits of a block transfer that goes on."""
+
+
+def masters_words(profile: BusProfile, identifier: int, data: bytes) -> str:
+    """Say what a frame does that only a master sends; empty for what the nodes themselves say.
+
+    What the profile has as an answer is one, wherever it is. Every sentence names its identifier.
+    """
+    here = f"({identifier:03X}h)"
+    if identifier == COB_NMT:
+        return f"{_nmt_words(data)} {here}"
+    if identifier == COB_SYNC:
+        return f"SYNC {here}"
+    if identifier == COB_HEARTBEAT + OPERATOR_NODE:
+        return f"the heartbeat of an operator, node {OPERATOR_NODE} {here}"
+    if COB_SDO_TO_SERVER < identifier <= COB_SDO_TO_SERVER + OPERATOR_NODE:
+        return f"{_sdo_words(data)} node {identifier - COB_SDO_TO_SERVER} {here}"
+    for joint, drive in enumerate(profile.joints, 1):
+        if any(pdo.cob_id == identifier for pdo in drive.answers):
+            return ""
+        if any(pdo.cob_id == identifier for pdo in drive.commands):
+            return f"a command to joint {joint} {here}"
+    for number, base in enumerate(_RPDOS, 1):
+        if base < identifier <= base + OPERATOR_NODE:
+            return f"a command to node {identifier - base}, RPDO{number} {here}"
+    return ""
+
+
+def _nmt_words(data: bytes) -> str:
+    if len(data) != 2:
+        return "an NMT command"
+    known = {command.value: command.name.lower().replace("_", " ") for command in NmtCommand}
+    whom = f"node {data[1]}" if data[1] else "all nodes"
+    return f"NMT, {known.get(data[0], f'command {data[0]}')} to {whom}"
+
+
+def begun_transfer(data: bytes) -> tuple[bool, int] | None:
+    """Whether an SDO to a node begins to write, and which object; None where it begins nothing."""
+    kind = data[0] >> 5 if len(data) == 8 else None
+    if kind not in _WRITES or data[0] & _LATER_IN_BLOCK.get(kind, 0):
+        return None
+    return _WRITES[kind], int.from_bytes(data[1:3], "little")
+
+
+def _sdo_words(data: bytes) -> str:
+    begun = begun_transfer(data)
+    if begun is None:
+        return "an SDO transfer with"
+    writes, index = begun
+    return f"{'a write to' if writes else 'a read of'} {index:04X}h of"

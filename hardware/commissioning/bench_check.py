@@ -1,0 +1,301 @@
+"""An arm on the bench, tried in a safe order before it is first used; asks before anything moves.
+
+The order and the questions; what an arm owes is in `hardware.commissioning.clauses` and `hardware.commissioning.motion_checks`, and
+what only a CAN bus can show in `hardware.commissioning.can_checks`. Whatever fails ends the check: at once where drives are
+on, else at the end of looking.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+from hardware.arm import Arm, ArmIdentity, JointMode
+from hardware.arm_description import ArmDescription
+from hardware.commissioning import can_checks, clauses, motion_checks
+from hardware.commissioning.clauses import STOPS_WITHIN_S
+from hardware.commissioning.finding import (
+    BENCH,
+    SCATTER_RAD,
+    Ask,
+    Bounds,
+    Clause,
+    Finding,
+    Stage,
+    declined,
+    deg,
+)
+from hardware.control.canopen_arm import CanopenArm
+from hardware.errors import HardwareError
+
+STOP: Final = "STOP"
+"""The clause without which no drive is enabled again."""
+LEFT_OUT: Final = {
+    "overload": "more joints held than may be, against a fixture: it would load arm and fixture to their limits",
+    "faults": "counts lost, nodes that restart or answer twice, modes refused: the virtual arm has them all "
+    "(sarcal controller --fault help)",
+    "upload": "a document taken and read back: it would replace what the arm has; `sarcal export --upload` "
+    "reads back what it writes",
+    "closed chain": "two joints that move the others through a fixture: the hand is free; the first run shows it",
+}
+"""What of the contract no bench can show, and why."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bench:
+    """An arm on the bench that is not connected yet, and how it is tried.
+
+    Attributes
+    ----------
+    description
+        The arm file's joints.
+    ask
+        Answers for whoever stands beside it.
+    step_rad, speed_rad_per_s
+        How far and how fast each joint is turned.
+    interrupt
+        As if Ctrl-C were pressed; None where nobody can.
+    bounds
+        What counts as still.
+    """
+
+    arm: Arm
+    description: ArmDescription
+    ask: Ask
+    step_rad: float
+    speed_rad_per_s: float
+    interrupt: Callable[[], None] | None = None
+    bounds: Bounds = BENCH
+
+    @property
+    def joints(self) -> int:
+        """How many there are."""
+        return len(self.description.joints)
+
+    @property
+    def moving(self) -> Bounds:
+        """What counts as there, for steps of this size."""
+        return replace(self.bounds, near_rad=0.5 * self.step_rad)
+
+    def away(self, joint: int) -> float:
+        """A target a step from where a joint is, the way in which its range is longer."""
+        here = self.arm.snapshot().joints[joint - 1].position_rad
+        ends = self.description.joints[joint - 1]
+        up = ends.upper_rad - here >= here - ends.lower_rad
+        return here + (self.step_rad if up else -self.step_rad)
+
+
+def check(bench: Bench, *, last: Stage) -> Iterator[Finding]:
+    """Check an arm up to and with a stage; the caller closes it whatever happens."""
+    found: list[ArmIdentity] = []
+
+    def look() -> Iterator[Clause]:
+        found.append(bench.arm.connect())
+        yield from _look(bench, found[0])
+
+    stages: dict[Stage, Callable[[], Iterator[Clause]]] = {
+        Stage.LOOK: look,
+        Stage.HOLD: lambda: _hold(bench, found[0]),
+        Stage.MOVE: lambda: _move(bench, found[0]),
+        Stage.FREE: lambda: _free(bench),
+        Stage.LEAVE: lambda: _leave(bench, found[0]),
+        Stage.SILENCE: lambda: _silence(bench),
+    }
+    for stage, tried in stages.items():
+        fine, names = True, set[str]()
+        try:
+            for clause in tried():
+                names.add(clause.name)
+                fine = fine and clause.passed is not False
+                yield Finding.of(stage, clause)
+                if not fine and stage is not Stage.LOOK:
+                    return  # an arm that fails once its drives are on is not moved any further
+        except HardwareError as error:
+            fine = False
+            yield Finding(stage=stage, name="no error", passed=False, text=str(error))
+        if not fine or (stage is Stage.HOLD and STOP not in names):
+            return  # nothing enables the drives of an arm whose STOP was not tried
+        if stage is last:
+            break
+    for name, why in LEFT_OUT.items() if last is Stage.SILENCE else ():
+        yield Finding(stage=Stage.SILENCE, name=name, passed=None, text=f"not on a bench: {why}")
+
+
+def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
+    arm, n = bench.arm, bench.joints
+    found = f"{identity.model}, serial {identity.serial_number}"
+    yield Clause(name="connect", passed=True, text=found)
+    for words in identity.configured:
+        yield Clause(name="configured", passed=True, text=words)
+    yield from clauses.names_itself(identity, bench.description.model, n)
+    if isinstance(arm, CanopenArm):
+        yield from can_checks.told(arm.drive_facts())
+    yield clauses.drives_off(arm)
+    yield from clauses.is_pictured(arm, n)
+    yield from clauses.goes_on(arm)
+    if isinstance(arm, CanopenArm):
+        yield from can_checks.keeps_time(arm, bench.bounds)
+    yield from clauses.reads(arm, n, bench.bounds)
+    for joint, sd in enumerate(arm.capture(bench.bounds.samples).sd_rad.tolist(), 1):
+        yield Clause(
+            name="quiet",
+            passed=sd <= SCATTER_RAD,
+            text=f"its reading scatters by {deg(sd)} over {bench.bounds.samples} SYNCs",
+            joint=joint,
+        )
+    yield from clauses.settles(arm, n, bench.bounds)
+    here = arm.snapshot().joints[0].position_rad
+    yield clauses.is_refused(
+        "no control",
+        "a move before control is taken",
+        lambda: arm.move({1: here}, speed_rad_per_s=bench.speed_rad_per_s),
+    )
+    kept = len(arm.active_parameters())
+    words = f"it keeps a parameter document of {kept} bytes" if kept else "it keeps no parameters"
+    yield Clause(name="parameters", passed=True, text=words)
+    if isinstance(arm, CanopenArm):
+        yield can_checks.excludes_others(arm)
+
+
+def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
+    arm = bench.arm
+    if not bench.ask(
+        "The drives will be enabled. Nothing should move, and then STOP is tried. Keep clear, with a hand "
+        "on the emergency stop. Enable them?"
+    ):
+        text = (
+            "not tried: nobody agreed to it; nothing after it is tried on an arm whose STOP was not"
+        )
+        yield replace(declined(), text=text)
+        return
+    before = arm.capture(bench.bounds.samples).mean_rad
+    yield from clauses.is_enabled_unmoved(arm, bench.bounds)
+    yield from clauses.reads_modes_back(arm, [JointMode.POSITION] * bench.joints)
+    for joint, ends in enumerate(bench.description.joints, 1):
+        yield from clauses.keeps_within_limits(arm, joint, ends, bench.speed_rad_per_s)
+    if not identity.keeps_parameters or bench.ask(
+        "What is no parameter document will be sent to the controller, which must refuse it and keep what it has. "
+        "Send it?"
+    ):
+        yield from clauses.keeps_its_document(arm)
+    else:
+        yield declined()
+    begun = time.monotonic()
+    arm.stop()
+    seconds = clauses.seconds_to_stop(arm, begun)
+    yield Clause(
+        name=STOP,
+        passed=seconds is not None,
+        text=f"a drive is still enabled {STOPS_WITHIN_S:g} s after STOP"
+        if seconds is None
+        else f"all drives have stopped after {1e3 * seconds:.0f} ms",
+    )
+    yield from clauses.stays_stopped(arm, 1, bench.speed_rad_per_s)
+    yield from clauses.resets_unmoved(arm, before, bench.bounds)
+    before = arm.capture(bench.bounds.samples).mean_rad
+    arm.take_control()
+    after = arm.capture(bench.bounds.samples).mean_rad
+    yield from clauses.is_still("holds after STOP", before, after, bench.bounds)
+
+
+def _move(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
+    if identity.by_hand:
+        yield Clause(name="by hand", passed=None, text="not tried: a person moves this arm")
+        return
+    for joint in range(1, bench.joints + 1):
+        yield from _turn(bench, joint)
+
+
+def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
+    """Twice there and back: halted on the way back, interrupted on the way there, stopped on the way home."""
+    arm, speed, bounds = bench.arm, bench.speed_rad_per_s, bench.moving
+    start = arm.capture(bench.bounds.samples).mean_rad
+    home = float(start[joint - 1])
+    way = bench.away(joint) - arm.snapshot().joints[joint - 1].position_rad
+    if not bench.ask(
+        f"Joint {joint} will turn by {deg(way, sign=True)} and back, twice, at {deg(speed)}/s, and be halted, "
+        "interrupted and stopped on the way. Turn it?"
+    ):
+        yield declined(joint)
+        return
+    back = motion_checks.Turn(
+        arm=arm,
+        joint=joint,
+        target_rad=home,
+        speed_rad_per_s=speed,
+        bounds=bounds,
+        part_rad=0.3 * abs(way),
+    )
+    there = replace(back, target_rad=home + way)
+    yield from motion_checks.goes(there)
+    yield motion_checks.moved_alone(
+        start, arm.capture(bench.bounds.samples).mean_rad, joint, bounds
+    )
+    sense = "positive" if way > 0 else "negative"
+    right = bench.ask(
+        f"Did joint {joint}, and no other, turn in the {sense} sense of the arm file?"
+    )
+    yield Clause(
+        name="direction",
+        passed=right,
+        text="it turned in the sense of the arm file"
+        if right
+        else "it turned otherwise: look at direction, and at the order of joints, in the bus profile",
+        joint=joint,
+    )
+    yield from motion_checks.halts(back)
+    back.go()
+    if bench.interrupt is not None:
+        yield from motion_checks.is_interrupted(there, bench.interrupt)
+    there.go()
+    yield from motion_checks.is_stopped(back)
+    arm.take_control()
+    yield from motion_checks.goes(back)
+
+
+def _free(bench: Bench) -> Iterator[Clause]:
+    arm = bench.arm
+    for joint in range(1, bench.joints + 1):
+        if not bench.ask(
+            f"Joint {joint} will be let free: it gives way to a hand, and to its weight. Support the arm. "
+            "Free it?"
+        ):
+            yield declined(joint)
+            continue
+        modes = [JointMode.POSITION] * bench.joints
+        modes[joint - 1] = JointMode.FREE
+        arm.set_modes(modes)
+        before = arm.snapshot().joints[joint - 1].position_rad
+        yield Clause(name="frees", passed=True, text="it says that it is free", joint=joint)
+        yield clauses.refuses_to_move_free(arm, joint, bench.speed_rad_per_s)
+        arm.hold()
+        gave = arm.snapshot().joints[joint - 1].position_rad - before
+        yield Clause(
+            name="takes up",
+            passed=True,
+            text=f"it says that it holds again; free, it gave way by {deg(gave, sign=True)}",
+            joint=joint,
+        )
+
+
+def _leave(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
+    if not bench.ask(
+        "The arm will be closed and connected again, as between two sessions. Its drives are switched off, and a "
+        "joint without a brake may sink: support the arm. Close it?"
+    ):
+        yield declined()
+        return
+    before = bench.arm.capture(bench.bounds.samples).mean_rad
+    yield from clauses.leaves_and_returns(bench.arm, identity)
+    after = bench.arm.capture(bench.bounds.samples).mean_rad
+    yield from clauses.is_still("stays", before, after, bench.bounds)
+
+
+def _silence(bench: Bench) -> Iterator[Clause]:
+    if isinstance(bench.arm, CanopenArm):
+        yield from can_checks.stops_alone(bench.arm, bench.ask, bench.bounds)
+    else:
+        text = "not tried: only a bus says how its drives would notice that this program is gone"
+        yield Clause(name="guard", passed=None, text=text)

@@ -1,0 +1,184 @@
+"""What happens on a bus, in sentences, from its frames alone: for whoever watches beside a session. Sends nothing."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Final
+
+from hardware.arm import DriveState
+from hardware.canopen.bus_profile import BusProfile
+from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
+from hardware.canopen.cyclic import frames_of, unpack_emergency
+from hardware.canopen.objects import (
+    COB_EMCY,
+    COB_HEARTBEAT,
+    COB_NMT,
+    COB_SDO_FROM_SERVER,
+    COB_SDO_TO_SERVER,
+    COB_SYNC,
+    CONTROLWORD,
+    JOINT_MODE,
+    MODE,
+    OPERATOR_NODE,
+    POSITION_ACTUAL,
+    STATUSWORD,
+    NmtState,
+    emergency_text,
+)
+from hardware.control.steps import state_of
+
+SILENT_S: Final = 1.5
+"""A node whose heartbeat does not come for so long has fallen silent."""
+_NMT = {
+    1: "start",
+    2: "stop",
+    128: "pre-operational",
+    129: "reset node",
+    130: "reset communication",
+}
+_ABORT, _INITIATE_DOWNLOAD = 0x80, 1
+
+
+class BusMonitor:
+    """Takes frames in, in their order, and says what changed.
+
+    Parameters
+    ----------
+    profile
+        Which nodes are joints, and what their frames carry.
+
+    Attributes
+    ----------
+    frames
+        How many, by identifier.
+    positions
+        6064h of each joint as a TPDO brought it last.
+    drives
+        State of each joint's drive.
+    nodes
+        NMT state in the last heartbeat of every node heard.
+    """
+
+    def __init__(self, profile: BusProfile) -> None:
+        self._joint_of = profile.joint_of
+        frames = list(enumerate(frames_of(profile), 1))
+        self._answers = {
+            identifier: (joint, answer)
+            for joint, each in frames
+            for identifier, answer in each.answers.items()
+        }
+        self._commands = {
+            identifier: (joint, each) for joint, each in frames for identifier in each.command_ids
+        }
+        # Statusword, counts, torque.
+        self._states = {joint: [0, 0, 0] for joint, _ in frames}
+        self.frames: Counter[int] = Counter()
+        self.positions: dict[int, int] = {}
+        self.drives: dict[int, DriveState] = {}
+        self.nodes: dict[int, int] = {}
+        self._heard_s: dict[int, float] = {}
+        self._silent: set[int] = set()
+        self._modes: dict[int, int] = {}
+        self._stopped: set[int] = set()
+
+    def take_in(self, identifier: int, data: bytes, now_s: float) -> Iterator[str]:
+        """Take in a frame; sentences about what it changes."""
+        self.frames[identifier] += 1
+        if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
+            yield from self._heartbeat(identifier - COB_HEARTBEAT, data[0] & 0x7F, now_s)
+        elif identifier in self._answers:
+            yield from self._status(identifier, data)
+        elif identifier in self._commands:
+            yield from self._command(identifier, data)
+        elif COB_EMCY < identifier <= COB_EMCY + OPERATOR_NODE:
+            code = unpack_emergency(data)
+            if code is not None:
+                text = f"{emergency_text(code)} ({code:04X}h)" if code else "its error is over"
+                yield f"{self._who(identifier - COB_EMCY)}: {text}"
+        elif identifier == COB_NMT and len(data) == 2:
+            to = self._who(data[1]) if data[1] else "all nodes"
+            yield f"NMT command to {to}: {_NMT.get(data[0], f'{data[0]}')}"
+        else:
+            yield from self._sdo(identifier, data)
+
+    def time_passes(self, now_s: float) -> Iterator[str]:
+        """Say who has fallen silent."""
+        for node, heard in self._heard_s.items():
+            if now_s - heard > SILENT_S and node not in self._silent:
+                self._silent.add(node)
+                yield f"{self._who(node)}: no heartbeat for {now_s - heard:.1f} s"
+
+    def summary(self) -> dict[str, object]:
+        """What was seen, as data."""
+        return {
+            "frames": sum(self.frames.values()),
+            "syncs": self.frames[COB_SYNC],
+            "nodes": {str(node): _state(state) for node, state in sorted(self.nodes.items())},
+            "silent": sorted(self._silent),
+            "joints": {
+                str(joint): {"drive": drive.value, "position_counts": self.positions.get(joint)}
+                for joint, drive in sorted(self.drives.items())
+            },
+        }
+
+    def _heartbeat(self, node: int, state: int, now_s: float) -> Iterator[str]:
+        before = self.nodes.get(node)
+        self.nodes[node] = state
+        self._heard_s[node] = now_s
+        if node in self._silent:
+            self._silent.discard(node)
+            yield f"{self._who(node)}: its heartbeat is back"
+        if state == NmtState.BOOT_UP:
+            yield f"{self._who(node)}: has booted"
+        elif before != state:
+            yield f"{self._who(node)}: {_state(state)}"
+
+    def _status(self, identifier: int, data: bytes) -> Iterator[str]:
+        joint, answer = self._answers[identifier]
+        state = self._states[joint]
+        if not answer.read_into(state, data):
+            return
+        if POSITION_ACTUAL in answer.brings:
+            self.positions[joint] = state[1]
+        if STATUSWORD in answer.brings and self.drives.get(joint) is not state_of(state[0]):
+            self.drives[joint] = state_of(state[0])
+            yield f"joint {joint}: drive {self.drives[joint].value}"
+
+    def _command(self, identifier: int, data: bytes) -> Iterator[str]:
+        joint, frames = self._commands[identifier]
+        found = frames.commanded(identifier, data)
+        word, mode = found.get(CONTROLWORD), found.get(MODE)
+        if word is not None and word != CONTROLWORD_QUICK_STOP:
+            self._stopped.discard(joint)
+        elif word is not None and joint not in self._stopped:
+            self._stopped.add(joint)
+            yield f"joint {joint}: told to quick stop"
+        if mode is not None and self._modes.get(joint) != mode:
+            self._modes[joint] = mode
+            name = JOINT_MODE.get(mode)
+            yield f"joint {joint}: told to be in {f'mode {mode}' if name is None else name.value} mode"
+
+    def _who(self, node: int) -> str:
+        if node == OPERATOR_NODE:
+            return "the operator (node 127)"
+        joint = self._joint_of.get(node)
+        return f"node {node}" if joint is None else f"joint {joint}"
+
+    def _sdo(self, identifier: int, data: bytes) -> Iterator[str]:
+        if len(data) != 8:
+            return
+        place = f"{int.from_bytes(data[1:3], 'little'):04X}h sub {data[3]}"
+        to, answer = identifier - COB_SDO_TO_SERVER, identifier - COB_SDO_FROM_SERVER
+        if 0 < to <= OPERATOR_NODE and data[0] >> 5 == _INITIATE_DOWNLOAD:
+            yield f"{self._who(to)}: {place} is written"
+        elif 0 < answer <= OPERATOR_NODE and data[0] == _ABORT:
+            code = int.from_bytes(data[4:8], "little")
+            yield f"{self._who(answer)}: refuses {place} ({code:08X}h)"
+
+
+def _state(state: int) -> str:
+    try:
+        return NmtState(state).name.lower().replace("_", "-")
+    except ValueError:
+        return f"NMT state {state}"

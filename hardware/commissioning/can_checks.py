@@ -1,0 +1,142 @@
+"""What only an arm on a CAN bus can show: what its drives say of themselves, its clock, another operator, silence."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from hardware.arm import DriveState
+from hardware.canopen.drive_facts import DriveFacts
+from hardware.canopen.objects import LONGEST_GUARD_S, LONGEST_WATCH_S
+from hardware.commissioning.clauses import is_still
+from hardware.commissioning.finding import Ask, Bounds, Clause, declined, joints_words
+from hardware.control.canopen_arm import CanopenArm
+from hardware.errors import BusError, ControlDenied, HardwareError, Intruder
+
+HOLDS_AFTER_STOP: Final = 5
+"""605Ah from here on: the drive stays in *quick stop active*; below, it lets the joint go."""
+PERIOD_SHARE: Final = 0.2
+"""By how much SYNC may be off its period on the average."""
+
+
+def told(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
+    """What drives say they would do."""
+    for drive in facts:
+        lacking, option = drive.lacking_modes, drive.quick_stop_option
+        yield Clause(
+            name="modes",
+            passed=None if lacking is None else not lacking,
+            text="6502h does not say which modes it has"
+            if lacking is None
+            else f"6502h lacks mode {', '.join(map(str, lacking))}"
+            if lacking
+            else "6502h has both modes",
+            joint=drive.joint,
+        )
+        yield Clause(
+            name="quick stop",
+            passed=None if option is None else option >= HOLDS_AFTER_STOP,
+            text="605Ah does not say what it does after a quick stop"
+            if option is None
+            else f"605Ah = {option}: it {'holds' if option >= HOLDS_AFTER_STOP else 'lets go'} after a "
+            "quick stop",
+            joint=drive.joint,
+        )
+        yield _guard(drive)
+
+
+def _guard(drive: DriveFacts) -> Clause:
+    """Whether a drive watches for the operator: what a run refuses fails, what it puts up with is said."""
+    guard = drive.misses_operator_after_s
+    if guard is None:
+        passed, text = (
+            False,
+            "1016h: it does not watch for the operator's heartbeat, and goes on when this program dies",
+        )
+    else:
+        passed, text = True, f"1016h: it misses the operator after {guard:.2f} s"
+        if guard > LONGEST_WATCH_S:
+            passed, text = (
+                False,
+                f"{text}, and no run is begun with more than {LONGEST_WATCH_S:g} s",
+            )
+        elif guard > LONGEST_GUARD_S:
+            passed, text = (
+                None,
+                f"{text}: for so long it goes on when this program dies; up to {LONGEST_GUARD_S:g} s would be safer",
+            )
+    return Clause(name="guard", passed=passed, text=text, joint=drive.joint)
+
+
+def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
+    """Every SYNC is answered, one a period; that they are late is this computer's doing."""
+    period_s = arm.real_period_s
+    if period_s is None:  # as fast as a simulated arm answers
+        return
+    before, begun = arm.snapshot().sync_count, time.monotonic()
+    arm.capture(bounds.samples)
+    mean_s = (time.monotonic() - begun) / max(arm.snapshot().sync_count - before, 1)
+    kept = abs(mean_s - period_s) <= PERIOD_SHARE * period_s
+    late = "" if kept else ": this computer is too busy, or its adapter too slow"
+    yield Clause(
+        name="period",
+        passed=True if kept else None,
+        text=f"a SYNC every {1e3 * mean_s:.2f} ms, wanted every {1e3 * period_s:g} ms{late}",
+    )
+
+
+def excludes_others(arm: CanopenArm) -> Clause:
+    """A second program is told that somebody is at work here, before it sends anything: this arm runs on."""
+    other = arm.another()
+    try:
+        other.connect()
+    except (ControlDenied, Intruder) as refused:
+        passed, text = True, f"a second program is refused: {refused}"
+    except BusError as error:
+        passed, text = None, f"not tried: {error}"
+    else:
+        other.close()
+        passed, text = False, "a second program was let in: its frames pass, and ours do not"
+    if passed is not False:
+        # One that is refused late, or that breaks down, may have been let in before.
+        try:
+            arm.capture(2)
+        except HardwareError as error:
+            passed, text = False, f"a second program was let in before it ended: {error}"
+    return Clause(name="one operator", passed=passed, text=text)
+
+
+def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
+    """Without the operator's heartbeat the drives stop and hold by themselves."""
+    guards = [drive.misses_operator_after_s for drive in arm.drive_facts()]
+    longest = max((guard for guard in guards if guard is not None), default=0.0)
+    if longest == 0.0 or None in guards:
+        yield Clause(name="guard", passed=None, text="not every drive watches for the operator")
+        return
+    if not ask(
+        f"This program will fall silent for {2 * longest:.1f} s while the drives are enabled, as if it were "
+        "killed. They should stop and hold by themselves. Keep clear. Fall silent?"
+    ):
+        yield declined()
+        return
+    arm.take_control()
+    before = arm.capture(bounds.samples).mean_rad
+    arm.fall_silent()
+    threading.Event().wait(2 * longest)
+    # Before connecting, which resets their communication: that stops drives that would not stop alone.
+    states = arm.states_unconnected()
+    on = [j for j, state in enumerate(states, 1) if state is DriveState.OPERATION_ENABLED]
+    arm.connect()
+    faults = arm.snapshot().faults
+    arm.reset_stop()  # they have tripped for it, and a tripped arm is not read
+    reasons = sorted({f"{fault.text} ({fault.code:04X}h)" for fault in faults})
+    yield Clause(
+        name="stops alone",
+        passed=not on,
+        text=f"{joints_words(on)} was still enabled {2 * longest:.1f} s after this program fell silent"
+        if on
+        else f"no drive was enabled any more; they say: {', '.join(reasons) or 'nothing'}",
+    )
+    yield from is_still("held alone", before, arm.capture(bounds.samples).mean_rad, bounds)

@@ -1,0 +1,174 @@
+"""A bus profile from what was found on a bus: which PDOs carry what is needed. Pure: knows no bus and no file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
+
+from hardware.canopen.bus_profile import (
+    ANSWERED,
+    COMMANDED,
+    FIELD_BITS,
+    LEFT_AT_ZERO,
+    BusProfile,
+    Entry,
+    JointProfile,
+    Pdo,
+)
+from hardware.canopen.maps import EVERY_SYNC, ON_RECEIPT
+from hardware.canopen.objects import COB_NEXT_PDO, COB_RPDO1, COB_TPDO1
+from hardware.canopen.pdo_reading import FoundPdo
+from hardware.commissioning.probe import FoundNode
+
+FRAME_BITS: Final = 64
+
+
+class NoDraft(Exception):
+    """No profile can drive what was found; `reasons` are sentences, each naming its node."""
+
+    def __init__(self, reasons: Sequence[str]) -> None:
+        self.reasons = tuple(reasons)
+        super().__init__("; ".join(self.reasons))
+
+
+def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
+    """Profile of the drives found, in the order of their node numbers; joints in this order.
+
+    It has their PDOs as they are; with `configure` as they are to be written into them whenever they are
+    connected to: as few as hold what is needed, on the identifiers that CiA 301 gives them.
+
+    Raises
+    ------
+    NoDraft
+        There is no drive, or one cannot be driven as it is set up.
+    """
+    drives = [node for node in nodes if node.drive]
+    if not drives:
+        raise NoDraft(["no node on this bus says that it is a CiA 402 servo drive (1000h)"])
+    lacks = _has_no_room if configure else _lacks
+    reasons = [text for node in drives for text in lacks(node)]
+    if reasons:
+        raise NoDraft(reasons)
+    supervisor = next((node.node for node in nodes if node.supervises), None)
+    serials = [str(node.serial_number or f"node{node.node}") for node in drives]
+    return BusProfile(
+        name=name,
+        joints=tuple(
+            JointProfile(
+                node=node.node, commands=_set_up(node, sent=False), answers=_set_up(node, sent=True)
+            )
+            if configure
+            else JointProfile(
+                node=node.node,
+                commands=_pdos(_chosen(node.pdos, COMMANDED, sent=False)),
+                answers=_pdos(_chosen(node.pdos, ANSWERED, sent=True)),
+            )
+            for node in drives
+        ),
+        configures_pdos=configure,
+        supervisor=supervisor,
+        serial_number="" if supervisor is not None else "-".join(serials),
+        compared=frozenset.intersection(*(frozenset(node.described) for node in drives)),
+    )
+
+
+def _chosen(pdos: Iterable[FoundPdo], wanted: Sequence[int], *, sent: bool) -> tuple[FoundPdo, ...]:
+    """Fewest PDOs that carry all that is wanted, lowest numbers first; those that carry some, if none do."""
+    usable = [pdo for pdo in pdos if pdo.sent is sent and not _unusable(pdo)]
+    left, found = set(wanted), list[FoundPdo]()
+    while left:
+        best = max(usable, key=lambda pdo: len(left & _carried(pdo)), default=None)
+        if best is None or not left & _carried(best):
+            break
+        found.append(best)
+        left -= _carried(best)
+    return tuple(sorted(found, key=lambda pdo: pdo.number))
+
+
+def _carried(pdo: FoundPdo) -> set[int]:
+    return {index for index, sub, bits in pdo.entries if sub == 0 and bits in FIELD_BITS}
+
+
+def _unusable(pdo: FoundPdo) -> str:
+    """Why a PDO cannot be used; empty if it can."""
+    if pdo.sent and pdo.transmission not in EVERY_SYNC:
+        return f"is of transmission type {pdo.transmission}, not 1 (on every SYNC)"
+    if not pdo.sent and pdo.transmission not in ON_RECEIPT:
+        return f"is of transmission type {pdo.transmission}, not 254 or 255 (acted on as it comes)"
+    if any(bits % 8 for _, _, bits in pdo.entries):
+        return "maps parts of bytes"
+    if not pdo.sent:
+        others = [i for i, _, _ in pdo.entries if i not in COMMANDED and i not in LEFT_AT_ZERO]
+        if others:
+            return f"carries {others[0]:04X}h, which is not for this program to command"
+    return ""
+
+
+def _lacks(node: FoundNode) -> Iterator[str]:
+    """What keeps a drive from being driven."""
+    if not node.pdos:
+        yield _unread(node)
+        return
+    for wanted, sent in ((COMMANDED, False), (ANSWERED, True)):
+        carried = {i for pdo in _chosen(node.pdos, wanted, sent=sent) for i in _carried(pdo)}
+        for index in wanted:
+            if index in carried:
+                continue
+            kind = "TPDO" if sent else "RPDO"
+            why = [
+                f"{pdo.name} {_unusable(pdo)}"
+                for pdo in node.pdos
+                if pdo.sent is sent and index in _carried(pdo)
+            ]
+            because = f" ({'; '.join(why)})" if why else ""
+            yield f"node {node.node}: no {kind} carries {index:04X}h as it is needed{because}"
+
+
+def _unread(node: FoundNode) -> str:
+    """Why nothing is known of a drive's PDOs."""
+    told = node.unread or next(iter(node.problems), "its PDOs could not be read")
+    return told if told.lower().startswith(f"node {node.node}") else f"node {node.node}: {told}"
+
+
+def _pdos(found: Iterable[FoundPdo]) -> tuple[Pdo, ...]:
+    return tuple(Pdo(number=pdo.number, cob_id=pdo.cob_id, entries=pdo.entries) for pdo in found)
+
+
+def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
+    """Maps that hold what is needed between them, in frames of 8 bytes."""
+    bits = dict(node.room.bits)
+    frames, left = list[tuple[Entry, ...]](), 0
+    for index in ANSWERED if sent else COMMANDED:
+        entry = (index, 0, bits.get(index, 0))
+        if entry[2] > left:
+            frames.append(())
+            left = FRAME_BITS
+        frames[-1] = (*frames[-1], entry)
+        left -= entry[2]
+    return frames
+
+
+def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
+    base, numbers = (COB_TPDO1, node.room.sent) if sent else (COB_RPDO1, node.room.taken)
+    frames = _frames(node, sent=sent)
+    return tuple(
+        Pdo(number=number, cob_id=base + COB_NEXT_PDO * at + node.node, entries=entries)
+        for at, (number, entries) in enumerate(zip(numbers, frames, strict=False))
+    )
+
+
+def _has_no_room(node: FoundNode) -> Iterator[str]:
+    """What keeps a drive's PDOs from being set up."""
+    if not node.room.bits:
+        yield _unread(node)
+        return
+    bits = dict(node.room.bits)
+    absent = [index for index in (*COMMANDED, *ANSWERED) if bits.get(index) not in FIELD_BITS]
+    yield from (f"node {node.node}: {index:04X}h cannot be read" for index in absent)
+    if absent:  # how many frames are needed is not known
+        return
+    for numbers, sent in ((node.room.taken, False), (node.room.sent, True)):
+        needed = len(_frames(node, sent=sent))
+        if len(numbers) < needed:
+            kind = "TPDO" if sent else "RPDO"
+            yield f"node {node.node}: {needed} {kind}s are needed, and it has {len(numbers)}"

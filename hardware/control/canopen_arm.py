@@ -1,0 +1,396 @@
+"""The arm over CANopen, for the workflow: the `Arm` protocol on one bus. Knows no calibration and no screen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from hardware.arm import (
+    ArmIdentity,
+    ArmSnapshot,
+    DriveState,
+    JointMode,
+    MoveResult,
+    Reading,
+    UploadReceipt,
+    Watch,
+)
+from hardware.arm_description import ArmDescription
+from hardware.bus_setup import ArmOnBus, BusOpeners
+from hardware.buses.python_can import BusSettings
+from hardware.canopen import uploading
+from hardware.canopen.bus_profile import BusProfile
+from hardware.canopen.cia402 import Wish
+from hardware.canopen.drive_facts import DriveFacts, read_drive_facts
+from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
+from hardware.control import reading_steps, steps
+from hardware.control.connection import Connection
+from hardware.control.connector import Connector
+from hardware.control.trajectory import ACCELERATION_RAD_PER_S2
+from hardware.errors import (
+    CommandRefused,
+    ControlDenied,
+    DriveFault,
+    HardwareError,
+    Intruder,
+    ModeNotReached,
+    SensorFault,
+    Stopped,
+)
+from hardware.monitors.admission import admit_modes, admit_move
+from hardware.timing import Pace, Timing
+
+MODE_SYNCS: Final = 5
+MODE_ATTEMPTS: Final = 6
+
+
+class CanopenArm:
+    """An arm of CiA 402 joints on a CAN bus, with a supervisor or without; see `hardware.arm.Arm`.
+
+    Parameters
+    ----------
+    description
+        The arm expected on the bus.
+    settings
+        The bus.
+    profile
+        How its nodes are set up.
+    pace
+        `Pace.FAST_FORWARD` is for simulated arms only: a real one needs SYNCs at all times.
+    record_to
+        File to record the bus to (``.blf`` and what else python-can writes); None for none.
+    acceleration_rad_per_s2
+        Of moves, and of coming to rest when a move is ended early.
+    timing
+        Periods and time-outs of the control loop.
+    openers
+        How to open the bus, if not by its settings.
+
+    Attributes
+    ----------
+    on_bus
+        All of this but the recording and the acceleration.
+    """
+
+    def __init__(
+        self,
+        description: ArmDescription,
+        settings: BusSettings,
+        profile: BusProfile,
+        *,
+        pace: Pace = Pace.REAL_TIME,
+        record_to: Path | None = None,
+        acceleration_rad_per_s2: float = ACCELERATION_RAD_PER_S2,
+        timing: Timing | None = None,
+        openers: BusOpeners | None = None,
+    ) -> None:
+        self.on_bus = ArmOnBus(
+            description=description,
+            settings=settings,
+            profile=profile,
+            pace=pace,
+            timing=timing or Timing(),
+            openers=openers or BusOpeners(),
+        )
+        self._acceleration = acceleration_rad_per_s2
+        self._n = len(description.joints)
+        self._connector = Connector(self.on_bus, record_to)
+
+    # ---- connection ------------------------------------------------------------------------------
+
+    def connect(self) -> ArmIdentity:
+        """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
+
+        A STOP latched before stays latched; one pressed meanwhile ends this.
+
+        Raises
+        ------
+        BusError, NodeMissing, WrongArm, MappingDiffers, NotConfigured, ControlDenied, Intruder, SdoRefused, Stopped
+            The connection is closed again.
+        """
+        return self._connector.connect()
+
+    def take_over(self) -> None:
+        """Let the next connection reset drives that somebody left enabled, once nobody was heard for long enough."""
+        self._connector.takes_over = True
+
+    def close(self) -> bool:
+        """Leave the arm held, give the token back, end heartbeats and recording. Safe to call twice.
+
+        From any thread; a second one waits until the arm is closed. False if there was an arm and it
+        did not answer any more: its drives are left to themselves; or if some drive follows commands still.
+        """
+        return self._connector.close()
+
+    @property
+    def left_powered(self) -> tuple[int, ...]:
+        """Joints whose drives said, when the arm was closed last, that they were powered still."""
+        return self._connector.left_powered
+
+    # ---- state -----------------------------------------------------------------------------------
+
+    def snapshot(self) -> ArmSnapshot:
+        """The latest state; never blocks, from any thread."""
+        return self._link.snapshot()
+
+    @property
+    def record_to(self) -> Path | None:
+        """File that the bus is recorded to from the next connection on; None for none."""
+        return self._connector.record_to
+
+    @record_to.setter
+    def record_to(self, path: Path | None) -> None:
+        self._connector.record_to = path
+
+    @property
+    def recording_failure(self) -> str | None:
+        """Why the recording of the bus ended early (a full disk, say), None if it did not."""
+        return self._connector.recording_failure
+
+    # ---- control ---------------------------------------------------------------------------------
+
+    def take_control(self) -> None:
+        """Obtain the control token and enable all drives in position mode, holding where they are.
+
+        Raises
+        ------
+        ControlDenied, Stopped, DriveFault, CommandRefused, BusError
+        """
+        link = self._link
+        self._raise_if_stopped(link)
+        if link.other_operator():
+            raise ControlDenied(OPERATOR_NODE)
+        link.take_token()
+        lagging = link.loop.run(steps.drive_to(link.loop, Wish.ENABLED))
+        link.read_modes()
+        self._raise_for_drives(link, lagging, "enabled")
+
+    def set_modes(self, modes: Sequence[JointMode]) -> None:
+        """Ask for one mode per joint; return when 6061h of every drive says so.
+
+        Raises
+        ------
+        ModeNotReached
+            Naming the first joint that does not follow.
+        Stopped, DriveFault, CommandRefused, BusError
+        """
+        if len(modes) != self._n:
+            raise ValueError(f"{self._n} joints need {self._n} modes, not {len(modes)}")
+        self._set_modes(modes)
+        deaf = steps.not_following(self._link.loop.sample, modes)
+        if deaf is not None:
+            raise ModeNotReached(
+                deaf,
+                JointMode.POSITION.value,
+                "it, but not that it follows its target (6041h, bit 12)",
+                deaf=True,
+            )
+
+    def _set_modes(
+        self, modes: Sequence[JointMode], *, despite: tuple[type[HardwareError], ...] = ()
+    ) -> None:
+        link = self._link
+        self._raise_if_stopped(link)
+        tripped = tuple(
+            joint
+            for joint, status in enumerate(link.loop.sample.statuswords, 1)
+            if steps.state_of(status) is DriveState.FAULT
+        )
+        self._raise_for_drives(link, tripped, "given a mode")
+        admit_modes(link.loop.sample)
+        for _ in range(MODE_ATTEMPTS):
+            link.loop.run(steps.change_modes(link.loop, modes, syncs=MODE_SYNCS), despite=despite)
+            link.read_modes()
+            if link.modes == tuple(modes) and not steps.not_following(link.loop.sample, modes):
+                return
+        for joint, (wanted, actual) in enumerate(zip(modes, link.modes, strict=True), 1):
+            if wanted is not actual:
+                name = "neither position nor free" if actual is None else actual.value
+                raise ModeNotReached(joint, wanted.value, name)
+
+    def move(
+        self,
+        targets_rad: Mapping[int, float],
+        *,
+        speed_rad_per_s: float,
+        watch: Watch | None = None,
+    ) -> MoveResult:
+        """Move joints in position mode in step, straight, to their targets.
+
+        Raises
+        ------
+        CommandRefused
+            Before anything moves, if a joint is not in position mode or a target is out of range.
+        Stopped, DriveFault, ControlDenied, BusError
+            After the other joints came to rest.
+        """
+        link = self._link
+        self._raise_if_stopped(link)
+        admit_move(
+            link.limits,
+            link.scales,
+            link.modes,
+            targets_rad,
+            speed_rad_per_s=speed_rad_per_s,
+            in_control=link.in_control,
+            sample=link.loop.sample,
+        )
+        result: MoveResult = link.loop.run(
+            steps.move(
+                link.loop,
+                dict(targets_rad),
+                link.scales,
+                speed_rad_per_s=speed_rad_per_s,
+                acceleration_rad_per_s2=self._acceleration,
+                period_s=self.on_bus.timing.period_s,
+                watch=watch,
+                snapshot=link.snapshot,
+            )
+        )
+        return result
+
+    def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
+        """Wait until no joint's position spreads more than `spread_rad` over `window` SYNCs."""
+        if len(spread_rad) != self._n or window < 1:
+            raise ValueError("settling needs one spread per joint and a window of at least 1")
+        link = self._link
+        settled: bool = link.loop.run(
+            reading_steps.settle(
+                link.loop,
+                link.scales,
+                window=window,
+                spread_rad=spread_rad,
+                timeout_syncs=timeout_syncs,
+            )
+        )
+        return settled
+
+    def capture(self, samples: int) -> Reading:
+        """Read `samples` SYNCs; all joints of a sample are latched on the same SYNC."""
+        if samples < 1:
+            raise ValueError("a reading needs at least one sample")
+        link = self._link
+        reading: Reading = link.loop.run(
+            reading_steps.capture(link.loop, link.scales, samples=samples)
+        )
+        return reading
+
+    def hold(self) -> None:
+        """All joints to position mode: free ones where they are, the others on their last target."""
+        # What a sensor did, or somebody else, is no reason not to.
+        self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, Intruder))
+
+    # ---- STOP ------------------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """Quick stop to all drives at once; latches. From any thread; waits for no lock and no queue.
+
+        It ends connecting as well, and goes out if the bus is open by then.
+
+        Raises
+        ------
+        BusError
+            If a frame could not be sent; all others were.
+        """
+        self._connector.stop()
+
+    def reset_stop(self) -> None:
+        """Clear the latch and drive faults; the drives stay disabled until `take_control`.
+
+        Raises
+        ------
+        Stopped
+            If STOP was pressed again meanwhile; it stays latched.
+        DriveFault
+            If a fault cannot be cleared.
+        """
+        link, press = self._link, self._connector.latch.last
+        lagging = link.loop.run(
+            steps.reset(link.loop, link.loop.forget_faults, press=press),
+            despite=(Stopped, DriveFault, SensorFault, Intruder),
+        )
+        link.read_modes()
+        self._raise_if_stopped(link)
+        self._raise_for_drives(link, lagging, "reset")
+
+    # ---- on the bench ----------------------------------------------------------------------------
+
+    def drive_facts(self) -> tuple[DriveFacts, ...]:
+        """What the drives say they would do at a quick stop, and without an operator."""
+        return read_drive_facts(self._link.access, self._link.profile)
+
+    @property
+    def real_period_s(self) -> float | None:
+        """Between SYNCs; None where they come as fast as they are answered."""
+        there = self.on_bus
+        return there.timing.period_s if there.pace is Pace.REAL_TIME else None
+
+    def another(self) -> CanopenArm:
+        """Make one more, as another program would: not connected, for the same arm on the same bus."""
+        there = self.on_bus
+        return CanopenArm(
+            there.description,
+            there.settings,
+            there.profile,
+            pace=there.pace,
+            timing=there.timing,
+            openers=there.openers,
+        )
+
+    def fall_silent(self) -> None:
+        """End heartbeat, SYNC and connection, and leave the drives as they are: as if this program died."""
+        self._connector.drop()
+
+    def states_unconnected(self) -> tuple[DriveState, ...]:
+        """Drive states of joints 1..n by SDO (6041h) alone, without a connection: no node is told or reset anything.
+
+        Raises
+        ------
+        BusError, SdoRefused, TwoDevices
+            A drive does not answer, or not as one.
+        """
+        return self._connector.look()
+
+    # ---- parameters ------------------------------------------------------------------------------
+
+    def upload_parameters(self, document: bytes) -> UploadReceipt:
+        """Stage, read back byte for byte, commit, read the home offsets back.
+
+        Raises
+        ------
+        UploadRefused
+            With the controller's words; the document that was active stays active.
+        CommandRefused
+            If control was not taken.
+        """
+        link = self._link
+        if not link.in_control:
+            raise CommandRefused("parameters are uploaded by whoever is in control: take control")
+        return uploading.upload(link.access, document, link.profile)
+
+    def active_parameters(self) -> bytes:
+        """The parameter document active on the controller; empty if there is none."""
+        link = self._link
+        return uploading.read_document(link.access, link.profile)
+
+    # ---- helpers ---------------------------------------------------------------------------------
+
+    @property
+    def _link(self) -> Connection:
+        return self._connector.connection
+
+    @staticmethod
+    def _raise_if_stopped(link: Connection) -> None:
+        if link.loop.stop_latched:
+            raise link.loop.watch.why_stopped()
+
+    @staticmethod
+    def _raise_for_drives(link: Connection, joints: tuple[int, ...], wanted: str) -> None:
+        """Raise for the first of the joints that did not get where it should."""
+        for joint in joints:
+            state = steps.state_of(link.loop.sample.statuswords[joint - 1])
+            if state is DriveState.FAULT:
+                code = link.access.read_unsigned(link.profile.drives[joint - 1], ERROR_CODE)
+                raise DriveFault(joint, code, emergency_text(code))
+            raise CommandRefused(f"joint {joint} cannot be {wanted}: the drive is in {state.value}")

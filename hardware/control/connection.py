@@ -1,0 +1,254 @@
+"""A connection to the arm on the bus: opened, running, closed again. Knows no motion.
+
+What is said to the nodes until they run is `hardware.control.start_up`'s affair.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import can
+
+from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode
+from hardware.arm_description import EncoderDescription
+from hardware.bus_setup import ArmOnBus
+from hardware.buses.acceptance_filters import keep_out, operator_filters
+from hardware.buses.python_can import stamping_clock
+from hardware.buses.shared_bus import Wire
+from hardware.canopen import identifying, uploading
+from hardware.canopen.cia402 import POWERED
+from hardware.canopen.cyclic import Sample, Setpoints, frames_of
+from hardware.canopen.objects import (
+    MODE_DISPLAY,
+    OPERATOR_NODE,
+    STATUSWORD,
+    TOKEN,
+)
+from hardware.canopen.sdo import ObjectAccess
+from hardware.control.control_loop import ControlLoop
+from hardware.control.snapshots import build_snapshot
+from hardware.control.start_up import StartUp
+from hardware.control.steps import state_of
+from hardware.control.stop_line import StopLatch, StopLine
+from hardware.errors import (
+    BusError,
+    ControlDenied,
+    SdoRefused,
+)
+from hardware.monitors.admission import admit
+from hardware.monitors.continuity import ENCODER_COUNTS, RVDT_COUNTS
+from hardware.monitors.joint_watch import JointWatch
+
+LISTEN_S: Final = 0.35
+"""Three heartbeats of another operator fit in here."""
+BOOT_TIMEOUT_S: Final = 3.0
+
+
+class Connection:
+    """An open connection; made by `connect`.
+
+    Attributes
+    ----------
+    loop, access, stop_line
+        Cyclic traffic, object access, STOP.
+    limits, scales
+        Of joints 1..n.
+    modes
+        What 6061h of each drive said when it was last read; None for neither position nor free.
+    token
+        Holder of the control token, as last read or written; OPERATOR_NODE may be a predecessor that died.
+    in_control
+        Whether this program has taken control, and not given it back.
+    took_control
+        Whether it has ever.
+    """
+
+    def __init__(
+        self,
+        on_bus: ArmOnBus,
+        *,
+        record_to: Path | None,
+        latch: StopLatch,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        description, settings, profile = on_bus.description, on_bus.settings, on_bus.profile
+        timing = on_bus.timing
+        self.profile = profile
+        self._on_bus, self._timing, self._clock = on_bus, timing, clock
+        self.scales = tuple(
+            identifying.scale_of(joint, drive)
+            for joint, drive in zip(description.joints, profile.joints, strict=True)
+        )
+        self.limits = identifying.limits_of(description, profile, period_s=timing.period_s)
+        self.modes: tuple[JointMode | None, ...] = (None,) * len(profile.joints)
+        self.token = 0
+        self.in_control = self.took_control = False
+        self._rated_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
+        bus = on_bus.openers.main(settings)
+        if record_to is None:  # a recording is of everything
+            keep_out(bus, operator_filters(profile))
+        self._wire = Wire(bus, record_to=record_to)
+        try:
+            self.stop_line = StopLine(self._second_handle(on_bus), self._wire, frames_of(profile))
+        except BaseException:
+            self._wire.close()
+            raise
+        self.access = ObjectAccess(self._wire.send, profile.nodes, timeout_s=timing.sdo_timeout_s)
+        self.loop = ControlLoop(
+            self._wire,
+            profile=profile,
+            pace=on_bus.pace,
+            on_sdo=self.access.deliver,
+            allow=self._allow,
+            quick_stop=self.send_quick_stops,
+            timing=timing,
+            watch=JointWatch(
+                [
+                    ENCODER_COUNTS if isinstance(joint.sensor, EncoderDescription) else RVDT_COUNTS
+                    for joint in description.joints
+                ],
+                astray=latch.why,
+            ),
+            latch=latch,
+            clock=clock,
+            stamps=stamping_clock(settings),
+        )
+
+    @staticmethod
+    def _second_handle(on_bus: ArmOnBus) -> can.BusABC | None:
+        """Open the handle for STOP; None where the adapter, open already, does not open twice."""
+        try:
+            return on_bus.openers.stop(on_bus.settings)
+        except BusError:
+            return None
+
+    def open(self, press: object | None = None, *, takes_over: bool = False) -> ArmIdentity:
+        """Find the nodes, check them, start heartbeat and SYNC.
+
+        `press` is the last STOP before; a newer one ends this. `takes_over`: see `in_use.require_unused`.
+
+        Raises
+        ------
+        Stopped, ControlDenied, Intruder, NodeMissing, WrongArm, MappingDiffers, NotConfigured, BusError, SdoRefused
+        """
+        start_up = StartUp(
+            self._on_bus,
+            loop=self.loop,
+            access=self.access,
+            send=self._wire.send,
+            scales=self.scales,
+            listen_s=LISTEN_S,
+            boot_timeout_s=BOOT_TIMEOUT_S,
+        )
+        try:
+            started = start_up.run(press, takes_over=takes_over)
+            self.token, self._rated_nm = started.token, started.rated_torques_nm
+            self.read_modes()
+            start_up.go_on()
+        except BaseException as failure:
+            start_up.undo(failure)
+            raise
+        return started.identity
+
+    def states_asked(self) -> tuple[DriveState, ...]:
+        """State of every drive (6041h) as it answers to SDO, before `open` or instead of it."""
+        self.loop.start()
+        words = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
+        return tuple(map(state_of, words))
+
+    def close(self) -> None:
+        """End everything that is sent and the recording."""
+        self.loop.close()
+        self.stop_line.close()
+        self._wire.close()
+
+    @property
+    def recording_failure(self) -> str | None:
+        """Why the recording of the bus ended early, None if it did not."""
+        return self._wire.recording_failure
+
+    @property
+    def left_enabled(self) -> bool:
+        """Whether drives closed a loop when they were heard last, and this program may have enabled them."""
+        return self.took_control and any(
+            state_of(word) in POWERED for word in self.loop.view.sample.statuswords
+        )
+
+    def other_operator(self) -> bool:
+        """Whether another operator's heartbeat is on the bus."""
+        return self.loop.nodes.other_operator(
+            self.loop.attention.listened_s, self._timing.heartbeat_timeout_s
+        )
+
+    def deserted(self) -> bool:
+        """Whether nobody answers any more: the bus is gone, or a node has fallen silent."""
+        loop = self.loop
+        return loop.failure is not None or bool(
+            loop.nodes.silent(loop.attention.listened_s, loop.heartbeat_timeout_s)
+        )
+
+    def read_modes(self) -> None:
+        """Read 6061h of every drive."""
+        self.modes = tuple(
+            self.profile.mode_of(self.access.read_signed(node, MODE_DISPLAY))
+            for node in self.profile.drives
+        )
+
+    def take_token(self) -> None:
+        """Have control given to this program by the supervisor; without one nobody else can have it.
+
+        Raises
+        ------
+        ControlDenied
+        """
+        supervisor = self.profile.supervisor
+        if supervisor is not None:
+            try:
+                self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
+            except SdoRefused as refused:
+                self.token = self.access.read_unsigned(supervisor, TOKEN)
+                words = uploading.refusal(self.access, supervisor)
+                raise ControlDenied(self.token, words) from refused
+        self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
+
+    def give_token_back(self) -> None:
+        """Let others have control."""
+        if self.profile.supervisor is not None:
+            self.access.write_unsigned(self.profile.supervisor, TOKEN, 0, 0, 4)
+        self.token, self.in_control = 0, False
+
+    def send_quick_stops(self) -> None:
+        """Quick stop to all drives now."""
+        self.stop_line.send(self.loop.commands, self.loop.view.sample.counts)
+
+    def snapshot(self) -> ArmSnapshot:
+        """The latest state; never blocks."""
+        return build_snapshot(
+            self.loop.view,
+            self.loop.nodes,
+            self.loop.watch.staying.left,
+            scales=self.scales,
+            rated_torques_nm=self._rated_nm,
+            modes=self.modes,
+            token=self.token,
+            stopped=self.loop.stop_latched,
+            stopped_for=self.loop.watch.stopped_for,
+            moving=self.loop.moving,
+            period_s=self._timing.period_s,
+            now_s=self._clock(),
+            attention=self.loop.attention,
+        )
+
+    def _allow(self, sample: Sample, before: Setpoints | None, commands: Setpoints) -> None:
+        admit(
+            self.limits,
+            self.modes,
+            in_control=self.in_control,
+            stopped=self.loop.stop_latched,
+            sample=sample,
+            before=before,
+            commands=commands,
+        )

@@ -1,0 +1,68 @@
+"""What the arm only looks at, SYNC by SYNC: settling and readings. Commands nothing, knows no bus.
+
+Generators in the sense of `hardware.control.tasks.Steps`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator, Sequence
+
+import numpy as np
+
+from hardware.arm import Reading
+from hardware.canopen.cyclic import Sample, Setpoints
+from hardware.control.steps import Desk, incomplete_samples, raise_alarm
+from hardware.scale import JointScale
+
+SYNCS_A_SAMPLE, FEWEST_SYNCS = 20, 100
+"""A reading may take so many SYNCs for each of its samples, and so many beside: frames do get lost."""
+
+
+def settle(
+    desk: Desk,
+    scales: Sequence[JointScale],
+    *,
+    window: int,
+    spread_rad: Sequence[float],
+    timeout_syncs: int,
+) -> Generator[Setpoints | None, Sample, bool]:
+    """Wait until no joint spread more than `spread_rad` over the last `window` complete samples."""
+    bounds = np.array([s * scale.density for s, scale in zip(spread_rad, scales, strict=True)])
+    recent: deque[tuple[int, ...]] = deque(maxlen=window)
+    for _ in range(timeout_syncs):
+        sample = yield None
+        raise_alarm(desk)
+        if sample.complete:
+            recent.append(sample.counts)
+            if len(recent) == window and np.all(np.ptp(np.array(recent), axis=0) <= bounds):
+                return True
+    return False
+
+
+def capture(
+    desk: Desk, scales: Sequence[JointScale], *, samples: int
+) -> Generator[Setpoints | None, Sample, Reading]:
+    """Collect complete samples: every one has all joints latched on the same SYNC."""
+    rows: list[tuple[int, ...]] = []
+    first = 0
+    for _ in range(FEWEST_SYNCS + SYNCS_A_SAMPLE * samples):
+        if len(rows) == samples:
+            break
+        sample = yield None
+        raise_alarm(desk)
+        if sample.complete:
+            first = first or sample.sync_count
+            rows.append(sample.counts)
+    if len(rows) < samples:
+        raise incomplete_samples(sample)
+    counts = np.array(rows, dtype=np.float64)
+    mean = counts.mean(axis=0)
+    spread = counts.std(axis=0, ddof=1) if samples > 1 else np.zeros(len(scales))
+    return Reading(
+        mean_counts=mean,
+        mean_rad=np.array([s.to_rad(m) for s, m in zip(scales, mean.tolist(), strict=True)]),
+        sd_rad=spread / [scale.density for scale in scales],
+        samples=samples,
+        first_sync=first,
+    )

@@ -1,0 +1,167 @@
+"""A straight, smooth move of several joints in step, that can brake at any time. Knows no bus.
+
+Along the straight line in joint space, the distance is that of the joint with the farthest to go. It
+follows a trapezoid of speed; a moving average over `smoothing_periods` of its positions bounds the
+jerk, never leaves the line between start and end, and comes to rest exactly on the trapezoid's end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from hardware.arm import FloatArray
+from hardware.canopen.objects import CONTROL_PERIOD_S
+
+ACCELERATION_RAD_PER_S2 = 1.0
+"""How quickly joints speed up and slow down, unless told otherwise."""
+SMOOTHING_PERIODS = 10
+
+
+def coming_to_rest_s(speed_rad_per_s: float) -> float:
+    """How far ahead a joint comes to rest, over its present speed, once a move of this speed brakes.
+
+    Speed falls in proportion, so that its mean over the braking is half of it; half the moving average
+    and two periods between seeing and sending come on top. It holds of a free joint, too, as long as it
+    follows the drives in proportion.
+    """
+    delay_s = (0.5 * (SMOOTHING_PERIODS - 1) + 2.0) * CONTROL_PERIOD_S
+    return 0.5 * speed_rad_per_s / ACCELERATION_RAD_PER_S2 + delay_s
+
+
+class Trapezoid:
+    """Distance along a line: speed up, cruise, slow down. Starts and ends at rest.
+
+    Parameters
+    ----------
+    length
+        Distance to go, rad, not negative.
+    speed, acceleration
+        Bounds, rad/s and rad/s^2, positive.
+    """
+
+    def __init__(self, *, length: float, speed: float, acceleration: float) -> None:
+        self._acceleration = acceleration
+        self._speed = min(speed, math.sqrt(length * acceleration))
+        self._ramp_s = self._speed / acceleration
+        cruise = length - self._speed * self._ramp_s
+        self._cruise_s = cruise / self._speed if self._speed > 0.0 else 0.0
+        self._length = length
+        self._brake_from_s = math.inf
+        self.end_s = 2.0 * self._ramp_s + self._cruise_s
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """Distance (rad) and speed (rad/s) at a time (s) after the start."""
+        if time_s <= self._brake_from_s:
+            return self._planned(time_s)
+        distance, speed = self._planned(self._brake_from_s)
+        braking = min(time_s - self._brake_from_s, speed / self._acceleration)
+        distance += (speed - 0.5 * self._acceleration * braking) * braking
+        return distance, speed - self._acceleration * braking
+
+    def brake(self, time_s: float) -> None:
+        """Slow down to rest from `time_s` on; later calls change nothing."""
+        if self._brake_from_s <= time_s:
+            return
+        _, speed = self.at(time_s)
+        self._brake_from_s = time_s
+        self.end_s = min(self.end_s, time_s + speed / self._acceleration)
+
+    def _planned(self, time_s: float) -> tuple[float, float]:
+        a, v = self._acceleration, self._speed
+        if time_s <= 0.0:
+            return 0.0, 0.0
+        if time_s < self._ramp_s:
+            return 0.5 * a * time_s**2, a * time_s
+        if time_s < self._ramp_s + self._cruise_s:
+            return v * (time_s - 0.5 * self._ramp_s), v
+        left = 2.0 * self._ramp_s + self._cruise_s - time_s
+        if left > 0.0:
+            return self._length - 0.5 * a * left**2, a * left
+        return self._length, 0.0
+
+
+class StraightMove:
+    """Targets of a straight synchronised move, one vector a control period.
+
+    Parameters
+    ----------
+    start_rad, end_rad
+        Joint vectors of equal length, rad.
+    speed_rad_per_s
+        Bound on the speed of every joint.
+    acceleration_rad_per_s2
+        Bound on the acceleration of every joint.
+    period_s
+        Control period.
+    smoothing_periods
+        Length of the moving average; the jerk stays below acceleration / (this * period) * 2.
+
+    Attributes
+    ----------
+    finished
+        The last target given out was the final one.
+
+    Raises
+    ------
+    ValueError
+        If a bound is not positive or the vectors do not match.
+    """
+
+    def __init__(
+        self,
+        start_rad: FloatArray,
+        end_rad: FloatArray,
+        *,
+        speed_rad_per_s: float,
+        acceleration_rad_per_s2: float,
+        period_s: float,
+        smoothing_periods: int = SMOOTHING_PERIODS,
+    ) -> None:
+        if min(speed_rad_per_s, acceleration_rad_per_s2, period_s, smoothing_periods) <= 0:
+            raise ValueError("speed, acceleration, period and smoothing must be positive")
+        self._start = np.array(start_rad, dtype=np.float64)
+        way = np.asarray(end_rad, dtype=np.float64) - self._start
+        self._length = float(np.abs(way).max(initial=0.0))
+        self._end = self._start + way
+        self._direction = way / self._length if self._length > 0.0 else way
+        self._line = Trapezoid(
+            length=self._length, speed=speed_rad_per_s, acceleration=acceleration_rad_per_s2
+        )
+        self._period_s = period_s
+        self._window = deque([0.0] * smoothing_periods, maxlen=smoothing_periods)
+        self._step = 0
+        self._braking = False
+        self.finished = self._length == 0.0
+
+    @property
+    def braking(self) -> bool:
+        """Whether the move was told to end early."""
+        return self._braking
+
+    def next(self) -> FloatArray:
+        """Target for the next period, shape (n,), rad; the final one again after the end."""
+        if self.finished:
+            return self._place(self._window[-1])
+        self._step += 1
+        time_s = self._step * self._period_s
+        distance, _ = self._line.at(time_s)
+        self._window.append(distance)
+        # A full window of the same distance: at rest. Rounding of the mean must not leave a residue.
+        if time_s >= self._line.end_s and self._window[0] == distance:
+            self.finished = True
+            return self._place(distance)
+        return self._place(math.fsum(self._window) / len(self._window))
+
+    def brake(self) -> None:
+        """Come to rest as fast as the bounds allow; `next` gives the way there."""
+        if not self._braking:
+            self._braking = True
+            self._line.brake(self._step * self._period_s)
+
+    def _place(self, distance: float) -> FloatArray:
+        if distance >= self._length:
+            return self._end.copy()
+        return self._start + distance * self._direction

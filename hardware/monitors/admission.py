@@ -1,0 +1,140 @@
+"""Asks `hardware.limits` about every change of a command before it goes out. Knows no bus and no thread."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from hardware.arm import DriveState, JointMode
+from hardware.canopen.cia402 import Command, command_of
+from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
+from hardware.canopen.objects import CYCLIC_POSITION
+from hardware.control.steps import state_of
+from hardware.errors import CommandRefused, StopLatched
+from hardware.limits import (
+    JointLimits,
+    Reason,
+    Refusal,
+    Situation,
+    refuse_command,
+    refuse_move,
+    refuse_target,
+)
+from hardware.scale import JointScale
+
+
+def admit(
+    limits: Sequence[JointLimits],
+    modes: Sequence[JointMode | None],
+    *,
+    in_control: bool,
+    stopped: bool,
+    sample: Sample,
+    before: Setpoints | None,
+    commands: Setpoints,
+) -> None:
+    """Let commands pass or say why not.
+
+    Only a new target of a joint that stays in position mode is a motion; a joint that enters position
+    mode has to be given the position it has.
+
+    Raises
+    ------
+    CommandRefused
+        With the reason in words.
+    StopLatched
+        If STOP was pressed since the commands were made.
+    """
+    if before is commands:
+        return
+    for joint, (limit, mode, command) in enumerate(zip(limits, modes, commands, strict=True)):
+        last = None if before is None else before[joint]
+        if command.mode != CYCLIC_POSITION or command == last:
+            continue
+        if command_of(command.controlword) is not Command.ENABLE_OPERATION:
+            continue  # no drive moves by any other
+        refusal = _refusal(
+            limit,
+            Situation(
+                stopped=stopped,
+                in_control=in_control,
+                drive=state_of(sample.statuswords[joint]),
+                mode=mode,
+            ),
+            command,
+            last,
+            sample.counts[joint],
+        )
+        if refusal is not None and refusal.reason is Reason.STOPPED:
+            raise StopLatched(refusal.text)
+        if refusal is not None:
+            raise CommandRefused(refusal.text)
+
+
+def admit_move(
+    limits: Sequence[JointLimits],
+    scales: Sequence[JointScale],
+    modes: Sequence[JointMode | None],
+    targets_rad: Mapping[int, float],
+    *,
+    speed_rad_per_s: float,
+    in_control: bool,
+    sample: Sample,
+) -> None:
+    """Let a whole move begin or say why not, before anything moves.
+
+    Raises
+    ------
+    CommandRefused
+        With the reason in words.
+    ValueError
+        If there is no such joint.
+    """
+    for joint, target in targets_rad.items():
+        if not 1 <= joint <= len(limits):
+            raise ValueError(f"there is no joint {joint}")
+        at = joint - 1
+        situation = Situation(
+            stopped=False,
+            in_control=in_control,
+            drive=state_of(sample.statuswords[at]),
+            mode=modes[at],
+        )
+        counts = scales[at].counts_of(target)
+        refusal = refuse_command(limits[at], situation) or refuse_move(
+            limits[at], counts, speed_rad_per_s
+        )
+        if refusal is not None:
+            raise CommandRefused(refusal.text)
+
+
+def admit_modes(sample: Sample) -> None:
+    """Let a change of modes begin: all drives have to be enabled.
+
+    Raises
+    ------
+    CommandRefused
+        Naming the first that is not.
+    """
+    for joint, status in enumerate(sample.statuswords, 1):
+        state = state_of(status)
+        if state is not DriveState.OPERATION_ENABLED:
+            raise CommandRefused(f"joint {joint}: the drive is in {state.value}")
+
+
+def _refusal(
+    limits: JointLimits,
+    situation: Situation,
+    command: Setpoint,
+    last: Setpoint | None,
+    measured_counts: int,
+) -> Refusal | None:
+    target = command.target_counts
+    before = last.target_counts if last is not None and last.mode == CYCLIC_POSITION else None
+    if target == before:
+        return None
+    entering = before is None or situation.mode is not JointMode.POSITION
+    if entering and abs(target - measured_counts) <= limits.max_step_counts:
+        return None
+    if before is None:
+        return refuse_target(limits, target, measured_counts)
+    return refuse_command(limits, situation) or refuse_target(limits, target, before)

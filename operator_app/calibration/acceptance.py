@@ -1,0 +1,357 @@
+"""What a calibration is worth: accepted, accepted with warnings, or not, and the causes in order.
+
+Joins what the tests say (`solver.diagnostics.diagnosis`) with what was known before and what the fit itself
+shows. Knows results and words; computes no estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from operator_app.calibration.causes import NamedCause, in_words
+from operator_app.calibration.likely import as_likely, perhaps
+from operator_app.units.figure import (
+    ANGLE_TOLERANCE,
+    LENGTH_TOLERANCE,
+    MANY_TIMES,
+    TIMES,
+)
+from operator_app.units.numbers import plural
+from solver.arrays import FloatArray
+from solver.chain.parameters import Parameter
+from solver.diagnostics.diagnosis import Trial
+from solver.diagnostics.fault_model import Candidate, Cause
+from solver.diagnostics.hypothesis_tests import Test
+from solver.diagnostics.model_selection import Evidence
+from solver.estimators.estimate import Estimate
+
+IMPACT = 2.0
+"""An explanation that moves a parameter by more of its sigmas than this shows that they do not hold."""
+
+POSSIBLE = 0.1
+"""Least probability of an explanation whose truth the sigmas have to cover as well."""
+
+MOST_BELIEVED = 4.0
+"""chi2/dof at stated variances beyond which no sigma is believed: readings that scatter twice as much as
+the files state leave another calibration when what is wrong with them is mended, named or not."""
+
+WORTHLESS_RAD, WORTHLESS_M = np.deg2rad(10.0), 0.03
+"""How well a tape measure and a protractor know a parameter: a sigma beyond this is of no use."""
+
+NOTHING_KNOWN: Mapping[str, float] = {}
+
+COARSE_RAD, COARSE_M = np.deg2rad(1.0), 0.01
+"""A sigma beyond this is named."""
+
+MOST_NAMED = 5
+"""Nobody looks for more causes than these at once; one that refuses is named beyond them as well."""
+
+
+FEW_DOF, LEAST_DOF = 30, 10
+"""With fewer degrees of freedom no test can tell much; with fewer than the second not even the sigmas
+hold: 82 % of the 95 % intervals of four poses, measured on sound arms."""
+
+
+class Verdict(Enum):
+    """The three verdicts; only the first two upload."""
+
+    ACCEPTED = "accepted"
+    WITH_WARNINGS = "accepted_with_warnings"
+    NOT_ACCEPTED = "not_accepted"
+
+    @property
+    def words(self) -> str:
+        """As it is read."""
+        return self.value.replace("accepted_with", "accepted, with").replace("_", " ")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """A verdict with its reasons.
+
+    Attributes
+    ----------
+    causes
+        The most probable first.
+    tests
+        Every test that was made.
+    stated_chi2_per_dof
+        chi2/dof with the variances that the files state; None where it was not asked.
+    astray
+        What refuses it has led the solution where no file would have it: nothing may be advised from there.
+    """
+
+    causes: tuple[NamedCause, ...] = ()
+    tests: tuple[Test, ...] = ()
+    stated_chi2_per_dof: float | None = None
+    astray: bool = False
+
+    @property
+    def verdict(self) -> Verdict:
+        """Not accepted as soon as one cause refuses."""
+        if any(cause.refuses for cause in self.causes):
+            return Verdict.NOT_ACCEPTED
+        return Verdict.WITH_WARNINGS if self.causes else Verdict.ACCEPTED
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is not accepted; empty when it is."""
+        return tuple(f"{c.text}: {c.remedy}" for c in self.causes if c.refuses)
+
+
+def causes_of(
+    trial: Trial, estimate: Estimate, judged: tuple[str, ...], labels: tuple[str, ...]
+) -> tuple[NamedCause, ...]:
+    """Name what the tests found.
+
+    Parameters
+    ----------
+    judged
+        Names of the parameters whose sigmas have to hold: not those that were only toleranced.
+    labels
+        Of the poses in the order in which they were taken.
+    """
+    if estimate.dof < LEAST_DOF:
+        # Refused for that, and whatever else is read into so few poses may be chance.
+        return ()
+    names = [p.name for p in estimate.parameters]
+    here = [names.index(name) for name in judged]
+    sd = estimate.standard_deviation[here]
+    moved = trial.apart[here].copy()
+    found: list[NamedCause] = []
+    for competing in trial.rounds:
+        # What may well have happened counts, and not only what is likeliest: their truths differ.
+        possible = [
+            np.abs((moved + x.evidence.moved[here]) / np.where(sd > 0.0, sd, 1.0)).max(initial=0.0)
+            for x in competing
+            if x.evidence is not None and x.probability >= POSSIBLE
+        ]
+        impact = float(max(possible, default=0.0))
+        best = competing[0]
+        if best.evidence is not None:
+            moved = moved + best.evidence.moved[here]
+        for x in competing:
+            if x.candidate is None or x.evidence is None:
+                continue
+            code, text, remedy = in_words(x.candidate, x.evidence, trial.scene, labels)
+            found.append(
+                NamedCause(
+                    code=code,
+                    probability=x.probability,
+                    text=as_likely(text, x.probability),
+                    remedy=remedy,
+                    refuses=_refuses(x.candidate, x.evidence, estimate, impact),
+                )
+            )
+    found.extend(_unnamed(trial))
+    found.extend(_doubted(trial, labels))
+    once = each_once(found)
+    return tuple(c for k, c in enumerate(once) if k < MOST_NAMED or c.refuses)
+
+
+def _doubted(trial: Trial, labels: tuple[str, ...]) -> Iterable[NamedCause]:
+    """Say which entries may be off their file; that they are is not sure enough to refuse anything."""
+    for x in trial.doubts:
+        if x.candidate is not None and x.evidence is not None:
+            code, text, remedy = in_words(x.candidate, x.evidence, trial.scene, labels)
+            yield NamedCause(
+                code=code,
+                probability=x.probability,
+                text=perhaps(text),
+                remedy=remedy,
+                refuses=False,
+            )
+
+
+def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: float) -> bool:
+    """Whether parameters may be wrong by more than their sigmas say, if this is what happened."""
+    if cause.cause is Cause.FROZEN or impact > IMPACT:
+        return True
+    # What was one value before and is another after: both have to be within what is claimed.
+    names = [p.name for p in estimate.parameters]
+    of_reading = cause.cause in (Cause.LOST_COUNTS, Cause.DRIFT)
+    changed = (f"theta_off_{cause.subject}",) if of_reading else cause.entries
+    sd = [
+        float(estimate.standard_deviation[names.index(n)]) if n in names else np.inf
+        for n in changed
+    ]
+    return any(abs(b) > IMPACT * s for b, s in zip(found.b, sd, strict=False))
+
+
+def _unnamed(trial: Trial) -> Iterable[NamedCause]:
+    """Something is wrong that nothing here explains."""
+    if not trial.fires:
+        return
+    last = trial.rounds[-1][0] if trial.rounds else None
+    if last is not None and last.evidence is not None:
+        ratio = last.evidence.chi2 / max(last.evidence.dof, 1)
+        if ratio <= MOST_BELIEVED:
+            return
+        probability = 1.0 - sum(x.probability for x in trial.rounds[-1] if x.candidate)
+    else:
+        ratio = trial.stated_chi2_per_dof
+        probability = 1.0 if last is None else last.probability
+    fired = ", ".join(test.code for test in trial.tests if test.fires)
+    yield NamedCause(
+        code="UNNAMED",
+        probability=max(0.0, probability),
+        text=f"the readings scatter {TIMES(float(np.sqrt(ratio))).shown} times as much as the files "
+        "state and no single fault explains it"
+        if ratio > 1.0
+        else f"the readings scatter no more than the files state, but not as they would by chance ({fired}), "
+        "and no single fault explains it",
+        remedy="check that arm file, fixture file and poses belong together, and what was done "
+        "between the poses; try --global-start",
+        refuses=ratio > MOST_BELIEVED,
+    )
+
+
+def each_once(causes: Iterable[NamedCause]) -> tuple[NamedCause, ...]:
+    """Every code once: what is found again after it was taken out was not all taken out.
+
+    One that refuses goes on refusing.
+    """
+    found: dict[str, NamedCause] = {}
+    for cause in causes:
+        first = found.setdefault(cause.code, cause)
+        if cause.refuses and not first.refuses:
+            found[cause.code] = replace(first, refuses=True)
+    return tuple(found.values())
+
+
+def too_few(estimate: Estimate) -> tuple[NamedCause, ...]:
+    """Say that so few poses cannot show what is wrong: whatever else is said of them may be chance."""
+    if estimate.dof >= FEW_DOF:
+        return ()
+    return (
+        NamedCause(
+            code="TOO_FEW_POSES",
+            probability=1.0,
+            text=f"{plural(estimate.dof, 'degree')} of freedom {'is' if estimate.dof == 1 else 'are'} too few to "
+            "tell whether anything is wrong",
+            remedy="take at least 20 poses",
+            refuses=estimate.dof < LEAST_DOF,
+        ),
+    )
+
+
+def of_the_fit(
+    estimate: Estimate,
+    judged: tuple[str, ...],
+    known: Mapping[str, float] = NOTHING_KNOWN,
+    narrows: Callable[[str], str] | None = None,
+) -> tuple[NamedCause, ...]:
+    """Name what the fit itself shows: that it did not converge, that its sigmas are of no use."""
+    found = []
+    if not estimate.converged:
+        found.append(
+            NamedCause(
+                code="NOT_CONVERGED",
+                probability=1.0,
+                text=f"the iteration did not settle in {estimate.iterations} rounds",
+                remedy="look at the warnings for what the readings have wrong, or try --global-start",
+                refuses=True,
+            )
+        )
+    return (
+        *found,
+        *little_motion(estimate.parameters, estimate.standard_deviation, judged, known, narrows),
+    )
+
+
+def little_motion(
+    parameters: tuple[Parameter, ...],
+    standard_deviation: FloatArray,
+    judged: tuple[str, ...],
+    known: Mapping[str, float] = NOTHING_KNOWN,
+    narrows: Callable[[str], str] | None = None,
+) -> tuple[NamedCause, ...]:
+    """Name the parameters whose sigmas (P,) say little, because the poses differ little.
+
+    Parameters
+    ----------
+    known
+        How well (rad, m) files state some of the parameters, by name. A sigma beyond that is named; it
+        refuses when it is of no use to anybody.
+    narrows
+        What to do about one parameter's sigma beside other poses; empty where nothing else makes it so wide.
+    """
+    wide, coarse, refuses = [], [], False
+    worst, farthest = "", 0.0
+    for p, sd in zip(parameters, standard_deviation, strict=True):
+        if p.name not in judged:
+            continue
+        size = f"{p.name} ({_with_unit(float(sd), angle=p.is_angle)})"
+        worthless = WORTHLESS_RAD if p.is_angle else WORTHLESS_M
+        if not sd <= min(worthless, known.get(p.name, np.inf)):
+            wide.append(size)
+            refuses |= not sd <= worthless
+        elif sd > (COARSE_RAD if p.is_angle else COARSE_M):
+            coarse.append(size)
+        else:
+            continue
+        over = sd / (COARSE_RAD if p.is_angle else COARSE_M)
+        if not over <= farthest:
+            worst, farthest = p.name, over
+    if not wide and not coarse:
+        return ()
+    return (
+        NamedCause(
+            code="LITTLE_MOTION",
+            probability=1.0,
+            text=f"these poses tell {', '.join((*wide, *coarse)[:4])} "
+            f"{'no better than was known before' if wide else 'only roughly'}: standard "
+            "deviations in brackets",
+            remedy=(narrows(worst) if narrows is not None else "")
+            or "take more poses that differ more: every joint through a larger part of its range",
+            refuses=refuses,
+        ),
+    )
+
+
+def _with_unit(value: float, *, angle: bool) -> str:
+    if not np.isfinite(value):
+        return "unknown"
+    return (ANGLE_TOLERANCE if angle else LENGTH_TOLERANCE)(value).with_unit
+
+
+def paper_test(paper: Estimate, implicit: Estimate) -> tuple[Test, tuple[NamedCause, ...]]:
+    """Test the paper's estimate by its distance from the implicit one, in sigmas of the difference."""
+    from scipy.special import ndtri
+
+    z = distance_in_sigmas(paper, implicit)
+    worst = int(np.argmax(z))
+    test = Test(
+        code="PAPER_DISTANCE",
+        statistic=float(z[worst]),
+        threshold=float(-ndtri(0.5e-3 / len(z))),
+    )
+    if not test.fires:
+        return test, ()
+    p = paper.parameters[worst]
+    apart = abs(float(paper.x[worst]) - implicit.value(p.name))
+    return test, (
+        NamedCause(
+            code="PAPER_OFF",
+            probability=1.0,
+            text=f"{p.name} by the paper's estimator is {_with_unit(apart, angle=p.is_angle)} "
+            f"({MANY_TIMES(float(z[worst])).shown} sigmas) from what weighing every reading by its noise gives",
+            remedy="use --estimator implicit",
+            refuses=True,
+        ),
+    )
+
+
+def distance_in_sigmas(one: Estimate, two: Estimate) -> FloatArray:
+    """Distance of every parameter of `one` from `two`, in sigmas of the difference (P,)."""
+    names = [p.name for p in two.parameters]
+    here = [names.index(p.name) for p in one.parameters]
+    apart = one.x - two.x[here]
+    angles = np.array([p.is_angle for p in one.parameters])
+    apart = np.where(angles, np.arctan2(np.sin(apart), np.cos(apart)), apart)
+    sd = np.hypot(one.standard_deviation, two.standard_deviation[here])
+    return np.asarray(np.abs(apart) / np.where(sd > 0.0, sd, 1e-300))

@@ -1,0 +1,140 @@
+"""One mistake that may have been made, believed: what poses, fixture and sensors would then be, and what is left.
+
+What cannot be solved costs everything and closes nothing. Knows arms, fixtures and pose sets; ranks nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.causes import Words
+from operator_app.calibration.closed_loops import in_order, loop_of_poses
+from operator_app.calibration.error_model import error_model, noise_model, soften
+from operator_app.calibration.local_minima import far_from_nominal
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.chain.poses import PoseSet
+from solver.errors import SolverError
+from solver.estimators.implicit import ImplicitFit, fit_implicit
+from solver.estimators.least_squares import solve_damped
+from solver.estimators.mixed_fit import fit_mixed
+from solver.estimators.paper import ClosureProblem
+
+_T = TypeVar("_T")
+
+CLOSED_M, MANY = 2e-3, 20
+"""Loops of so many poses that close to this (rms) close as those of the fixture they are thought to be."""
+
+TILTS = 30.0
+"""And so many times less is left of the closure (rms, m and rad alike) than in the fixture of the file."""
+
+ITERATIONS = 15
+"""A rival that is right is near its solution by then."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rival:
+    """A mistake that may have been made: what the poses, the fixture and the sensors would then be."""
+
+    words: Words
+    poses: PoseSet
+    fixture: Fixture
+    unsensed: tuple[int, ...] = ()
+    arm: ArmModel | None = None
+    """Another than the file's, where that is the mistake."""
+
+
+def start(arm: ArmModel, rival: Rival) -> tuple[FloatArray, float]:
+    """Parameters of a rival's loop and the mean square of what is left of the closure."""
+    arm, q = rival.arm or arm, rival.poses.q_rad
+    if not rival.unsensed:
+        model = loop_of_poses(arm, rival.fixture, rival.poses)
+        problem = ClosureProblem.of(model, q)
+        found = solve_damped(problem, nominal_vector(model.parameters), max_iterations=ITERATIONS)
+        return found.x, 2.0 * found.cost / len(q)
+    fit = without_readings(arm, rival)
+    return fit.x, float((fit.corrections**2).mean())
+
+
+def without_readings(arm: ArmModel, rival: Rival) -> ImplicitFit:
+    """Loops of a rival that does without some readings, closed."""
+    q, unsensed = rival.poses.q_rad, tuple(sorted(rival.unsensed))
+    model = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
+    noise = noise_model(arm, rival.fixture, rival.poses, np.ones(len(q), dtype=np.bool_))
+    floor = np.maximum(noise.joint_variance, 1e-8)
+    return fit_implicit(
+        model,
+        q,
+        replace(noise, joint_variance=floor),
+        nominal_vector(model.parameters),
+        max_iterations=ITERATIONS,
+    )
+
+
+def is_near(arm: ArmModel, rival: Rival) -> bool:
+    """Whether a rival's loop closes near its nominal values."""
+
+    def near() -> bool:
+        unsensed = tuple(sorted(rival.unsensed))
+        model = loop_of_poses(
+            rival.arm or arm, rival.fixture, rival.poses, unsensed_joints=unsensed
+        )
+        return not far_from_nominal(model.parameters, start(arm, rival)[0])
+
+    return tried(near, otherwise=False)
+
+
+def closes(arm: ArmModel, rival: Rival, *, far: float) -> bool:
+    """Whether a loop closes in another fixture, by far more than noise of the readings explains.
+
+    `far` is the mean square of what is left of it in the fixture of the file: noise leaves a few times
+    more where rotations count as well, a hand that tilts a hundred times more.
+    """
+    cost = cost_of(arm, rival)
+    return len(rival.poses) >= MANY and cost < CLOSED_M**2 and cost * TILTS**2 < far
+
+
+def cost_of(arm: ArmModel, rival: Rival) -> float:
+    """Mean square of what is left of a rival's closure; infinite where it cannot be solved."""
+    return tried(lambda: start(arm, rival)[1], np.inf)
+
+
+def solved(arm: ArmModel, rival: Rival) -> tuple[float, int]:
+    """chi2/dof of a rival at stated variances, and its degrees of freedom."""
+    arm = rival.arm or arm
+
+    def solve() -> tuple[float, int]:
+        x, _ = start(arm, rival)
+        kept = np.ones(len(rival.poses), dtype=np.bool_)
+        unsensed = tuple(sorted(rival.unsensed))
+        hard = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
+        model, tolerance = soften(hard, arm)
+        errors = error_model(
+            arm, rival.fixture, rival.poses, kept, unsensed_joints=unsensed, tolerance=tolerance
+        )
+        fit = fit_mixed(
+            model,
+            rival.poses.q_rad,
+            errors,
+            in_order(model, hard, x),
+            group=rival.poses.placement,
+            estimate=False,
+        ).fit
+        return fit.chi2 / max(fit.dof, 1), fit.dof
+
+    return tried(solve, (np.inf, 0))
+
+
+def tried(work: Callable[[], _T], otherwise: _T) -> _T:
+    """Return what `work` gives; a rival that cannot be solved is none."""
+    try:
+        with np.errstate(all="ignore"):
+            return work()
+    except (SolverError, np.linalg.LinAlgError, ValueError, FloatingPointError):
+        return otherwise

@@ -1,0 +1,308 @@
+"""When nothing fits at all: which simple mistake makes everything fit? Each is tried by solving anew.
+
+Only for misfits that no linear explanation can reach. Knows arms, fixtures and pose sets; no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+from time import thread_time
+
+import numpy as np
+
+from fixtures.ball import Ball
+from fixtures.base import Fixture
+from operator_app.calibration.alternative import (
+    MANY,
+    Rival,
+    closes,
+    cost_of,
+    is_near,
+    solved,
+    tried,
+    without_readings,
+)
+from operator_app.calibration.causes import (
+    NamedCause,
+    Words,
+    frozen_in_words,
+    shift_in_words,
+    wrong_reading,
+)
+from operator_app.calibration.closed_loops import pick
+from operator_app.calibration.fixture_hypotheses import hinge_instead, instead
+from operator_app.calibration.likely import as_likely
+from operator_app.calibration.step_change import shift_of
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.diagnostics.fault_models import still_runs
+from solver.diagnostics.model_selection import LEAST_SCALE, probabilities
+from solver.diagnostics.range_checks import makes_sense, mistakes
+
+FITS = 3.0
+"""chi2/dof at stated variances up to which a rival is an explanation."""
+
+BETTER = 10.0
+"""And by so much it has to be smaller than without it."""
+
+PROMISING = 0.3
+"""A rival is solved to the end when it leaves less than this share of the squared closure error."""
+
+PER_FREEDOM = 4.6
+"""What an equation that a rival does without counts against it: log of 100."""
+
+LEAST_M = 2e-3
+"""Lengths that differ by less are exchanged within what a tolerance may be."""
+
+LEAST_RAD = np.deg2rad(0.05)
+"""Offsets below this are none in either unit."""
+
+TRIED = 3
+"""How many of the most promising are solved to the end."""
+
+SECONDS = 4.0
+"""Of CPU time of this thread: nobody waits longer for an explanation, and what runs beside takes none."""
+
+
+def named_rivals(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    *,
+    unsensed: tuple[int, ...],
+    scale: float,
+    dof: int,
+    near: bool = False,
+    of_files: bool = False,
+    sensors: bool = False,
+) -> tuple[NamedCause, ...]:
+    """Name the mistakes that explain a gross misfit, the most probable first.
+
+    Parameters
+    ----------
+    scale, dof
+        chi2/dof at stated variances without any, infinite where nothing could be solved, and its dof.
+    near
+        Only simple mistakes of the file that bring the solution near the nominal values, however well
+        it fits without.
+    of_files
+        Only simple mistakes of the files.
+    sensors
+        With `near` also a sensor that says nothing in any pose.
+    """
+    deadline = thread_time() + SECONDS
+    as_it_is = np.inf
+    if not near and not unsensed:
+        plain = Rival(words=Words("", "", ""), poses=poses, fixture=fixture)
+        as_it_is = cost_of(arm, plain)
+    found: list[tuple[Rival, float]] = []
+    families = (
+        (
+            _same_loop(fixture, poses, arm, unsensed),
+            *((_unread(arm, fixture, poses, unsensed),) if sensors else ()),
+        )
+        if near or of_files
+        else (
+            _frozen(arm, fixture, poses, unsensed),
+            _same_loop(fixture, poses, arm, unsensed),
+            _blind(arm, fixture, poses, unsensed),
+        )
+    )
+    for family in families:
+        for rival in _screened(arm, family, deadline, below=PROMISING * as_it_is):
+            if near and not is_near(arm, rival):
+                continue
+            if thread_time() > deadline:
+                break
+            ratio, left = solved(arm, rival)
+            if rival.fixture is not fixture and closes(arm, rival, far=as_it_is):
+                # So few equations close by chance nowhere, however good the statements are.
+                ratio = min(ratio, 0.99 * FITS)
+            if ratio < FITS and (near or BETTER * ratio < scale):
+                found.append((rival, _weight(ratio, left, dof)))
+        if found:
+            break
+    for rival, _ in tuple(found):
+        found += [
+            (shift, _weight(ratio, left, dof))
+            for shift, ratio, left in _shifted(arm, rival, unsensed)
+            if ratio < FITS
+        ]
+    return _named(found)
+
+
+def named_hinge(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed: tuple[int, ...]
+) -> tuple[NamedCause, ...]:
+    """Name a hinge in which everything closes, where poses in a ball tell too little: it is one.
+
+    A ball closes wherever a hinge does, with a centre that may be anywhere along its axis.
+    """
+    if not isinstance(fixture, Ball) or len(poses) < MANY:
+        return ()
+    other = hinge_instead(arm, fixture, poses)
+    rival = Rival(words=other.words, poses=poses, fixture=other.fixture, unsensed=unsensed)
+    ratio, left = solved(arm, rival)
+    return _named([(rival, _weight(ratio, left, left))]) if ratio < FITS else ()
+
+
+def named_shift(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    *,
+    unsensed: tuple[int, ...],
+    joint: int,
+    scale: float,
+) -> tuple[NamedCause, ...]:
+    """Name the shift that explains why a joint's reading seems wrong, if one does; `scale` as above."""
+    blind = Rival(
+        words=wrong_reading(joint, arm), poses=poses, fixture=fixture, unsensed=(*unsensed, joint)
+    )
+    found = _shifted(arm, blind, unsensed)
+    return _named([(s, 0.0) for s, ratio, _ in found if ratio < FITS and BETTER * ratio < scale])
+
+
+def _weight(ratio: float, left: int, dof: int) -> float:
+    """Log-weight of a rival that leaves chi2/dof `ratio` of `left` degrees of freedom."""
+    fits = -0.5 * dof * np.log(max(ratio, LEAST_SCALE))
+    return float(fits - PER_FREEDOM * max(0, dof - left))
+
+
+def _named(found: list[tuple[Rival, float]]) -> tuple[NamedCause, ...]:
+    if not found:
+        return ()
+    chance = probabilities(np.array([weight for _, weight in found]))
+    order = np.argsort(-chance)
+    return tuple(
+        NamedCause(
+            code=found[k][0].words.code,
+            probability=float(chance[k]),
+            text=as_likely(found[k][0].words.text, float(chance[k])),
+            remedy=found[k][0].words.remedy,
+            refuses=True,
+        )
+        for k in order
+        if chance[k] > 0.02
+    )
+
+
+def _same_loop(
+    fixture: Fixture, poses: PoseSet, arm: ArmModel, unsensed: tuple[int, ...]
+) -> Iterator[Rival]:
+    """Mistakes of the file: a unit, a sign, two columns exchanged."""
+    if unsensed:
+        return
+    for mistake in mistakes(arm, poses.q_rad):
+        if makes_sense(arm, mistake.q_rad):
+            words = Words(mistake.code, mistake.text + ": the loops close", mistake.remedy)
+            changed = replace(poses, q_rad=mistake.q_rad)
+            yield Rival(words=words, poses=changed, fixture=fixture)
+    offsets = arm.table.theta_off_rad
+    if LEAST_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
+        words = Words(
+            "RADIANS_OFFSETS",
+            "with theta_off_deg of the arm file taken as radians the loops close",
+            "an arm file has degrees (multiply its theta_off_deg by 57.29578)",
+        )
+        meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
+        yield Rival(words=words, poses=poses, fixture=fixture, arm=meant)
+    for kind in ("s", "a"):
+        lengths = getattr(arm.table, f"{kind}_m")
+        for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
+            if abs(lengths[i] - lengths[j]) > LEAST_M:
+                order = np.arange(len(lengths))
+                order[[i, j]] = j, i
+                one, two = f"{kind}_{i + 1}", f"{kind}_{j + 1}"
+                words = Words(
+                    f"EXCHANGED_{one}_{two}",
+                    f"with {one} and {two} of the arm file exchanged the loops close",
+                    f"measure both and correct the arm file's {kind}_m of links {i + 1} and {j + 1}",
+                )
+                table = replace(arm.table, **{f"{kind}_m": lengths[order]})
+                yield Rival(
+                    words=words, poses=poses, fixture=fixture, arm=replace(arm, table=table)
+                )
+
+
+def _frozen(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
+) -> Iterator[Rival]:
+    """A sensor that reads the same in a run of poses: the loops close without that run."""
+    sigma = arm.sigma_rad()
+    for j in range(1, poses.joint_count + 1):
+        for first, last in still_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
+            rest = np.setdiff1d(np.arange(len(poses)), np.arange(first + 1, last))
+            if len(rest) >= 4 and j not in unsensed:
+                yield Rival(
+                    words=frozen_in_words(j, tuple(range(first, last)), poses.label),
+                    poses=pick(poses, rest),
+                    fixture=fixture,
+                    unsensed=unsensed,
+                )
+
+
+def _blind(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
+) -> Iterator[Rival]:
+    """A fixture that is another one; a sensor that says nothing in any pose."""
+    for other in instead(arm, fixture, poses):
+        yield Rival(words=other.words, poses=poses, fixture=other.fixture)
+    yield from _unread(arm, fixture, poses, unsensed)
+
+
+def _unread(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
+) -> Iterator[Rival]:
+    """A sensor that says nothing in any pose."""
+    for j in range(1, poses.joint_count + 1):
+        if j not in unsensed:
+            yield Rival(
+                words=wrong_reading(j, arm), poses=poses, fixture=fixture, unsensed=(*unsensed, j)
+            )
+
+
+def _shifted(
+    arm: ArmModel, blind: Rival, unsensed: tuple[int, ...]
+) -> list[tuple[Rival, float, int]]:
+    """A joint that `blind` does without, read again with a shift taken out: that rival, solved."""
+    more = [j for j in blind.unsensed if j not in unsensed]
+    if len(more) != 1:
+        return []
+    (joint,) = more
+    q = blind.poses.q_rad
+
+    def angle() -> FloatArray | None:
+        fit = without_readings(arm, blind)
+        first = fit.unsensed.shape[-1] - len(blind.unsensed)
+        return fit.unsensed[:, first + sorted(blind.unsensed).index(joint)]
+
+    measured = tried(angle, None)
+    shift = None if measured is None else shift_of(q[:, joint - 1], measured)
+    if shift is None:
+        return []
+    back = q.copy()
+    back[shift.first :, joint - 1] -= shift.size_rad
+    rival = Rival(
+        words=shift_in_words(joint, shift.size_rad, shift.first, arm, blind.poses.label),
+        poses=replace(blind.poses, q_rad=back),
+        fixture=blind.fixture,
+        unsensed=unsensed,
+    )
+    return [(rival, *solved(arm, rival))]
+
+
+def _screened(
+    arm: ArmModel, rivals: Iterator[Rival], deadline: float, *, below: float
+) -> list[Rival]:
+    """The most promising rivals by the closure that is left when every equation counts the same."""
+    costs: list[tuple[float, int, Rival]] = []
+    for number, rival in enumerate(rivals):
+        if thread_time() > deadline:
+            break
+        costs.append((cost_of(arm, rival), number, rival))
+    costs.sort(key=lambda cost: cost[:2])
+    return [rival for cost, _, rival in costs[:TRIED] if np.isfinite(cost) and cost <= below]

@@ -1,0 +1,142 @@
+"""Can the loop close where the arm stands, within what its files leave open? One reading, no pose yet.
+
+With S and Q the covariances of the unknowns phi and of the readings q, the most probable way to close is
+
+    min (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading),   c(phi, q, u) = 0,
+
+by Newton's iteration on the reduced equations (`solver.closing`); its value is chi2 with as many degrees of
+freedom as a pose has equations. Knows arms and fixtures; decides nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.error_model import soften
+from operator_app.calibration.prior import Belief, KnownArm, believed
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import NoSensor
+from solver.closing import reduced_equations, unsensed_step
+from solver.loops.closure import ClosureModel
+
+ROUNDS, LONGEST_STEP, CLOSED = 40, 0.5, 1e-6
+"""Most steps, the longest of them (rad, m), and the error (rad, m) below which a loop is closed."""
+
+LEAST_READING_RAD = float(np.deg2rad(0.1))
+"""A reading is not believed better than this here: what bends is not in this model."""
+
+UNKNOWN_RAD = math.pi
+"""Standard deviation of a reading of which nothing is believed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StandingFit:
+    """The most probable way to close the loop at one reading.
+
+    Attributes
+    ----------
+    chi2
+        Of what that takes; infinite where it does not close at all.
+    dof
+        Equations of the pose, less the readings of which nothing is believed.
+    q_rad
+        (n,) joint angles with which it closes.
+    """
+
+    chi2: float
+    dof: int
+    q_rad: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StandingLoop:
+    """The loop at one reading, with what its files leave open.
+
+    Attributes
+    ----------
+    model, belief
+        The loop, and what is believed of its unknowns.
+    reading_rad, reading_sd_rad
+        (n,) what was read, and how well it is believed.
+    """
+
+    model: ClosureModel
+    belief: Belief
+    reading_rad: FloatArray
+    reading_sd_rad: FloatArray
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Joints (1-based) whose readings take part."""
+        return tuple(
+            j for j in range(1, len(self.reading_rad) + 1) if j not in self.model.unsensed_joints
+        )
+
+    def fit(self, *disbelieved: int) -> StandingFit:
+        """Close it; of the readings of `disbelieved` joints (1-based) nothing is believed."""
+        model, x0, q0 = self.model, self.belief.mean, self.reading_rad
+        S, Q = self.belief.covariance, self.reading_sd_rad**2
+        unknown = [j - 1 for j in disbelieved]
+        Q[unknown] = UNKNOWN_RAD**2
+        x, q = x0.copy(), q0.copy()
+        u = model.initial_unsensed(x, q[None])
+        dof, size, moved, by_belief = 0, np.inf, np.inf, 0.0
+        for _ in range(ROUNDS):
+            error = model.loop(x, q[None], u)
+            size = float(np.abs(error.residual).max())
+            if size < CLOSED and moved < CLOSED:
+                break
+            reduced = reduced_equations(error)
+            w, A, B = reduced.w[0], reduced.A[0], reduced.B[0]
+            dof = len(w)
+            of_x = A @ S @ A.T
+            V = of_x + (B * Q) @ B.T
+            pull = np.linalg.lstsq(V, w - A @ (x - x0) - B @ (q - q0), rcond=1e-12)[0]
+            dx, dq = x0 - S @ (A.T @ pull) - x, q0 - Q * (B.T @ pull) - q
+            by_belief = float(pull @ of_x @ pull)
+            moved = max(float(np.abs(dx).max(initial=0.0)), float(np.abs(dq).max()))
+            share = min(1.0, LONGEST_STEP / max(moved, 1e-300))
+            dx, dq = share * dx, share * dq
+            u = u + unsensed_step(error, (error.jac_x @ dx + (error.jac_q @ dq[..., None])[..., 0]))
+            x, q = x + dx, q + dq
+        if not size < CLOSED:
+            return StandingFit(chi2=math.inf, dof=dof, q_rad=q)
+        by_readings = np.where(Q > 0.0, (q - q0) ** 2 / np.where(Q > 0.0, Q, 1.0), 0.0)
+        by_readings[unknown] = 0.0
+        left = max(dof - len(unknown), 0)
+        return StandingFit(chi2=by_belief + float(by_readings.sum()), dof=left, q_rad=q)
+
+
+def standing_loop(
+    arm: ArmModel,
+    fixture: Fixture,
+    reading_rad: FloatArray,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
+    known: KnownArm | None = None,
+) -> StandingLoop:
+    """Return the loop at a reading (n,), as open as its files leave it, and what is `known` of the arm besides."""
+    model, stated = soften(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
+    errors = np.stack(
+        [
+            arm.sigma_rad(),
+            arm.linearity_rad(),
+            arm.gain_rad(),
+            arm.accuracy_rad,
+            arm.backlash_rad,
+            arm.sag_rad,
+        ]
+    )
+    read = np.hypot(np.sqrt((errors**2).sum(0)), LEAST_READING_RAD)
+    unsensed = [isinstance(j.sensor, NoSensor) for j in arm.joints]
+    return StandingLoop(
+        model=model,
+        belief=believed(model, arm, fixture, stated, known),
+        reading_rad=np.asarray(reading_rad, dtype=np.float64),
+        reading_sd_rad=np.where(unsensed, 0.0, read),
+    )

@@ -1,0 +1,269 @@
+"""Two calibrations of one arm: what changed between them, and what of that is more than noise.
+
+Pure: takes two parameter documents, knows no file and no screen. The same loop can be written in
+eight ways, so the second document is first brought into the description nearest to the first. A
+difference counts as drift when it is improbable under both documents' standard deviations, at a
+level that is corrected for the number of free parameters compared (Bonferroni). Lengths and twists
+that were corrected within a tolerance are compared as well and not counted: most of their standard
+deviation is what the maker's table leaves open, which is the same in both. Two estimates from the same
+poses say nothing of whether the arm changed: nothing of theirs counts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from operator_app.calibration.comparison_notices import notices
+from operator_app.calibration.notices import Notice
+from operator_app.config.parameters import ParametersDocument
+from operator_app.errors import SessionError
+from solver.chain.parameters import DhEntry, DhKind, wrap_angle
+from solver.loops.closure import nearest_equivalent
+from solver.loops.dh import DhLoop
+
+DEFAULT_LEVEL = 0.01
+"""How often two calibrations of an arm that did not change may be said to differ."""
+
+
+class IncomparableError(SessionError):
+    """The documents are not about one arm; `reasons` say why."""
+
+    def __init__(self, reasons: tuple[str, ...]) -> None:
+        self.reasons = reasons
+        super().__init__(
+            f"these calibrations cannot be compared: {'; '.join(reasons)}",
+            "compare two calibrations of one arm",
+        )
+
+
+class Side(Enum):
+    """Whose parameter it is.
+
+    Those of the ground and of the hand are new whenever the fixture is taken off and mounted again,
+    theta_off_1 and the last joint's offset among them: these are measured to the fixture's axis.
+    """
+
+    ARM = "arm"
+    GROUND = "ground side of the fixture"
+    HAND = "hand side of the fixture"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drift:
+    """One parameter in both calibrations, SI units.
+
+    Attributes
+    ----------
+    before, after
+        Values; `after` in the description nearest to `before`.
+    change
+        after less before; angles the short way round.
+    sigma
+        Standard deviation of the change.
+    significant
+        Whether |change| exceeds what noise gives at the level of the comparison; never of two estimates
+        from the same poses, whose noise is the same.
+    """
+
+    name: str
+    is_angle: bool
+    side: Side
+    before: float
+    after: float
+    change: float
+    sigma: float
+    significant: bool
+
+    @property
+    def sigmas(self) -> float:
+        """Size of the change in standard deviations; infinite where none is stated."""
+        if self.sigma > 0.0:
+            return abs(self.change) / self.sigma
+        return 0.0 if self.change == 0.0 else math.inf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """What two calibrations say of one arm.
+
+    Attributes
+    ----------
+    drifts
+        One a parameter that both identified and that can be compared.
+    level, threshold_sigmas
+        Chance of a false alarm over all free parameters, and the size of change that it means.
+    scale_before, scale_after
+        What each document's standard deviations were multiplied by: sqrt(chi2/dof) where above 1.
+    left_out
+        Parameters that were not compared, with the reason.
+    notices
+        Differences between the documents that the reader should know of.
+    """
+
+    before: ParametersDocument
+    after: ParametersDocument
+    drifts: tuple[Drift, ...]
+    level: float
+    threshold_sigmas: float
+    scale_before: float
+    scale_after: float
+    left_out: tuple[tuple[str, str], ...]
+    notices: tuple[Notice, ...]
+
+    @property
+    def same_poses(self) -> bool:
+        """Whether both are estimates from the same poses: then nothing follows for the arm."""
+        return _same_poses(self.before, self.after)
+
+    @property
+    def drifted(self) -> tuple[Drift, ...]:
+        """Significant changes, largest first."""
+        found = [d for d in self.drifts if d.significant]
+        return tuple(sorted(found, key=lambda d: -d.sigmas))
+
+
+def compare(
+    before: ParametersDocument,
+    after: ParametersDocument,
+    *,
+    level: float = DEFAULT_LEVEL,
+    remounted: bool = False,
+) -> Comparison:
+    """Compare two calibrations.
+
+    Parameters
+    ----------
+    level
+        Chance that something is called drift although nothing changed.
+    remounted
+        The fixture was taken off in between: only the arm's own parameters can have drifted.
+
+    Raises
+    ------
+    IncomparableError
+        They are not of the same arm, or have no parameter in common.
+    """
+    if not 0.0 < level < 1.0:
+        raise ValueError("a level lies between 0 and 1")
+    if reasons := _different_arms(before, after):
+        raise IncomparableError(reasons)
+    other_fixture = before.fixture != after.fixture
+    loop = _loop(before)
+    names = [e.entry for e in before.calibrated]
+    later = {e.entry: e.sigma for e in after.calibrated}
+    values = _nearest_values(before, after)
+    sides = _sides(loop)
+    left_out = [(name, "identified in A only") for name in names if name not in later]
+    left_out += [(name, "identified in B only") for name in later if name not in names]
+    if other_fixture or remounted:
+        why = "another fixture" if other_fixture else "the fixture was mounted anew"
+        left_out += [(n, why) for n in names if n in later and sides[n] is not Side.ARM]
+    skipped = {name for name, _ in left_out}
+    compared = [e for e in before.calibrated if e.entry not in skipped]
+    if not compared:
+        raise IncomparableError(("they have no parameter in common that could be compared",))
+    from scipy.special import ndtri
+
+    free = [e for e in compared if not _only_tolerated(e.entry, sides)]
+    threshold = float(-ndtri(0.5 * level / max(len(free), 1)))
+    scales = _scale(before), _scale(after)
+    stacked, same = before.table.stacked(), _same_poses(before, after)
+    drifts = []
+    for item in compared:
+        entry = DhEntry.parse(item.entry)
+        angle = entry.kind.is_angle
+        a, b = float(stacked[entry.kind, entry.row]), values[item.entry]
+        sigma = math.hypot(scales[0] * item.sigma, scales[1] * later[item.entry])
+        sigma = math.radians(sigma) if angle else sigma
+        change = float(wrap_angle(b - a)) if angle else b - a
+        # Without any noise stated, the smallest difference is real; rounding is not.
+        real = not same and abs(change) > max(threshold * sigma, 1e-12)
+        drifts.append(
+            Drift(
+                name=item.entry,
+                is_angle=angle,
+                side=sides[item.entry],
+                before=a,
+                after=b,
+                change=change,
+                sigma=sigma,
+                significant=real,
+            )
+        )
+    return Comparison(
+        before=before,
+        after=after,
+        drifts=tuple(drifts),
+        level=level,
+        threshold_sigmas=threshold,
+        scale_before=scales[0],
+        scale_after=scales[1],
+        left_out=tuple(left_out),
+        notices=notices(before, after, scales),
+    )
+
+
+def _same_poses(a: ParametersDocument, b: ParametersDocument) -> bool:
+    return a.pose_set_sha256 == b.pose_set_sha256
+
+
+def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, ...]:
+    reasons = []
+    if a.arm.model != b.arm.model:
+        reasons.append(f"A is of a {a.arm.model}, B of a {b.arm.model}")
+    elif len(a.joints) != len(b.joints):
+        reasons.append(f"A has {len(a.joints)} joints, B {len(b.joints)}")
+    if a.arm.serial != b.arm.serial:
+        reasons.append(
+            f"A is of the arm with serial {a.arm.serial}, B of {b.arm.serial}: drift is of one arm "
+            "(own poses: name it with sarcal import --serial)"
+        )
+    return tuple(reasons)
+
+
+def _loop(document: ParametersDocument) -> DhLoop:
+    """Return the loop a document describes.
+
+    An offset of the first or last joint that was not identified counts as unsensed: only then can an
+    equal description differ in the link beside it.
+    """
+    entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
+    known = {e.name for e in entries}
+    n = len(document.joints)
+    return DhLoop(
+        table=document.table,
+        entries=entries,
+        hinge=document.fixture.kind == "hinge",
+        unsensed_joints=tuple(j for j in sorted({1, n}) if f"theta_off_{j}" not in known),
+    )
+
+
+def _nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
+    """Return B's identified entries in the description nearest to A's (rad, m)."""
+    loop = _loop(b)
+    here, there = a.table.stacked(), b.table.stacked()
+    x = np.array([there[e.kind, e.row] for e in loop.entries])
+    reference = np.array([here[e.kind, e.row] for e in loop.entries])
+    nearest = nearest_equivalent(loop, x, reference)
+    return {e.name: float(v) for e, v in zip(loop.entries, nearest, strict=True)}
+
+
+def _sides(loop: DhLoop) -> dict[str, Side]:
+    found = {e.name: Side.ARM for e in loop.entries}
+    found |= dict.fromkeys(loop.ground_side, Side.GROUND)
+    return found | dict.fromkeys(loop.hand_side, Side.HAND)
+
+
+def _only_tolerated(name: str, sides: dict[str, Side]) -> bool:
+    """Whether an entry is a length or twist of the arm itself, known within the maker's tolerance."""
+    return DhEntry.parse(name).kind is not DhKind.THETA_OFF and sides[name] is Side.ARM
+
+
+def _scale(document: ParametersDocument) -> float:
+    """Factor on standard deviations whose noise model did not explain the residuals."""
+    ratio = document.quality.chi2_per_dof
+    return 1.0 if ratio is None else math.sqrt(max(1.0, ratio))

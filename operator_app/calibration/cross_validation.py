@@ -1,0 +1,95 @@
+"""Second opinions on a calibration from its own poses: jackknife, hold-out. Knows no screen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.error_model import error_model, noise_model, soften
+from operator_app.calibration.instrument_registration import as_calibrated
+from operator_app.calibration.result import Solution
+from solver.arrays import FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.diagnostics.cross_validation import HoldOut, far_block, fold_poses, hold_out
+from solver.diagnostics.statistics import jackknife
+from solver.errors import SolverError
+from solver.estimators.variance_components import Calibrated, estimate_with_errors
+
+FOLDS = 5
+FAR_SHARE = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checks:
+    """Second opinions on an implicit solution, each None or empty where it cannot be had.
+
+    Attributes
+    ----------
+    jackknife_sd
+        Standard deviation of every identified parameter, by leaving out each pose in turn; of what was
+        only corrected within its tolerance it is not asked.
+    held_out
+        Parts of the poses judged by what the others give.
+    far_block
+        The same for one block of poses far from the rest: extrapolation.
+    """
+
+    jackknife_sd: FloatArray | None = None
+    held_out: HoldOut | None = None
+    far_block: HoldOut | None = None
+
+
+def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Checks:
+    """Check a solution by the poses it was made from; of the paper's estimator there is nothing to say."""
+    if solution.estimate.corrections is None:
+        return Checks()
+    if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
+        return Checks()
+    fixture = as_calibrated(fixture, solution.model)
+    kept = np.ones(len(poses), dtype=np.bool_)
+    kept[list(solution.dropped_flipped)] = False
+    q, model, there = poses.q_rad[kept], solution.model, np.flatnonzero(kept)
+    tolerance = {
+        name: sd
+        for name, sd in soften(model.without(solution.tolerated), arm)[1].items()
+        if name in solution.tolerated
+    }
+    errors = error_model(
+        arm, fixture, poses, kept, unsensed_joints=model.unsensed_joints, tolerance=tolerance
+    )
+
+    def estimated(rest: IntArray) -> Calibrated:
+        return estimate_with_errors(
+            model.at_poses(rest),
+            q[rest],
+            errors.at_poses(rest),
+            x0=solution.estimate.x,
+            group=poses.placement[there[rest]],
+        )
+
+    def held_out(parts: tuple[IntArray, ...]) -> HoldOut | None:
+        stated = noise_model(arm, fixture, poses, kept)
+        try:
+            return hold_out(lambda rest: estimated(rest).estimate, model, q, stated, parts)
+        except SolverError:
+            # The rest is too small to be estimated from.
+            return None
+
+    return Checks(
+        jackknife_sd=_jackknife_sd(
+            estimated(np.arange(len(q))),
+            [k for k, p in enumerate(model.parameters) if p.name not in solution.tolerated],
+        ),
+        held_out=held_out(fold_poses(q, FOLDS)),
+        far_block=held_out((far_block(q, FAR_SHARE),)),
+    )
+
+
+def _jackknife_sd(found: Calibrated, identified: list[int]) -> FloatArray | None:
+    try:
+        return jackknife(found.linear)[identified]
+    except SolverError:
+        return None

@@ -1,0 +1,343 @@
+"""From a fit to its verdict: what was known before, what the tests say, what else would explain it.
+
+Knows calibrations, files' objects and verdicts; no screen. Solves anew only when a test fires.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from fixtures.base import Fixture, SetupCheck, Severity
+from operator_app.calibration.acceptance import (
+    MOST_BELIEVED,
+    Judgement,
+    causes_of,
+    little_motion,
+    of_the_fit,
+    paper_test,
+    too_few,
+)
+from operator_app.calibration.alternatives import named_hinge, named_rivals, named_shift
+from operator_app.calibration.causes import NamedCause, larger_in_words
+from operator_app.calibration.closed_loops import pick
+from operator_app.calibration.divergence import led_astray
+from operator_app.calibration.excluded_poses import left_out_in_words, out_of_range_besides
+from operator_app.calibration.local_minima import other_basin
+from operator_app.calibration.motion_during_sampling import unsteady
+from operator_app.calibration.notices import range_text
+from operator_app.calibration.refusals import placement_checks
+from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
+from operator_app.calibration.repeat_measurement import Repeat, Reread
+from operator_app.calibration.rvdt_causes import measured_strays, of_rvdts
+from operator_app.calibration.sensitivity import remedy_beside_poses
+from solver.arrays import IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import Parameter, nominal_vector
+from solver.chain.poses import PoseSet
+from solver.diagnostics.diagnosis import PARTLY, Trial, judge
+from solver.diagnostics.exceeded_specifications import larger_than_stated
+from solver.diagnostics.fault_model import Cause
+from solver.diagnostics.range_checks import Fault, RangeFinding
+from solver.diagnostics.rvdt import RvdtVerdict
+from solver.estimators.estimate import Estimate
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.mixed_fit import expected_fit
+from solver.estimators.variance_components import Calibrated
+from solver.search.global_start import GlobalStart
+
+FLIPPED_SHARE = 0.25
+"""With more of the poses on the other branch nobody knows which branch is meant."""
+
+MOST_SEVERAL = 3
+"""So many sources larger than stated are worth a sentence."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """What was seen before and beside the fit.
+
+    Attributes
+    ----------
+    out_of_range, flipped
+        Readings the arm file does not allow, and poses left out: the hand is upside down in them, or seems so.
+    checks
+        The fixture's geometry as it was found.
+    search
+        The global start, where one was asked for.
+    rvdt
+        What the loops say of each RVDT.
+    returned
+        Poses that were read again, and what that says.
+    """
+
+    out_of_range: tuple[RangeFinding, ...] = ()
+    flipped: tuple[int, ...] = ()
+    checks: tuple[SetupCheck, ...] = ()
+    search: GlobalStart | None = None
+    rvdt: tuple[RvdtVerdict, ...] = ()
+    returned: tuple[tuple[Reread, Repeat], ...] = ()
+
+
+def weigh(
+    found: Calibrated,
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    distinct: IntArray,
+    *,
+    judged: tuple[str, ...],
+    known: Known,
+    paper: Estimate | None = None,
+) -> Judgement:
+    """Judge a fit.
+
+    Parameters
+    ----------
+    poses, distinct
+        All poses, and the indices of those that the fit was made of, in the order they were taken.
+    judged
+        Names of the parameters whose sigmas have to hold.
+    paper
+        The paper's estimate, where that is to be judged.
+    """
+    judging = found.estimate if paper is None else paper
+    used = pick(poses, distinct)
+    trial = judge(found.linear, arm, taken=found.order, measured=measured_strays(known.rvdt, arm))
+    design = found.linear.design
+    model = design.model
+    unsensed = model.unsensed_joints
+    scale = trial.stated_chi2_per_dof
+    gross = _left(trial) > MOST_BELIEVED
+    by_tests = causes_of(trial, found.estimate, judged, _labels(used))
+    rivals: tuple[NamedCause, ...] = ()
+    if gross:
+        # Linear explanations end where nothing is near the truth any more.
+        rivals = named_rivals(
+            arm, fixture, used, unsensed=unsensed, scale=scale, dof=trial.left.dof
+        )
+        by_tests = rivals or by_tests
+    elif scale > MOST_BELIEVED and _of_metal(trial):
+        # A fixture that gives, or a length that is off, by so much may as well be a file that is wrong.
+        rivals = named_rivals(
+            arm,
+            fixture,
+            used,
+            unsensed=unsensed,
+            scale=scale,
+            dof=trial.left.dof,
+            of_files=True,
+        )
+        by_tests = rivals or by_tests
+    elif joint := _seems_wrong(trial):
+        by_tests = (
+            named_shift(arm, fixture, used, unsensed=unsensed, joint=joint, scale=scale) or by_tests
+        )
+    elif not by_tests:
+        by_tests = of_rvdts(known.rvdt, arm)
+    if by_tests and not rivals and not gross and not _one_story(trial):
+        by_tests = (*_several(found.linear, trial), *by_tests)
+    if scale > MOST_BELIEVED and by_tests:
+        # What is named may move nothing by more than its sigmas: these are as wide as the misfit made them.
+        by_tests = (replace(by_tests[0], refuses=True), *by_tests[1:])
+    far = (
+        other_basin(model, found.estimate, design.q, judged)
+        if known.search is None and not unsensed
+        else ()
+    )
+    if far and not gross:
+        # It fits, but is it the arm of the files? A mistake that fits as well and is near them is likelier.
+        far = (
+            *named_rivals(
+                arm, fixture, used, unsensed=unsensed, scale=scale, dof=trial.left.dof, near=True
+            ),
+            *far,
+        )
+    astray = led_astray((*far, *by_tests), scale, judging, judged)
+    lost = _hardly_seen(found, used, fixture, arm, judged) if far or gross or astray else ()
+    of_returns, since = return_tests(known.returned, found.estimate)
+    tests = (*trial.tests, *of_returns)
+    of_paper: tuple[NamedCause, ...] = ()
+    if paper is not None:
+        test, of_paper = paper_test(paper, found.estimate)
+        tests = (*tests, test)
+    of_fit = of_the_fit(
+        judging,
+        judged,
+        known_beforehand(model.parameters, arm, fixture),
+        partial(remedy_beside_poses, found),
+    )
+    if lost or astray:
+        # Said already as it is at the nominal values; where the solution is astray its sigmas tell of no pose.
+        of_fit = tuple(cause for cause in of_fit if cause.code != "LITTLE_MOTION")
+    if any(cause.refuses for cause in of_fit):
+        of_fit = (*named_hinge(arm, fixture, used, unsensed=unsensed), *of_fit)
+    first = (
+        *_beforehand(arm, poses, known),
+        *too_few(judging),
+        *lost,
+        *(() if gross or astray else _of_geometry(known.checks)),
+        *(() if gross else far),
+    )
+    shaken = unsteady(arm, used, unsensed, _labels(used))
+    if not judging.converged:
+        by_tests, shaken = _to_be_mended(by_tests), _to_be_mended(shaken)
+    slipped, by_tests = proven_by_return(since, by_tests)
+    if not any(cause.refuses for cause in first):
+        first, slipped = (*slipped, *first), ()
+    return Judgement(
+        causes=(
+            *first,
+            *slipped,
+            *by_tests,
+            *(c for c in not_yet_named(since, by_tests) if not c.refuses),
+            *shaken,
+            *(far if gross and not rivals else ()),
+            *of_paper,
+            *of_fit,
+        ),
+        tests=tests,
+        stated_chi2_per_dof=scale,
+        astray=astray,
+    )
+
+
+def known_beforehand(
+    parameters: tuple[Parameter, ...], arm: ArmModel, fixture: Fixture
+) -> dict[str, float]:
+    """How well (rad, m) the fixture's file states each of its own entries, by name.
+
+    Not the arm's: its offsets are what is looked for.
+    """
+    placed = fixture.tolerance
+    arms = {entry.name for entry in arm.free}
+    return {
+        p.name: placed.orientation_rad if p.is_angle else placed.position_m
+        for p in parameters
+        if p.name.split("[")[0] not in arms
+    }
+
+
+def _hardly_seen(
+    found: Calibrated, used: PoseSet, fixture: Fixture, arm: ArmModel, judged: tuple[str, ...]
+) -> tuple[NamedCause, ...]:
+    """What such poses hardly tell wherever the solution lies, so that it may have ended anywhere.
+
+    Judged at the nominal values: where a fit has gone astray its own sigmas mean nothing. Not where the
+    nominal geometry itself is to blame.
+    """
+    design = found.linear.design
+    model = design.model
+    nominal = nominal_vector(model.parameters)
+    checks = placement_checks(fixture, arm, model, nominal)
+    if _of_geometry(checks):
+        return ()
+    expected = expected_fit(
+        model, design.q, design.errors, nominal, group=used.placement[found.order]
+    )
+    sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
+    return tuple(
+        replace(cause, refuses=True) for cause in little_motion(model.parameters, sd, judged)
+    )
+
+
+def _labels(poses: PoseSet) -> tuple[str, ...]:
+    """Labels of poses, with the placement where each of several has a pose 1."""
+    if len(poses.placements) == 1:
+        return poses.label
+    return tuple(
+        f"{label} of placement {number}"
+        for label, number in zip(poses.label, poses.placement, strict=True)
+    )
+
+
+def _one_story(trial: Trial) -> bool:
+    """Whether one cause explains it, likelier than all others together."""
+    if not trial.rounds:
+        return True
+    best = trial.rounds[0][0]
+    if best.candidate is None or best.evidence is None:
+        return False
+    return best.probability > 0.5 and best.evidence.chi2 <= PARTLY * max(best.evidence.dof, 1)
+
+
+def _seems_wrong(trial: Trial) -> int:
+    """Joint (1-based) whose reading explains it best if it is wrong in every pose in its own way; 0 if none."""
+    best = trial.rounds[0][0].candidate if trial.rounds else None
+    return 0 if best is None or best.cause is not Cause.READING else int(best.subject)
+
+
+def _of_metal(trial: Trial) -> bool:
+    """Whether a fixture that gives, or an entry of the arm's table, explains it best."""
+    best = trial.rounds[0][0].candidate if trial.rounds else None
+    return best is not None and best.cause in (Cause.GIVES, Cause.LENGTH, Cause.TWIST)
+
+
+def _to_be_mended(causes: tuple[NamedCause, ...]) -> tuple[NamedCause, ...]:
+    """What is likely wrong is why the iteration did not settle: that it did not is no help."""
+    return tuple(replace(c, refuses=c.refuses or c.probability > 0.5) for c in causes)
+
+
+def _several(fit: LinearFit, trial: Trial) -> tuple[NamedCause, ...]:
+    """Sources that are larger than stated when all are fitted at once: the sigmas count that in.
+
+    Of curves those that a test has found beyond their linearity: one within it is no fault.
+    """
+    found: dict[str, NamedCause] = {}
+    fired = {test.code for test in trial.tests if test.fires}
+    for larger in larger_than_stated(fit):
+        code = f"VARIANCE_{larger.component.upper()}"
+        if larger.component.startswith("curve_") and code not in fired:
+            continue
+        words = larger_in_words(larger, fit.design)
+        chance = 1.0 - float(np.exp(larger.log_chance))
+        cause = NamedCause(
+            code=words.code, probability=chance, text=words.text, remedy=words.remedy, refuses=False
+        )
+        found.setdefault(words.code, cause)
+    return tuple(found.values())[:MOST_SEVERAL]
+
+
+def _left(trial: Trial) -> float:
+    """chi2/dof that the best single explanation leaves."""
+    if not trial.rounds or trial.rounds[0][0].evidence is None:
+        return trial.stated_chi2_per_dof
+    found = trial.rounds[0][0].evidence
+    return found.chi2 / max(found.dof, 1)
+
+
+def _beforehand(arm: ArmModel, poses: PoseSet, known: Known) -> tuple[NamedCause, ...]:
+    """What needs no test: it was read off the file, or off the geometry."""
+    many = len(known.flipped) > FLIPPED_SHARE * len(poses)
+    left_out = (known.flipped, known.out_of_range, arm, poses)
+    found = [_certain(*words, refuses=many) for words in left_out_in_words(*left_out)]
+    for f in out_of_range_besides(*left_out):
+        saturated = f.fault is Fault.SATURATED
+        text, remedy = range_text(f, poses.label)
+        code = f"{'SATURATED' if saturated else 'RANGE'}_{f.joint}"
+        found.append(_certain(code, text, remedy, refuses=saturated))
+    if known.search is not None and known.search.rivals:
+        found.append(
+            _certain(
+                "SECOND_SOLUTION",
+                f"{1 + len(known.search.rivals)} distinct solutions fit these poses equally well",
+                "take more poses that differ, or give nominal values nearer the truth",
+                refuses=True,
+            )
+        )
+    return tuple(found)
+
+
+def _of_geometry(checks: tuple[SetupCheck, ...]) -> tuple[NamedCause, ...]:
+    """A fixture so mounted that its entries have hardly any unique values (Hayati)."""
+    return tuple(
+        _certain("PARALLEL_AXES", c.text, c.remedy, refuses=c.severity is Severity.REFUSED)
+        for c in checks
+        if c.code.startswith("AXIS_ANGLE") and c.severity is not Severity.OK
+    )
+
+
+def _certain(code: str, text: str, remedy: str, *, refuses: bool) -> NamedCause:
+    return NamedCause(code=code, probability=1.0, text=text, remedy=remedy, refuses=refuses)

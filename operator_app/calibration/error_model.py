@@ -1,0 +1,210 @@
+"""What is random about a pose set: everything the arm's and the fixture's files state, as one error model.
+
+Knows arms, fixtures and pose sets; estimates nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
+from datetime import datetime
+from itertools import pairwise
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.closed_loops import instrument_variance, loop_of_poses, pick
+from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
+from solver.chain.pose_order import back_to_caller, canonical_order
+from solver.chain.poses import PoseSet
+from solver.chain.sensors import NoSensor
+from solver.estimators.error_model import ErrorModel, stated_errors
+from solver.estimators.implicit import NoiseModel
+from solver.estimators.load_effects import LoadBasis, load_basis
+from solver.loops.closure import ClosureModel, unsensed_at_readings
+
+MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
+"""A joint that differs by more than this between two poses was driven to the second."""
+
+
+def error_model(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    kept: BoolArray | IntArray,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
+    tolerance: Mapping[str, float] | None = None,
+) -> ErrorModel:
+    """Return what the files state of the kept poses; `tolerance` is that of `soften`."""
+    errors = stated_errors(
+        arm,
+        samples=samples_of(poses)[kept],
+        sd_rad=None if poses.sd_rad is None else poses.sd_rad[kept],
+        unsensed_joints=unsensed_joints,
+    )
+    endpoint = instrument_variance(fixture)
+    held = fixture.kind != "measured"
+    there = np.arange(len(poses))[kept]
+    return replace(
+        errors,
+        endpoint_variance=np.zeros(6) if endpoint is None else endpoint,
+        give_rad=fixture.give.orientation_rad if held else None,
+        give_m=fixture.give.position_m if held else None,
+        tolerance={} if tolerance is None else tolerance,
+        discrepancy=True,
+        loads=_loads(arm, fixture, poses, there, unsensed_joints),
+        approach=approach_of(arm, poses, there),
+    )
+
+
+def _loads(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, there: IntArray, unsensed: tuple[int, ...]
+) -> LoadBasis | None:
+    """What gravity bends at the poses `there`, if the arm's file states what weighs.
+
+    At the nominal values and in canonical order: neither a search's start nor the file's order may
+    show in the result, not in its last digit.
+    """
+    if arm.masses is None or not len(there):
+        return None
+    order = canonical_order(poses.q_rad[there])
+    used = pick(poses, there[order])
+    model = loop_of_poses(arm, fixture, used, unsensed_joints=unsensed)
+    x, give = nominal_vector(model.parameters), fixture.give
+    return load_basis(
+        model,
+        x,
+        used.q_rad,
+        unsensed_at_readings(model, x, used.q_rad),
+        arm.masses,
+        give=(give.orientation_rad, give.position_m) if fixture.kind != "measured" else (0.0, 0.0),
+    ).at_poses(back_to_caller(order))
+
+
+def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | None:
+    """From which side every joint came to the kept poses (m, n): 1 or -1, 0 before it first moved.
+
+    Told by the times at which poses were taken, never by their order in the file; None without times.
+    """
+    if poses.utc is None or not all(poses.utc):
+        return None
+    try:
+        times = [datetime.fromisoformat(utc) for utc in poses.utc]
+        order = sorted(range(len(poses)), key=lambda k: (times[k], tuple(poses.q_rad[k])))
+    except (ValueError, TypeError):
+        # No times, or some with and some without their zone: whatever it says, no order.
+        return None
+    if any(
+        times[a] == times[b] and not np.array_equal(poses.q_rad[a], poses.q_rad[b])
+        for a, b in pairwise(order)
+    ):
+        # A clock too coarse to tell which of two poses came first.
+        return None
+    moves = np.maximum(MOVED_RAD, MOVED_SIGMAS * arm.sigma_rad())
+    found = np.zeros(poses.q_rad.shape)
+    side, last, placement = np.zeros(poses.joint_count), poses.q_rad[order[0]].copy(), None
+    for k in order:
+        here = poses.q_rad[k]
+        if poses.placement[k] != placement:
+            side, last, placement = np.zeros_like(side), here.copy(), poses.placement[k]
+        moved = np.abs(here - last) > moves
+        side = np.where(moved, np.sign(here - last), side)
+        last = np.where(moved, here, last)
+        found[k] = side
+    return found[kept]
+
+
+def noise_model(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, kept: BoolArray | IntArray
+) -> NoiseModel:
+    """Return what the sensors' specifications say of the mean readings of the kept poses."""
+    variance = np.array(
+        [
+            [
+                0.0 if isinstance(j.sensor, NoSensor) else j.sensor.variance_of_mean_rad2(int(n))
+                for j in arm.joints
+            ]
+            for n in samples_of(poses)[kept]
+        ]
+    )
+    return NoiseModel(joint_variance=variance, fixture_variance=instrument_variance(fixture))
+
+
+def samples_of(poses: PoseSet) -> IntArray:
+    """Readings in the mean of each pose (m,); one where the file does not say."""
+    return np.ones(len(poses), dtype=np.int64) if poses.samples is None else poses.samples
+
+
+def first_of_each(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
+    """Indices of kept poses that differ, and for every kept pose which of those it is.
+
+    The very same readings to the last digit are the same reading written twice, and know nothing
+    that one of them does not.
+    """
+    here = np.flatnonzero(kept)
+    columns = [poses.placement[here, None].astype(float), poses.q_rad[here]]
+    if poses.endpoint is not None:
+        columns.append(poses.endpoint[here])
+    _, first, which = np.unique(
+        np.column_stack(columns), axis=0, return_index=True, return_inverse=True
+    )
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return here[first[order]], rank[which.reshape(-1)]
+
+
+def soften(
+    model: ClosureModel,
+    arm: ArmModel,
+    *,
+    length_tolerance_m: float | None = None,
+    held: Collection[str] = (),
+) -> tuple[ClosureModel, dict[str, float]]:
+    """Free the arm's lengths and twists within their tolerances: the maker's table is not exact.
+
+    So are offsets that are not free, because the poses cannot see them, where the arm's file states how
+    well they are known.
+
+    Parameters
+    ----------
+    length_tolerance_m
+        Standard deviation of all lengths, instead of what the arm's file states.
+    held
+        Entries that are to keep their nominal values.
+
+    Returns
+    -------
+    The loop with these entries free as well, and the standard deviation (m, rad) of each by name.
+    Entries that are free already, and those that the fixture determines, get none.
+    """
+    part = model.parts()[0][0]
+    n = arm.joint_count
+    length = (
+        arm.length_tolerance_m if length_tolerance_m is None else np.full(n, length_tolerance_m)
+    )
+    found: dict[DhEntry, float] = {}
+    for kind in (DhKind.A, DhKind.S, DhKind.ALPHA):
+        sizes = arm.twist_tolerance_rad if kind is DhKind.ALPHA else length
+        found |= {DhEntry(kind, row): float(sizes[row - 1]) for row in range(1, n + 1)}
+    if arm.offset_tolerance_rad is not None:
+        known = arm.offset_tolerance_rad
+        blind = model.unsensed_joints
+        found |= {e: known for e in arm.free if e.kind is DhKind.THETA_OFF and e.row not in blind}
+    free = {p.name for p in part.parameters} | set(held)
+    if part.dh_table(nominal_vector(part.parameters)) is not None:
+        # Where the hinge is decides s_1 and the last link; the arm's table cannot know.
+        free |= {"s_1", f"a_{n}", f"s_{n}", f"alpha_{n}"}
+    chosen = {e: sd for e, sd in found.items() if sd > 0.0 and e.name not in free}
+    return model.freed(tuple(chosen)), {e.name: sd for e, sd in chosen.items()}
+
+
+def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:
+    """Return the loop with these entries of the arm's table free too; other names are passed over."""
+    known = {p.name for p in model.parameters}
+    return model.freed(
+        [DhEntry.parse(name) for name in names if name not in known and is_entry(name)]
+    )

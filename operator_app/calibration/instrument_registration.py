@@ -1,0 +1,183 @@
+"""Where an instrument and its target are, as far as nobody has said: found from the measured poses themselves.
+
+A calibration starts from nominal places. Of a hinge somebody measures those with a rule; of a tracker that
+stands somewhere in the room nobody does. Knows no file and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from fixtures.base import Fixture
+from fixtures.measured import Measured
+from operator_app.calibration.closed_loops import EndpointMissingError, loop_of_poses
+from operator_app.calibration.local_minima import FAR_M, FAR_RAD
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import forward
+from solver.chain.parameters import DhEntry
+from solver.chain.poses import PoseSet
+from solver.chain.rotations import rotation_matrix, rotation_vector, skew
+from solver.estimators.paper import estimate_paper
+from solver.loops.closure import ClosureModel, poses_needed
+from solver.loops.open_arm import MeasuredClosure
+
+STEPS, LARGEST_RAD, NO_STEP = 25, 0.5, 1e-6
+"""Of Gauss and Newton to the places of base and target: most, how far one may turn, and what is none."""
+
+DIGITS = 4
+"""Of nominal places in metres: more would be no nominal values."""
+
+
+def as_seen(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Fixture:
+    """Return the fixture with nominal places near the true ones, where its file states none to rely on."""
+    if not isinstance(fixture, Measured) or poses.endpoint is None:
+        return fixture
+    fixture = replace(fixture, full_pose=fixture.full_pose and poses.endpoint.shape[1] == 6)
+    stated = fixture.tolerance
+    if stated.position_m <= FAR_M and stated.orientation_rad <= FAR_RAD:
+        return fixture
+    return _refined(arm, placed_by_poses(arm, fixture, poses, {}), poses)
+
+
+def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> Fixture:
+    """Return base and target where they are when the arm's offsets are no longer those of its file."""
+    model = loop_of_poses(arm, fixture, poses)
+    if len(poses) < poses_needed(len(model.parameters), model.equations_per_pose):
+        return fixture
+    found = estimate_paper(model, poses.q_rad)
+    if not found.converged or not isinstance(model, MeasuredClosure):
+        return fixture
+    own = model.own_values(found.x)[0]
+    return as_calibrated(
+        fixture,
+        replace(
+            model,
+            base_m=own[:3].round(DIGITS),
+            base_rotation=rotation_matrix(own[3:6]) @ model.base_rotation,
+            tip_m=own[6:9].round(DIGITS),
+            tip_rotation=rotation_matrix(own[9:]) @ model.tip_rotation,
+        ),
+    )
+
+
+def as_calibrated(fixture: Fixture, model: ClosureModel) -> Fixture:
+    """Return the fixture with the nominal places that a calibration's parameters are counted from."""
+    part = model.parts()[0][0]
+    if not isinstance(fixture, Measured) or not isinstance(part, MeasuredClosure):
+        return fixture
+    return replace(
+        fixture,
+        full_pose=part.full_pose,
+        base_m=_triple(part.base_m),
+        base_turn_rad=_triple(rotation_vector(part.base_rotation)),
+        tip_m=_triple(part.tip_m),
+        tip_turn_rad=_triple(rotation_vector(part.tip_rotation)),
+    )
+
+
+def placed_by_poses(
+    arm: ArmModel, instrument: Measured, poses: PoseSet, values: Mapping[str, float]
+) -> Measured:
+    """Return the instrument with what is unknown of base and target where the measured poses have it.
+
+    `values` of the arm's entries take the place of its file's.
+    """
+    if poses.endpoint is None:
+        raise EndpointMissingError("these poses have no endpoint columns x_m,y_m,z_m")
+    full = poses.endpoint.shape[1] == 6
+    measured = poses.endpoint[:, :3]
+    stacked = arm.table.stacked()
+    for name, value in values.items():
+        try:
+            entry = DhEntry.parse(name)
+        except ValueError:
+            continue
+        if 1 <= entry.row <= arm.joint_count:
+            stacked[entry.kind, entry.row - 1] = value
+    frames = forward(poses.q_rad + stacked[0], *stacked[1:])
+    placed = _fitted(frames.p_end, frames.R_end, measured, instrument)
+    turn = np.array(instrument.tip_turn_rad)
+    if full and not instrument.tip_known:
+        R_seen = rotation_matrix(poses.endpoint[:, 3:])
+        mean = np.einsum("mji,kj,mkl->il", frames.R_end, placed.R_base, R_seen)
+        turn = rotation_vector(_nearest_rotation(mean))
+    return replace(
+        instrument,
+        full_pose=full and instrument.full_pose,
+        base_m=_triple(placed.base),
+        base_turn_rad=_triple(rotation_vector(placed.R_base)),
+        tip_m=_triple(placed.tip),
+        tip_turn_rad=_triple(turn),
+    )
+
+
+class _Places(NamedTuple):
+    """Base and target, and what is left of the points (squares, m^2)."""
+
+    left: float
+    R_base: FloatArray
+    base: FloatArray
+    tip: FloatArray
+
+
+def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Measured) -> _Places:
+    """Fit ``base + R_base (p + R tip)`` to the measured points (m, 3), by Gauss and Newton.
+
+    For a given turn of the base the rest is linear; of that turn nothing is known, so that every quarter
+    turn is a start.
+    """
+    known = rotation_matrix(np.array(instrument.base_turn_rad))
+    turns = (known,) if instrument.base_known else _quarter_turns()
+    free = np.repeat(
+        [not instrument.base_known, not instrument.base_known, not instrument.tip_known], 3
+    )
+    found = []
+    for start in turns:
+        R_base = start
+        base, tip = np.array(instrument.base_m), np.array(instrument.tip_m)
+        for step in range(STEPS):
+            swung = (p + R @ tip) @ R_base.T
+            J = np.zeros((*swung.shape, 9))
+            J[..., 0:3] = -skew(swung)
+            J[..., 3:6] = np.eye(3)
+            J[..., 6:9] = R_base @ R
+            # The first step finds the places that go with this turn.
+            used = free & (np.arange(9) >= 3) if step == 0 else free
+            left = measured - base - swung
+            d = np.zeros(9)
+            d[used] = np.linalg.lstsq(J[..., used].reshape(-1, used.sum()), left.reshape(-1))[0]
+            turn = d[:3] * min(1.0, LARGEST_RAD / max(float(np.linalg.norm(d[:3])), 1e-12))
+            R_base = rotation_matrix(turn) @ R_base
+            base, tip = base + d[3:6], tip + d[6:]
+            if step > 0 and np.abs(d).max() < NO_STEP:
+                break
+        left = measured - base - (p + R @ tip) @ R_base.T
+        found.append(_Places(float((left**2).sum()), R_base, base, tip))
+    return min(found, key=lambda places: places.left)
+
+
+def _quarter_turns() -> list[FloatArray]:
+    """The 24 rotations of a cube."""
+    signed = [
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
+    return [R for R in signed if np.linalg.det(R) > 0.0]
+
+
+def _nearest_rotation(matrix: FloatArray) -> FloatArray:
+    """Rotation nearest to a matrix (3, 3)."""
+    U, _, Vt = np.linalg.svd(matrix)
+    handed = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    return np.asarray(U @ handed @ Vt)
+
+
+def _triple(v: FloatArray) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])

@@ -1,0 +1,86 @@
+"""Which loops are fitted: poses of one branch, parameters that these see, and where to start.
+
+Knows loops and pose sets; judges nothing and knows no file.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from operator_app.calibration.branches import Branches, on_main_branch
+from solver.arrays import BoolArray, FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhEntry, DhKind, is_entry
+from solver.chain.poses import PoseSet
+from solver.diagnostics.parameter_selection import drop_unidentifiable
+from solver.estimators.estimate import Estimate, require_enough_poses
+from solver.estimators.least_squares import Progress
+from solver.estimators.paper import estimate_paper
+from solver.loops.closure import ClosureModel
+from solver.search.global_start import GlobalStart, global_start
+
+
+class SeenLoops(NamedTuple):
+    """The loops that are fitted, with what is not seen taken out.
+
+    `q` (k, n) and `kept` (m,) are the poses on the main branch, `flipped` the others; `blind` is what was taken
+    out, `search` the global start, where one was asked for; `x0` and `paper` are first estimates, where there are.
+    """
+
+    model: ClosureModel
+    q: FloatArray
+    kept: BoolArray
+    flipped: tuple[int, ...]
+    blind: tuple[str, ...]
+    search: GlobalStart | None
+    x0: FloatArray | None
+    paper: Estimate | None
+
+
+def seen_loops(
+    model: ClosureModel,
+    arm: ArmModel,
+    poses: PoseSet,
+    *,
+    sensed: bool,
+    search: bool,
+    drop: bool,
+    progress: Progress | None,
+) -> SeenLoops:
+    """Choose the poses of one branch and the parameters that they see; estimate first where all are `sensed`."""
+    found = global_start(model, poses.q_rad, progress=progress) if search else None
+    branches = (
+        on_main_branch(model, poses.q_rad)
+        if found is None
+        else Branches.without(found.set_aside, len(poses))
+    )
+    kept, flipped = branches.kept, branches.flipped
+    model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
+    require_enough_poses(model, len(q))
+    x0 = None if found is None else found.x
+    model, blind = _without_blind(model, arm, x0, q, drop=drop)
+    if blind:
+        require_enough_poses(model, len(q))
+        if search:
+            # What is held now has other values than in the search: it is done again without it.
+            found = global_start(model, q, progress=progress)
+        x0 = None if found is None else found.x
+    paper = None
+    if sensed:
+        made = branches.paper if x0 is None and not blind else None
+        paper = made or estimate_paper(model, q, x0=x0)
+    return SeenLoops(model, q, kept, flipped, blind, found, x0, paper)
+
+
+def _without_blind(
+    model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
+) -> tuple[ClosureModel, tuple[str, ...]]:
+    """Take out what the poses cannot see: on request, or because the arm's file says how well it is known."""
+    if not drop and arm.offset_tolerance_rad is None:
+        return model, ()
+    smaller, blind = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
+    known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in blind)
+    # Of others than offsets no file states anything: they are asked for and cannot be had.
+    return (smaller, blind) if drop or known else (model, ())

@@ -1,0 +1,220 @@
+"""What the poses of a calibration foretell of new ones: both in one error model, judged by stated sizes.
+
+Knows calibrations, files' objects and pose sets; decides nothing, knows no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.closed_loops import loop_of_poses, pick
+from operator_app.calibration.error_model import error_model, first_of_each, soften
+from operator_app.calibration.result import Solution
+from operator_app.units.figure import SLIP_SIGMA
+from solver.arrays import FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhEntry, is_entry
+from solver.chain.pose_order import canonical_order
+from solver.chain.poses import PoseSet
+from solver.diagnostics.prediction import NOT_KNOWN, Given, Shift, foretold
+from solver.diagnostics.whitened_residuals import LeftOver
+from solver.errors import PosesDoNotFitError
+from solver.estimators.estimate import Estimate
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.linearisation import Linearisation
+from solver.estimators.mixed_fit import fit_mixed, gravity_share
+from solver.loops.closure import ClosureModel
+
+MOST = 1000
+"""Poses of a calibration, evenly among all, that foretell: more know nothing that matters here."""
+
+FIXTURE = "fixture"
+"""The subject of a shift that is no joint's."""
+
+
+def shift_in_words(shift: Shift) -> str:
+    """What has shifted, by how much, and what to do."""
+    if shift.subject == FIXTURE or shift.size is None or shift.sigma is None:
+        return (
+            "the fixture stands elsewhere than the calibration has it, in all these poses alike: was it moved "
+            "or remounted since? Calibrate anew"
+        )
+    turned = ", or the fixture has turned about the axis of joint 1" if shift.subject == "1" else ""
+    more = "more" if shift.size > 0.0 else "less"
+    return (
+        f"joint {shift.subject} reads {SLIP_SIGMA(abs(shift.size)).with_unit} {more} than the calibration foretells "
+        f"(sigma {SLIP_SIGMA(shift.sigma).with_unit}), in all these poses alike: its offset is wrong, or it has "
+        f"slipped since{turned}. Look at the coupling and the counter of joint {shift.subject}, then calibrate anew"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MadeFrom:
+    """A calibration with the poses it was made from.
+
+    Attributes
+    ----------
+    poses
+        All of them, those on the flipped branch as well.
+    """
+
+    solution: Solution
+    poses: PoseSet
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Foretold:
+    """What is left of new poses, in their order, and by what columns a shift would show in them."""
+
+    left: LeftOver
+    subjects: Mapping[str, FloatArray]
+
+
+def foretell(
+    arm: ArmModel,
+    fixture: Fixture,
+    made: MadeFrom,
+    new: PoseSet,
+    start: Mapping[str, float],
+) -> Foretold | None:
+    """Judge new poses by what the calibration's own poses foretell; None where no model fits both.
+
+    Parameters
+    ----------
+    start
+        Values (rad, m) of what the calibration does not know, such as where another socket stands.
+    """
+    solution, old = made.solution, _used(made)
+    both = _together(old, new)
+    later = np.arange(len(both)) >= len(old)
+    model, x0, column = _model(arm, fixture, made, old, both, start)
+    tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
+    stated = soften(
+        model.without(tuple(tolerated)), arm,
+        length_tolerance_m=solution.length_tolerance_m, held=solution.held,
+    )[1]  # fmt: skip
+    errors = error_model(
+        arm,
+        fixture,
+        both,
+        np.arange(len(both)),
+        unsensed_joints=solution.model.unsensed_joints,
+        tolerance={name: sd for name, sd in stated.items() if name in tolerated},
+    )
+    try:
+        found = fit_mixed(model, both.q_rad, errors, x0, estimate=False, group=both.placement)
+        design, here = found.fit.design, found.fit.system
+        # Of where a socket stands that only new poses know the old ones say nothing.
+        own = found.fit if start else found.fit.at_poses(np.arange(len(old)))
+        if design.expected.any() and gravity_share(own) < 0.5:
+            # The arm does not sag as gravity lets expect, by its calibration's own poses.
+            found = fit_mixed(
+                model, both.q_rad, replace(errors, signed=False), found.x,
+                estimate=False, group=both.placement,
+            )  # fmt: skip
+            design, here = found.fit.design, found.fit.system
+        fit = LinearFit(design, here, design.stated_variances())
+    except (PosesDoNotFitError, np.linalg.LinAlgError):
+        return None
+    given = None
+    if solution.estimate.estimator == "paper":
+        # That is no optimum of these equations: it is judged where it says it is.
+        at = here.state.x if isinstance(here, Linearisation) else found.x
+        hard = design.hard_index
+        covariance = _covariance(solution.estimate, [column[k] for k in hard])
+        given = Given(x=(x0 - at)[hard], covariance=covariance)
+    left = foretold(fit, later, given)
+    unknown = len([p for p in model.parameters if p.name in start])
+    if not np.isfinite(left.chi2):
+        return None
+    system = fit.whole.at_poses(np.flatnonzero(later))
+    used = [j for j in range(arm.joint_count) if j + 1 not in model.unsensed_joints]
+    subjects = {str(j + 1): system.B[..., [j]] for j in used}
+    ground = [
+        k
+        for k, p in enumerate(model.parameters)
+        if p.name in model.ground_side and p.name not in start
+    ]
+    if ground:
+        subjects[FIXTURE] = system.A[..., ground]
+    return Foretold(left=replace(left, dof=max(left.dof - unknown, 1)), subjects=subjects)
+
+
+def _used(made: MadeFrom) -> PoseSet:
+    """The poses that the calibration counted, each once."""
+    kept = np.ones(len(made.poses), dtype=np.bool_)
+    kept[list(made.solution.dropped_flipped)] = False
+    distinct: IntArray = first_of_each(made.poses, kept)[0]
+    if len(distinct) > MOST:
+        order = canonical_order(made.poses.q_rad[distinct])
+        distinct = np.sort(distinct[order[np.linspace(0, len(order) - 1, MOST).astype(int)]])
+    return pick(made.poses, distinct)
+
+
+def _model(
+    arm: ArmModel,
+    fixture: Fixture,
+    made: MadeFrom,
+    old: PoseSet,
+    both: PoseSet,
+    start: Mapping[str, float],
+) -> tuple[ClosureModel, FloatArray, list[int | None]]:
+    """The loops of old and new poses, the parameters, and each one's column in the estimate; None of `start`."""
+    estimate = made.solution.estimate
+    known = {p.name: k for k, p in enumerate(estimate.parameters)}
+    model = loop_of_poses(arm, fixture, both, unsensed_joints=made.solution.model.unsensed_joints)
+    if len(both.placements) > 1 and len(old.placements) == 1:
+        # What had one placement's names has several now.
+        numbered = {p.name for p in model.parameters}
+        (number,) = old.placements
+        here = {name: f"{name}[{number}]" for name in known}
+        known = {(here[name] if here[name] in numbered else name): k for name, k in known.items()}
+    names = [p.name for p in model.parameters]
+    model = model.freed(
+        [DhEntry.parse(name) for name in known if name not in names and is_entry(name)]
+    )
+    values = dict(start) | {name: float(estimate.x[k]) for name, k in known.items()}
+    held = [p.name for p in model.parameters if p.name not in values]
+    model = model.without(tuple(held)) if held else model
+    names = [p.name for p in model.parameters]
+    return model, np.array([values[n] for n in names]), [known.get(n) for n in names]
+
+
+def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
+    """Of parameters by their columns in the estimate; of one that has none nothing is known."""
+    here = [k for k, c in enumerate(column) if c is not None]
+    rows = [c for c in column if c is not None]
+    covariance = np.diag(np.full(len(column), NOT_KNOWN**2))
+    covariance[np.ix_(here, here)] = estimate.covariance[np.ix_(rows, rows)]
+    return covariance
+
+
+def _together(old: PoseSet, new: PoseSet) -> PoseSet:
+    """Both pose sets as one, the old ones first; what only one of them recorded is in neither."""
+    ends = [p.endpoint for p in (old, new) if p.endpoint is not None]
+    columns = min((e.shape[1] for e in ends), default=0)
+
+    def joined(name: str) -> FloatArray | None:
+        a, b = getattr(old, name), getattr(new, name)
+        return None if a is None or b is None else np.concatenate((a, b))
+
+    return PoseSet(
+        placement=np.concatenate((old.placement, new.placement)),
+        label=tuple(str(k) for k in range(len(old) + len(new))),
+        q_rad=np.concatenate((old.q_rad, new.q_rad)),
+        sd_rad=joined("sd_rad"),
+        samples=None if old.samples is None and new.samples is None else _samples(old, new),
+        endpoint=np.concatenate([e[:, :columns] for e in ends]) if len(ends) == 2 else None,
+        utc=None if old.utc is None or new.utc is None else old.utc + new.utc,
+    )
+
+
+def _samples(old: PoseSet, new: PoseSet) -> IntArray:
+    """Readings in each mean; one where a file does not say."""
+    return np.concatenate(
+        [np.ones(len(p), dtype=np.int64) if p.samples is None else p.samples for p in (old, new)]
+    )

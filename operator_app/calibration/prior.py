@@ -1,0 +1,202 @@
+"""What is believed of a loop's unknowns before a pose of it: by the files, and by poses of earlier placements.
+
+An arm's own entries are what earlier poses give, the files' tolerances being what was known before. Offsets
+that are counted from the fixture are about where they were: mounting it anew changes them within its tolerance.
+And a fixture that stood farther from its file's place than that allows may do so again. Knows no session.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import ROUGHLY_PLACED, Fixture
+from fixtures.errors import FixtureError
+from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.error_model import soften
+from operator_app.calibration.verification import Fixed, stated_noise
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.chain.poses import PoseSet
+from solver.errors import SolverError
+from solver.estimators.implicit import ImplicitFit, NoiseModel, ParameterPrior, fit_implicit
+from solver.estimators.paper import estimate_paper
+from solver.loops.closure import ClosureModel
+
+WITHIN = 3.0
+"""Standard deviations to a tolerance within which something is believed."""
+
+EXACT = 1e-6
+"""What is stated to be exact is held as closely as this (m, rad): a prior needs a width."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownArm:
+    """What poses in earlier placements of a fixture tell, wherever it is now.
+
+    Attributes
+    ----------
+    names, values, covariance
+        Entries that are the same in every placement: (k,), (k, k), rad and m.
+    ends
+        Offsets that are counted from the fixture, by name: their mean over the earlier placements.
+    placements
+        How many those are.
+    farther
+        How far from its file's place the fixture has stood, as multiple of what that allows; 1 at least.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    ends: Mapping[str, float]
+    placements: int
+    farther: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Belief:
+    """Mean (P,) and covariance (P, P) of a loop's unknowns, rad and m."""
+
+    mean: FloatArray
+    covariance: FloatArray
+
+
+def believed(
+    model: ClosureModel,
+    arm: ArmModel,
+    fixture: Fixture,
+    stated: Mapping[str, float],
+    known: KnownArm | None = None,
+) -> Belief:
+    """What is believed of the unknowns of one placement's loop; `stated` and `model` are those of `soften`."""
+    mean, sd = nominal_vector(model.parameters), _by_files(model, arm, fixture, stated)
+    if known is None:
+        return Belief(mean=mean, covariance=np.diag(sd**2))
+    names = [p.name for p in model.parameters]
+    sides = {*model.ground_side, *model.hand_side} - set(known.names)
+    turned = known.farther * fixture.tolerance.orientation_rad / WITHIN
+    for k, name in enumerate(names):
+        if name in known.ends:
+            # Where it was is as far from the file's place as where it is.
+            mean[k], sd[k] = known.ends[name], turned * np.sqrt(1.0 + 1.0 / known.placements)
+        elif name in sides:
+            sd[k] *= known.farther
+    covariance = np.diag(sd**2)
+    here = [names.index(name) for name in known.names]
+    mean[here] = known.values
+    covariance[np.ix_(here, here)] = known.covariance
+    return Belief(mean=mean, covariance=covariance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fitted:
+    """Poses fitted by what their files state, everything within its tolerance.
+
+    Attributes
+    ----------
+    model
+        The loop, its lengths and twists free.
+    nominal, sd
+        (P,) of the unknowns, as the files have them.
+    fit
+        Where it ended.
+    """
+
+    model: ClosureModel
+    nominal: FloatArray
+    sd: FloatArray
+    fit: ImplicitFit
+
+
+def fitted(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+) -> Fitted | None:
+    """Fit poses by what their files state; None where they do not give a fit."""
+    try:
+        given = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
+        model, stated = soften(given, arm)
+        sd = np.maximum(_by_files(model, arm, fixture, stated), EXACT)
+        nominal = nominal_vector(model.parameters)
+        rough = estimate_paper(given, poses.q_rad)
+        start = dict(zip((p.name for p in rough.parameters), rough.x.tolist(), strict=True))
+        x0 = np.array([start.get(p.name, p.nominal) for p in model.parameters])
+        noise = noise_of(arm, fixture, poses, unsensed_joints)
+        prior = ParameterPrior(mean=nominal, precision=sd**-2)
+        found = fit_implicit(model, poses.q_rad, noise, x0, prior=prior)
+    except (SolverError, FixtureError, np.linalg.LinAlgError):
+        return None
+    if not found.converged or not np.isfinite(found.covariance).all():
+        return None
+    return Fitted(model=model, nominal=nominal, sd=sd, fit=found)
+
+
+def noise_of(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed_joints: tuple[int, ...]
+) -> NoiseModel:
+    """What the files state of these readings, nothing having been found yet."""
+    nothing = Fixed(
+        values={},
+        covariance=np.zeros((0, 0)),
+        rvdt_sd_rad={},
+        fixture_variance=None,
+        unsensed_joints=unsensed_joints,
+    )
+    return stated_noise(arm, fixture, poses, nothing)
+
+
+def known_arm(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+) -> KnownArm | None:
+    """Return what the poses of earlier placements tell; None where they tell nothing yet."""
+    by = fitted(arm, fixture, poses, unsensed_joints=unsensed_joints)
+    if by is None:
+        return None
+    model, found = by.model, by.fit
+    own = set(model.ground_side) | (set() if fixture.stays_on_hand else set(model.hand_side))
+    shared, stood, ends = list[int](), list[int](), dict[str, list[float]]()
+    for k, p in enumerate(model.parameters):
+        if p.name not in own:
+            shared.append(k)
+        elif p.name.startswith("theta_off_"):
+            ends.setdefault(p.name.partition("[")[0], []).append(float(found.x[k]))
+        else:
+            stood.append(k)
+    pulls = (found.x - by.nominal)[stood] / by.sd[stood]
+    # Poses that fit worse than their files state tell less than they claim to.
+    worse = max(1.0, found.chi2 / found.dof)
+    return KnownArm(
+        names=tuple(model.parameters[k].name for k in shared),
+        values=found.x[shared],
+        covariance=worse * found.covariance[np.ix_(shared, shared)],
+        ends={name: float(np.mean(values)) for name, values in ends.items()},
+        placements=len(poses.placements),
+        farther=max(1.0, float(np.sqrt(np.mean(pulls**2)))) if stood else 1.0,
+    )
+
+
+def _by_files(
+    model: ClosureModel, arm: ArmModel, fixture: Fixture, stated: Mapping[str, float]
+) -> FloatArray:
+    """Standard deviation (P,) of each unknown.
+
+    Offsets are believed within what a protractor tells where the arm's file states nothing, or less: a
+    calibration is what begins here.
+    """
+    offset = max(ROUGHLY_PLACED.orientation_rad / WITHIN, arm.offset_tolerance_rad or 0.0)
+    tolerance = fixture.tolerance
+    sides, sd = {*model.ground_side, *model.hand_side}, []
+    for p in model.parameters:
+        placed = (tolerance.orientation_rad if p.is_angle else tolerance.position_m) / WITHIN
+        if p.name.startswith("theta_off_"):
+            sd.append(max(offset, placed if p.name in sides else 0.0))
+        else:
+            sd.append(
+                max(placed, stated.get(p.name, 0.0))
+                if p.name in sides
+                else stated.get(p.name, placed)
+            )
+    return np.array(sd)

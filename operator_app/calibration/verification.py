@@ -1,0 +1,323 @@
+"""Is a calibration right on poses it has never seen? Judged by parameters that were fixed before.
+
+Knows calibrations and pose sets; no file, no bus and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.error_model import freed, noise_model
+from operator_app.calibration.prediction import MadeFrom, foretell, shift_in_words
+from operator_app.calibration.result import Solution
+from solver.arrays import FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.chain.poses import PoseSet
+from solver.closing import reduced_equations
+from solver.diagnostics.cross_validation import Verification, verify
+from solver.diagnostics.outliers import FALSE_ALARM, left_out, odd_poses
+from solver.diagnostics.prediction import Shift, shifted
+from solver.diagnostics.statistics import chi2_test
+from solver.estimators.component_report import Component
+from solver.estimators.error_model import SD_OF_PEAK
+from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
+from solver.estimators.implicit import NoiseModel
+from solver.loops.closure import ClosureModel
+from solver.loops.placements import Placements
+
+STEPS = 3
+"""Of Newton's iteration to where a ball's socket stands, in which the loop is linear."""
+
+NOT_KNOWN = 0.1
+"""Standard deviation (m) of what is not known beside what poses tell."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fixed:
+    """Parameters fixed before the poses were taken, and what they were fixed with.
+
+    Attributes
+    ----------
+    values
+        Parameter values by name, rad and m.
+    covariance
+        Of these, in the same order (P, P).
+    rvdt_sd_rad
+        Noise and curve of RVDT joints as found with the parameters, by joint.
+    fixture_variance
+        Give of the fixture as found (6,), or None. Both count only where they are less than stated.
+    unsensed_joints
+        Joints whose readings the calibration did not use.
+    """
+
+    values: dict[str, float]
+    covariance: FloatArray
+    rvdt_sd_rad: dict[int, float]
+    fixture_variance: FloatArray | None
+    unsensed_joints: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """What new poses say of a calibration.
+
+    Attributes
+    ----------
+    verification
+        The test and its figures.
+    nominal
+        Closure sigmas of the same poses at the nominal parameters, for comparison.
+    odd_poses
+        Indices of poses too improbable to be chance, the worst first; of a sound set any is in 1 of 1000.
+    poses
+        How many were judged.
+    shift
+        One joint or the fixture that has shifted in all of them alike; None where none has.
+    """
+
+    verification: Verification
+    nominal: ClosureSigmas
+    odd_poses: tuple[int, ...]
+    poses: int
+    shift: Shift | None = None
+
+    @property
+    def why(self) -> str:
+        """What has shifted, in words; empty where nothing is named."""
+        return "" if self.shift is None else shift_in_words(self.shift)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the calibration predicts these poses as well as it claims to."""
+        found = self.verification
+        if self.shift is not None or self.odd_poses:
+            return False
+        # A smaller chi2 than expected is no failure: these poses fit better than promised.
+        return bool(found.closed.all()) and found.chi2.per_dof <= found.chi2.high
+
+
+def fixed_by(solution: Solution, placement: int | None = None) -> Fixed:
+    """Take the parameters of a calibration with everything that was found beside them.
+
+    Parameters
+    ----------
+    placement
+        Of several that were calibrated, the one that new poses are of: its parameters without its number.
+        None: all of them.
+    """
+    estimate, components = solution.estimate, solution.components
+    found = () if components is None else components.components
+    names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
+    if placement is not None and isinstance(solution.model, Placements):
+        part, columns = solution.model.of(placement)
+        names = [p.name for p in part.parameters]
+    return Fixed(
+        values=dict(zip(names, estimate.x[columns].tolist(), strict=True)),
+        covariance=estimate.covariance[np.ix_(columns, columns)],
+        rvdt_sd_rad=_rvdt_sd(found),
+        fixture_variance=None if components is None else components.noise.fixture_variance,
+        unsensed_joints=solution.model.unsensed_joints,
+    )
+
+
+def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
+    """Noise and curve of each RVDT together: at a new reading the curve is one more unknown error."""
+    sd: dict[int, float] = {}
+    for c in found:
+        kind, _, number = c.name.partition("_")
+        if kind in ("rvdt", "curve"):
+            sd[int(number)] = float(np.hypot(sd.get(int(number), 0.0), c.sd))
+    return sd
+
+
+def judge_poses(
+    arm: ArmModel,
+    fixture: Fixture,
+    poses: PoseSet,
+    fixed: Fixed,
+    *,
+    calibrated: tuple[int, ...] | None = None,
+    made: MadeFrom | None = None,
+) -> Prediction:
+    """Judge new poses of the same arm in the same fixture, at the same placement.
+
+    Parameters
+    ----------
+    made
+        The calibration with its own poses. What these tell of curves, sag and give is then known, and one
+        common shift is looked for. None: all of that is unknown anew in every pose.
+    calibrated
+        Numbers of the placements that were calibrated, where the new poses may be of others: where the
+        fixture stands there is found from them, everything else is as it was fixed. None: the same.
+
+    Raises
+    ------
+    ValueError
+        The parameters are not those of this loop: another fixture, or another number of placements.
+    """
+    given = poses
+    if made is not None and calibrated is None and len(poses.placements) == 1:
+        given = replace(poses, placement=_as_numbered(made, poses))
+    model = loop_of_poses(arm, fixture, poses, unsensed_joints=fixed.unsensed_joints)
+    # A calibration that corrected lengths and twists within their tolerance has those as well.
+    model = freed(model, fixed.values)
+    unknown: tuple[str, ...] = ()
+    if calibrated is not None:
+        fixed, unknown = _elsewhere(model, fixture.model(arm).ground_side, fixed, poses, calibrated)
+    x, covariance = _in_order(model, fixed)
+    if unknown:
+        x, covariance = _stood(model, x, covariance, poses.q_rad, unknown)
+    found = verify(model, x, covariance, poses.q_rad, stated_noise(arm, fixture, poses, fixed))
+    if unknown:
+        # As many equations as unknowns went into where it stands.
+        chi2 = found.chi2
+        left = chi2.dof - len(unknown)
+        found = replace(found, chi2=chi2_test(chi2.per_dof * chi2.dof, left))
+    at_nominal = closure_at_readings(model, nominal_vector(model.parameters), poses.q_rad)
+    improbable = (found.pose_probability < FALSE_ALARM / len(poses)) | ~found.closed
+    odd = tuple(int(k) for k in np.argsort(found.pose_probability) if improbable[k])
+    shift: Shift | None = None
+    start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
+    if made is not None and bool(found.closed.all()):
+        found, odd, shift = _as_foretold(arm, fixture, made, given, start, found, odd)
+    return Prediction(
+        verification=found,
+        nominal=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
+        odd_poses=odd,
+        poses=len(poses),
+        shift=shift,
+    )
+
+
+def _as_foretold(
+    arm: ArmModel,
+    fixture: Fixture,
+    made: MadeFrom,
+    poses: PoseSet,
+    start: Mapping[str, float],
+    found: Verification,
+    odd: tuple[int, ...],
+) -> tuple[Verification, tuple[int, ...], Shift | None]:
+    """Return what is judged with all that the calibration's own poses tell; as found without where nothing fits."""
+    from scipy.special import chdtrc
+
+    told = foretell(arm, fixture, made, poses, start)
+    if told is None:
+        return found, odd, None
+    named = odd_poses(told.left)
+    # A shift is one only if it is there without the poses that are wrong by themselves.
+    shift = shifted(named.rest, told.subjects)
+    left = told.left
+    if shift is not None:
+        left = left.also(told.subjects[shift.subject])
+        named = odd_poses(left)
+    chi2, dof = left_out(left)
+    return (
+        replace(
+            found,
+            chi2=chi2_test(told.left.chi2, told.left.dof),
+            pose_chi2=chi2,
+            pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
+        ),
+        tuple(pose.pose for pose in named.odd),
+        shift,
+    )
+
+
+def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
+    """Placement of new poses that are of the same one, whatever number their file gives it."""
+    known = made.poses.placements
+    return np.full(len(poses), known[0]) if len(known) == 1 else poses.placement
+
+
+def stated_noise(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -> NoiseModel:
+    """Return what the files state of new readings, and less where the calibration found less.
+
+    What a calibration found to be larger than stated is no excuse: a fixture that slipped while it
+    was made would make every later pose look good.
+    """
+    everything = np.ones(len(poses), dtype=np.bool_)
+    stated = noise_model(arm, fixture, poses, everything)
+    variance = np.array(stated.joint_variance)
+    variance += arm.backlash_rad**2 + arm.sag_rad**2 + 2.0 * arm.accuracy_rad**2
+    for j, (linearity, gain) in enumerate(zip(arm.linearity_rad(), arm.gain_rad(), strict=True)):
+        # At a new reading the curve is one more unknown error.
+        whole = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
+        least = np.maximum(variance[:, j], fixed.rvdt_sd_rad.get(j + 1, np.inf) ** 2)
+        variance[:, j] = np.minimum(whole, least) + gain**2
+    give = np.repeat([fixture.give.orientation_rad**2, fixture.give.position_m**2], 3)
+    if stated.fixture_variance is not None:
+        give = give + stated.fixture_variance
+    if fixed.fixture_variance is not None:
+        give = np.minimum(give, fixed.fixture_variance)
+    return NoiseModel(joint_variance=variance, fixture_variance=give)
+
+
+def _elsewhere(
+    model: ClosureModel,
+    ground_side: tuple[str, ...],
+    fixed: Fixed,
+    poses: PoseSet,
+    calibrated: tuple[int, ...],
+) -> tuple[Fixed, tuple[str, ...]]:
+    """What was fixed under the names of the new poses' model, and what of that nobody knows yet."""
+    sources: dict[str, str] = {}
+    unknown: list[str] = []
+    for p in model.parameters:
+        base, _, number = p.name.rstrip("]").partition("[")
+        placement = int(number) if number else poses.placements[0]
+        if base not in ground_side:
+            sources[p.name] = p.name
+        elif placement not in calibrated:
+            unknown.append(p.name)
+        else:
+            sources[p.name] = f"{base}[{placement}]" if len(calibrated) > 1 else base
+    known = list(fixed.values)
+    here = {new: old for new, old in sources.items() if old in fixed.values}
+    rows = [known.index(old) for old in here.values()]
+    return (
+        replace(
+            fixed,
+            values={new: fixed.values[old] for new, old in here.items()},
+            covariance=fixed.covariance[np.ix_(rows, rows)],
+        ),
+        tuple(unknown),
+    )
+
+
+def _stood(
+    model: ClosureModel,
+    x: FloatArray,
+    covariance: FloatArray,
+    q: FloatArray,
+    unknown: tuple[str, ...],
+) -> tuple[FloatArray, FloatArray]:
+    """Find where the fixture stands from the poses themselves; free from there as if never known."""
+    here = [k for k, p in enumerate(model.parameters) if p.name in unknown]
+    x, covariance = x.copy(), covariance.copy()
+    for _ in range(STEPS):
+        reduced = reduced_equations(model.loop(x, q, model.initial_unsensed(x, q)))
+        A = reduced.A[..., here].reshape(-1, len(here))
+        x[here] -= np.linalg.lstsq(A, reduced.w.reshape(-1), rcond=None)[0]
+    covariance[here, here] = NOT_KNOWN**2
+    return x, covariance
+
+
+def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:
+    """Values and covariance in the order of the model; what was held keeps its nominal value."""
+    known = list(fixed.values)
+    names = [p.name for p in model.parameters]
+    strange = sorted(set(known) - set(names))
+    if strange:
+        raise ValueError(f"{strange[0]} is no parameter of this arm in this fixture")
+    x = np.array([fixed.values.get(p.name, p.nominal) for p in model.parameters])
+    covariance = np.zeros((len(names), len(names)))
+    here = [names.index(name) for name in known]
+    covariance[np.ix_(here, here)] = fixed.covariance
+    return x, covariance

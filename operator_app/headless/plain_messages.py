@@ -1,0 +1,140 @@
+"""What plain mode says of a snapshot: whole sentences, one fact a line. Knows no terminal."""
+
+from __future__ import annotations
+
+from fixtures.base import Severity
+from operator_app.messages.errors import REACHES_NOTHING
+from operator_app.report.results.verification import verified_words
+from operator_app.report.terminal import facts_on, no_facts
+from operator_app.report.text import facts_text
+from operator_app.session.store.steps import Step
+from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot
+from operator_app.units.figure import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE
+from operator_app.units.numbers import names
+
+
+def describe(step: Step, s: SessionSnapshot) -> list[str]:
+    """Where the operator is, whether it is safe, what comes next."""
+    kind = "SIMULATED" if s.simulated else "REAL ARM"
+    lines = [f"Step {int(step)} of {len(Step)}, {step.title}. {kind}. {_safety(s)}"]
+    lines += [f"Alarm: {alarm.text}." for alarm in s.alarms]
+    lines += _DETAILS[step](s)
+    label = next_thing(step, s).label
+    return [*lines, f"Recommended now: {label}."] if label else lines
+
+
+def results(s: SessionSnapshot) -> list[str]:
+    """Everything about the calibration, most important first."""
+    facts = facts_on(s)
+    return [no_facts(s)] if facts is None else facts_text(facts).splitlines()
+
+
+def _safety(s: SessionSnapshot) -> str:
+    if not s.connected:
+        return "No arm is connected."
+    if s.data is DataState.LOST:
+        return f"Alarm: no data for {SILENCE(s.oldest_s).with_unit}."
+    if s.stopped:
+        return "The arm was stopped by itself." if s.stopped_for else "STOP is latched."
+    data = (
+        "Data ok"
+        if s.data is DataState.FRESH
+        else f"Warning: data {DATA_AGE(s.oldest_s).with_unit} old"
+    )
+    drives = "drives enabled in their modes" if s.drives_ready else "drives not ready"
+    return f"{data}, {drives}."
+
+
+def _connect(s: SessionSnapshot) -> list[str]:
+    lines = [f"Bus: {s.bus}. Session: {s.folder}."]
+    if s.identity is not None:
+        lines.append(
+            f"Arm {s.identity.model}, serial {s.identity.serial_number}, "
+            f"{len(s.identity.nodes)} nodes."
+        )
+    return lines
+
+
+def _fixture(s: SessionSnapshot) -> list[str]:
+    words = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
+    lines = [
+        f"Check {words[c.severity]}: {c.text}" + (f": {c.remedy}" if c.remedy else "")
+        for c in s.checks
+    ]
+    if s.forecast is not None and s.forecast.reaches_nothing:
+        lines.append(f"Warning: {REACHES_NOTHING}.")
+    elif s.forecast is not None:
+        predicted = CONDITION(s.forecast.scaled_condition_number).shown
+        lines.append(f"Predicted condition number {predicted}.")
+    left = len(s.procedure.fixture.checklist) - len(s.ticked)
+    return [*lines, f"Check list: {left} items left."]
+
+
+def _modes(s: SessionSnapshot) -> list[str]:
+    lines = []
+    if s.arm is not None:
+        for joint, state in zip(s.procedure.arm.joints, s.arm.joints, strict=True):
+            mode = "no mode" if state.mode is None else state.mode.value
+            position = POSITION(state.position_rad).with_unit
+            lines.append(f"Joint {state.joint} {joint.name}: {mode}, {position}.")
+    for ranked in s.ranked[:3]:
+        drives = f"{'joint' if len(ranked.drives) == 1 else 'joints'} {names(ranked.drives)}"
+        lines.append(f"Ranked {drives}: score {ranked.score:.2f}, {'; '.join(ranked.reasons)}.")
+    return lines
+
+
+def _capture(s: SessionSnapshot) -> list[str]:
+    again = f" Placement {s.state.placement}." if s.state.placement > 1 else ""
+    lines = [f"{len(s.state.used_poses)} of {s.wanted_poses} poses.{again}"]
+    if s.live is not None and s.live.history:
+        lines.append(
+            f"Condition number {CONDITION(s.live.scaled_condition_number).shown} (the result warns above 100); "
+            f"weakest: {', '.join(s.live.weakest[:3])}."
+        )
+    for pose in s.state.poses[-3:]:
+        noise = READING_SD(float(pose.sd_rad.max())).with_unit
+        words = f"Pose {pose.number}: noise up to {noise}"
+        words += f", excluded {pose.excluded}" if pose.excluded else ""
+        words += f", note: {pose.note}" if pose.note else ""
+        lines.append(words + ".")
+    return lines
+
+
+def _calibrate(s: SessionSnapshot) -> list[str]:
+    unsensed = ", ".join(str(j) for j in s.unsensed_joints) or "none"
+    return [f"Estimator {s.estimator}; unsensed joints: {unsensed}."]
+
+
+def _results(s: SessionSnapshot) -> list[str]:
+    facts = facts_on(s)
+    if facts is None:
+        return []
+    return [
+        f"{facts.verdict.capitalize()}.",
+        *(f"{h.text.capitalize()}." for h in facts.headlines),
+        *(f"Reason: {reason}." for reason in facts.reasons),
+        *(f"Warning: {n.text}." for n in facts.notices),
+    ]
+
+
+def _export(s: SessionSnapshot) -> list[str]:
+    lines = ["Not written yet." if s.written is None else f"Written: {s.written.parameters}."]
+    if s.receipt is not None:
+        lines.append(
+            f"Uploaded to slot {s.receipt.slot} and read back: SHA-256 {s.receipt.sha256}."
+        )
+    if s.verification is not None:
+        lines.append(f"Verified with {verified_words(s.verification)}.")
+    return lines
+
+
+_DETAILS = {
+    Step.CONNECT: _connect,
+    Step.FIXTURE: _fixture,
+    Step.MODES: _modes,
+    Step.CAPTURE: _capture,
+    Step.CALIBRATE: _calibrate,
+    Step.RESULTS: _results,
+    Step.EXPORT: _export,
+}

@@ -1,0 +1,174 @@
+"""The paper's experiment on a specimen of its arm: tables, condition, sigmas, sources of error, remedies.
+
+Giugovaz and Hollerbach, sections 3 and 4. Nobody has their readings: the specimen errs in the three ways they
+suspect, by sizes that leave what they report. So the figures are of the same size, and not of the same arm.
+Knows no session and prints nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hardware.virtual.scenarios import STIFF, Scenario, scenario
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.result import Solution
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.planning.specimen import specimen_poses
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhEntry
+from solver.chain.poses import PoseSet
+
+POSES = 40
+SIGMA_POS_M, SIGMA_ORI_RAD, CONDITION = 2.7e-3, 6.6e-3, 28.0
+"""What the paper reports."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """What is left of the closure with one source of error alone: rms of eqs. 14 and 15 in m and rad."""
+
+    source: str
+    position_m: float
+    orientation_rad: float
+    condition: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remedy:
+    """What a remedy leaves: rms of the offsets' errors (rad), and of the lengths' (m), against the truth."""
+
+    name: str
+    paragraph: str
+    offsets_rad: float
+    lengths_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Published:
+    """The whole of it.
+
+    Attributes
+    ----------
+    solution
+        By the paper's estimator, from all sources of error together.
+    printed
+        Table 2 as printed: value (rad or m) by parameter.
+    shares, remedies
+        Of section 4, in its order.
+    """
+
+    solution: Solution
+    printed: dict[str, float]
+    shares: tuple[Share, ...]
+    remedies: tuple[Remedy, ...]
+    poses: int
+
+    @property
+    def farthest_sigmas(self) -> float:
+        """How far the worst parameter is from what is printed, in its own sigmas."""
+        e = self.solution.estimate
+        printed = np.array([self.printed[p.name] for p in e.parameters])
+        return float(np.max(np.abs(e.x - printed) / e.standard_deviation))
+
+
+def published(*, poses: int = POSES) -> Published:
+    """Reproduce the experiment of section 3 and what section 4 makes of it."""
+    procedure = load_procedure("hinge")
+    all_three = scenario("as_reported")
+    quiet = replace(all_three, curve_of_full_scale=0.0, lengths=None, loads=STIFF)
+    taken = specimen_poses(procedure, all_three, poses=poses)
+    solution = _calibrated(procedure, taken)
+    printed = {p.name: _printed(all_three, p.name) for p in solution.estimate.parameters}
+    alone = (
+        (
+            "RVDT curves of the wrist",
+            replace(quiet, curve_of_full_scale=all_three.curve_of_full_scale),
+        ),
+        ("fixed lengths off by 1 to 2 mm", replace(quiet, lengths=all_three.lengths)),
+        ("fixture that yields", replace(quiet, loads=all_three.loads)),
+        ("noise and counts", quiet),
+    )
+    shares = [
+        _share(name, _calibrated(procedure, specimen_poses(procedure, chosen, poses=poses)))
+        for name, chosen in alone
+    ]
+    shares.append(_share("all together", solution))
+    measured = _measured(procedure.arm, all_three)
+    stiff = specimen_poses(procedure, replace(all_three, loads=STIFF), poses=poses)
+    known = replace(procedure, arm=measured)
+    remedies = (
+        ("as it is, the paper's estimator", "3", solution),
+        ("as it is, implicit", "", _calibrated(procedure, taken, "implicit")),
+        ("joints 6 and 7 unsensed", "4, first", _calibrated(procedure, taken, "implicit", (6, 7))),
+        ("fixed lengths measured", "4, second", _calibrated(known, taken)),
+        ("a fixture that does not yield", "4, third", _calibrated(procedure, stiff)),
+        ("all three", "4", _calibrated(known, stiff, "implicit", (6, 7))),
+    )
+    return Published(
+        solution=solution,
+        printed=printed,
+        shares=tuple(shares),
+        remedies=tuple(_remedy(name, where, found, printed) for name, where, found in remedies),
+        poses=poses,
+    )
+
+
+def _calibrated(
+    procedure: Procedure,
+    poses: PoseSet,
+    estimator: str = "paper",
+    unsensed_joints: tuple[int, ...] = (),
+) -> Solution:
+    return calibrate(
+        procedure.arm,
+        procedure.fixture.fixture,
+        poses,
+        estimator=estimator,
+        unsensed_joints=unsensed_joints,
+    )
+
+
+def _printed(chosen: Scenario, name: str) -> float:
+    """One entry of Table 2, which the specimen's truth is but for its length errors."""
+    entry = DhEntry.parse(name)
+    return float(chosen.truth.table.stacked()[entry.kind, entry.row])
+
+
+def _measured(arm: ArmModel, chosen: Scenario) -> ArmModel:
+    """The arm file with the specimen's own fixed lengths, as an open-loop calibration would find them."""
+    true = chosen.true_loop().table
+    table = replace(arm.table, s_m=true.s_m[1:], a_m=true.a_m[1:])
+    return replace(arm, table=table)
+
+
+def _share(name: str, found: Solution) -> Share:
+    sigmas = found.estimate.sigmas
+    turned = sigmas.orientation_rad
+    return Share(
+        source=name,
+        position_m=sigmas.position_m.rms,
+        orientation_rad=float("nan") if turned is None else turned.rms,
+        condition=found.seen.scaled_condition_number,
+    )
+
+
+def _remedy(name: str, where: str, found: Solution, truth: dict[str, float]) -> Remedy:
+    estimate = found.identified
+    off = {
+        p.name: float(x) - truth[p.name]
+        for p, x in zip(estimate.parameters, estimate.x, strict=True)
+        if p.name in truth
+    }
+    turned = [
+        float(np.arctan2(np.sin(e), np.cos(e))) for n, e in off.items() if n.startswith("theta_off")
+    ]
+    lengths = [e for n, e in off.items() if n.startswith(("a_", "s_"))]
+    return Remedy(
+        name=name,
+        paragraph=where,
+        offsets_rad=float(np.sqrt(np.mean(np.square(turned)))),
+        lengths_m=float(np.sqrt(np.mean(np.square(lengths)))),
+    )

@@ -1,0 +1,303 @@
+"""The sections of a report: which tables, plots and words stand where. Computes nothing, decides no digit."""
+
+from __future__ import annotations
+
+from operator_app.planning.mode_rule import and_the_others
+from operator_app.report.html import figures
+from operator_app.report.html.elements import (
+    Section,
+    bullets,
+    definitions,
+    plots,
+    prose,
+    remark,
+    sentence,
+)
+from operator_app.report.html.markup import Html, element, join
+from operator_app.report.html.table import table_html
+from operator_app.report.plots import before_after, calibration_plots
+from operator_app.report.session_tables import (
+    joint_table,
+    pose_table,
+    rvdt_joints,
+    rvdt_table,
+)
+from operator_app.report.subject import Subject
+from operator_app.report.table import Table
+from operator_app.units.figure import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure
+from operator_app.units.numbers import joints_named, names, plural
+from solver.diagnostics.rvdt import RvdtVerdict, Soundness
+from solver.estimators.estimate import Estimate
+
+CURVE_WORDS = (
+    "With the readings of {joints} used, these corrections close the loops. A bow or an S is the "
+    "sensor's curve, not noise: no number of poses averages it out, and it pulls at the parameters."
+)
+CLOSURE_WORDS = (
+    "How far the loops fail to close at the joints as measured, so that both estimators are judged on "
+    "one scale. The implicit estimator does not minimise this figure: it puts the error where the "
+    "sensors are poor, and may leave a larger one here with better parameters."
+)
+METHOD_WORDS = (
+    (
+        "implicit: the joint readings are what is uncertain, each by its sensor's noise; every loop closes "
+        "exactly at the corrected joints, and the corrections are as small as the noise allows."
+    ),
+    (
+        "paper: unweighted least squares of the closure errors, 1 m counted as 1 rad, damped and with "
+        "scaled columns (eqs. 5, 6, 10-13)."
+    ),
+    (
+        "sigma_pos and sigma_ori (eqs. 14, 15) are computed at the measured joints, twice: rms divides by "
+        "the number of components inside the root, as printed divides outside it."
+    ),
+    (
+        "Condition number, rank and observability are those of the reduced Jacobian on the closed loops "
+        "next to the poses."
+    ),
+)
+HEADINGS = {
+    "parameters": "Parameters",
+    "causes": "What may be wrong",
+    "dh": "D-H table",
+    "hand": "How far off the hand may be",
+    "accuracy": "Before and after",
+    "trend": "Condition number, pose by pose",
+    "determined": "How well the poses determine them",
+    "closure": "Residuals by pose",
+    "estimators": "Both estimators",
+    "jackknife": "Jackknife",
+    "noise": "Noise found with the parameters",
+    "rvdt-remedy": "Corrections of RVDT readings",
+    "budget": "Uncertainty budget",
+    "halving": "What narrows the widest sigmas",
+    "tolerated": "Corrected lengths and twists",
+    "tests": "Tests",
+    "observability": "Observability",
+    "correlations": "Correlations",
+}
+"""Headings where the table's title is long, or its section holds something else as well."""
+
+
+def sections_of(subject: Subject) -> tuple[Section, ...]:
+    """Return all sections in which there is something to say, most important first."""
+    facts = subject.facts
+    estimate = None if subject.solution is None else subject.solution.identified
+    brief: list[Section] = []
+    detail: list[Section] = []
+    if facts is not None and estimate is not None:
+        for table in facts.tables:
+            (detail if table.detail else brief).append(_of_table(subject, estimate, table))
+    found = [
+        _warnings(subject),
+        _what(subject),
+        *brief,
+        _joints(subject),
+        _rvdt(subject),
+        *detail,
+        _poses(subject, estimate),
+        _method(subject),
+    ]
+    return tuple(section for section in found if section is not None)
+
+
+def _of_table(subject: Subject, estimate: Estimate, table: Table) -> Section:
+    """One table of the facts, its note, and what the page adds to it."""
+    content: list[str] = [table_html(table)] if table.rows else []
+    if table.note:
+        content.append(remark(table.note))
+    match table.ident:
+        case "parameters":
+            content.append(remark(_about_sigmas(subject, estimate)))
+        case "accuracy":
+            content += _before_and_after(subject)
+        case "trend" if subject.solution is not None:
+            limit = subject.procedure.acceptance.scaled_condition_number
+            trend = calibration_plots.condition_trend(subject.solution.seen.trend, limit)
+            content = [plots([table_html(table), figures.drawn(trend)])]
+        case "closure":
+            shown = (
+                *calibration_plots.closure_by_pose(subject, estimate),
+                calibration_plots.misses(subject, estimate),
+            )
+            content += [remark(CLOSURE_WORDS), plots(map(figures.drawn, shown))]
+    title = HEADINGS.get(table.ident, table.title)
+    return Section(ident=table.ident, title=title, content=tuple(content))
+
+
+def _before_and_after(subject: Subject) -> list[str]:
+    """Pairs of pictures side by side, each with its remark."""
+    if subject.solution is None:
+        return []
+    pairs = (
+        before_after.hand_pair(subject.solution, subject.procedure.arm),
+        before_after.arm_pair(subject),
+    )
+    content: list[str] = []
+    for pair in filter(None, pairs):
+        content += [plots(map(figures.drawn, (pair.before, pair.after))), remark(pair.note)]
+    return content
+
+
+def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
+    words = (
+        "The 95 % interval holds what sigma does."
+        if estimate.chi2 is not None
+        else "Sigma and the 95 % interval (Student's) follow from the size of the residuals."
+    )
+    if subject.solution is not None and subject.solution.paper is None:
+        words += " The paper's estimator needs every joint sensed and is not shown beside it."
+    elif subject.implicit is None:
+        words += " The implicit estimator found no solution to show beside it."
+    return words
+
+
+def _warnings(subject: Subject) -> Section | None:
+    """What the operator should know and do; None when there is nothing."""
+    glyph = element("span", "▲ ", class_="glyph", aria_hidden="true")
+    items = [element("li", glyph, prose(sentence(n.text))) for n in subject.notices]
+    if not items:
+        return None
+    return Section(
+        ident="warnings",
+        title=plural(len(items), "warning"),
+        content=(element("ul", *items, class_="warnings"),),
+    )
+
+
+def _joints(subject: Subject) -> Section:
+    """What the loops say of each joint's readings, and how far each joint was moved."""
+    table = joint_table(subject, subject.implicit)
+    drawn = [figures.corrections_by_joint(subject, subject.implicit), figures.coverage(subject)]
+    return Section(
+        ident="joints",
+        title="Residuals and coverage by joint",
+        content=(table_html(table), remark(table.note), plots(d for d in drawn if d)),
+    )
+
+
+def _rvdt(subject: Subject) -> Section | None:
+    """How the RVDTs read against what the loops say; None without an RVDT."""
+    joints, estimate = rvdt_joints(subject), subject.implicit
+    if not joints:
+        return None
+    verdicts = () if subject.solution is None else subject.solution.rvdt
+    content: list[str] = [
+        bullets(map(_judged, verdicts))
+        if verdicts
+        else remark("These poses allow no verdict on the RVDTs.")
+    ]
+    if table := rvdt_table(subject):
+        measured = [(v.joint, v.figures) for v in verdicts if v.figures is not None]
+        shown = (calibration_plots.rvdt_deviations(subject, joint, f) for joint, f in measured)
+        content += [table_html(table), plots(map(figures.drawn, shown))]
+    used = [j for j in joints if j not in subject.unsensed_joints]
+    if len(used) < len(joints):
+        unused = joints_named([j for j in joints if j not in used])
+        content.append(remark(f"The readings of {unused} were not used."))
+    if used and estimate is not None and estimate.corrections is not None:
+        content.append(remark(CURVE_WORDS.format(joints=joints_named(used))))
+        shown = (calibration_plots.rvdt_corrections(subject, estimate, j) for j in used)
+        content.append(plots(map(figures.drawn, shown)))
+    return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
+
+
+def _judged(verdict: RvdtVerdict) -> Html:
+    words = prose(verdict.text + ".")
+    if verdict.verdict in (Soundness.SOUND, Soundness.CANNOT_DECIDE):
+        return words
+    return join((element("span", "▲ ", class_="warn", aria_hidden="true"), words))
+
+
+def _poses(subject: Subject, estimate: Estimate | None) -> Section:
+    """Every captured pose, used or not."""
+    out = [p.number for p in subject.poses if p.excluded]
+    points = [f"{plural(len(subject.poses), 'pose')} captured, {len(subject.used)} used."]
+    if out:
+        points.append(
+            f"Excluded by the operator: {names(out)}; the reasons are in the last column."
+        )
+    if subject.flipped:
+        points.append(f"Left out on the flipped branch of the hinge: {names(subject.flipped)}.")
+    table = table_html(pose_table(subject, estimate))
+    return Section(ident="poses", title="Poses", content=(bullets(points), table))
+
+
+def _what(subject: Subject) -> Section:
+    """Arm, fixture, time, software and pose set."""
+    procedure = subject.procedure
+    fixture = procedure.fixture
+    position = [j for j, mode in enumerate(subject.modes, 1) if mode == "position"]
+    chosen = ", ".join(
+        f"{key.replace('_', ' ')} {names(v) if isinstance(v, list | tuple) else v}"
+        for key, v in subject.state.settings.items()
+        if v is not None
+    )
+    opened, last = (
+        utc[:19].replace("T", " ") for utc in (subject.state.opened_utc, subject.last_utc)
+    )
+    rows: list[tuple[str, str]] = [
+        ("Arm", f"{procedure.arm.name}, {plural(procedure.arm.joint_count, 'joint')}"),
+        ("Serial number", subject.serial_number or "not known"),
+        ("Fixture", f"{fixture.name} ({fixture.kind})"),
+        ("Procedure", procedure.name),
+        *([("Chosen beside it", chosen)] if chosen else []),
+        (
+            "Joints in position mode",
+            names(position) + and_the_others(len(position), procedure.arm.joint_count)
+            if position
+            else "not recorded",
+        ),
+        *([("Poses read from", subject.state.imported)] if subject.state.imported else []),
+        ("Session", subject.name),
+        ("First, last event (UTC)", f"{opened}, {last}"),
+        ("Software", f"sarcal {subject.software_version}"),
+        ("Pose set, SHA-256", element("span", subject.state.pose_set().sha256(), class_="mono")),
+    ]
+    return Section(ident="what", title="What was calibrated", content=(definitions(rows),))
+
+
+def _method(subject: Subject) -> Section:
+    """How every number on the page was made."""
+    samples = sorted({p.samples for p in subject.poses})
+    file = subject.state.imported
+    points = [
+        f"The poses were read from {file}; no arm of this program took them."
+        if file
+        else (
+            f"Every pose is the mean of {names(samples)} samples of all joints, taken when the arm stood "
+            "still; sd is the spread of those samples."
+        )
+    ]
+    if subject.solution is not None:
+        fixture = subject.procedure.fixture
+        equations = plural(subject.solution.model.equations_per_pose, "equation")
+        tolerance = names(
+            Figure(value, quantity, digits=2).with_unit
+            for value, quantity in (
+                (fixture.tolerance_m, CLOSURE_LENGTH),
+                (fixture.tolerance_rad, CLOSURE_ANGLE),
+            )
+        )
+        loop = (
+            f"The hand closes a loop through the fixture. Each pose gives {equations} once the angles "
+            "that nothing measures are eliminated."
+        )
+        nearest = (
+            "Of the equal descriptions that a loop has, the one nearest to the fixture's nominal "
+            f"placement is given; that was measured to {tolerance}."
+        )
+        points += [
+            loop,
+            *METHOD_WORDS,
+            nearest,
+        ]
+    made = f"The page was made from the {plural(subject.events, 'event')} of the session's journal alone"
+    points.append(
+        f"{made}; the poses were solved again: {subject.solved_again}."
+        if subject.solved_again
+        else f"{made}; its solution was read, not made again."
+        if subject.solution is not None
+        else f"{made}."
+    )
+    return Section(ident="method", title="How the numbers were made", content=(bullets(points),))

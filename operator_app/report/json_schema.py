@@ -1,0 +1,192 @@
+"""What the JSON object of a calibration holds beside its figures. The key names are a contract.
+
+Angles in deg, lengths in m. Knows no text and no page.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from operator_app.calibration.acceptance import Verdict
+from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.cross_validation import Checks
+from operator_app.calibration.notices import Notice
+from operator_app.calibration.result import Solution
+from operator_app.calibration.sensitivity import halvings
+from operator_app.units.figure import ANGLE
+from solver.diagnostics.cross_validation import HoldOut
+from solver.diagnostics.rvdt import RvdtVerdict
+from solver.diagnostics.statistics import chi2_test, correlations
+from solver.errors import UnidentifiableError
+from solver.estimators.estimate import Estimate
+from solver.estimators.variance_components import VarianceComponents
+
+
+def calibration_data(solution: Solution) -> dict[str, Any]:
+    """Return what no figure of the tables says."""
+    search = solution.search
+    return {
+        **estimate_data(solution.identified),
+        **_components_data(solution.components),
+        "side": {p.name: side_of(solution.model, p.name) for p in solution.identified.parameters},
+        "rvdt": [_rvdt_data(verdict) for verdict in solution.rvdt],
+        "outlier_poses": list(solution.outliers),
+        "held": list(solution.held),
+        "hand_accuracy_holds_for": {}
+        if solution.accuracy is None
+        else {h.name: h.value_rad * ANGLE.json_per_si for h in solution.accuracy.holds_for},
+        "tolerated": list(solution.tolerated),
+        "tolerated_parameters": {},
+        "repeatability": None,
+        "budget": {},
+        "halved": {
+            h.parameter.name: {"source": h.source, "share": h.share, "remedy": h.remedy}
+            for h in halvings(solution)
+        },
+        "stated_chi2_per_dof": solution.judgement.stated_chi2_per_dof,
+        "assumed": list(solution.assumed),
+        "global_start": None
+        if search is None
+        else {
+            "starts": search.starts,
+            "starts_in_best": search.best.starts,
+            "distinct_solutions": 1 + len(search.rivals),
+        },
+        "scaled_condition_number_at_readings": None,
+        "unidentifiable": [],
+        "weakest_direction": list(solution.seen.weakest.parameters),
+        "verdict": solution.verdict.value,
+        "causes": [
+            {"code": c.code, "probability": c.probability, "text": c.text, "remedy": c.remedy}
+            for c in solution.causes
+        ],
+        "tests": [
+            {
+                "code": t.code,
+                "statistic": t.statistic if math.isfinite(t.statistic) else None,
+                "threshold": t.threshold if math.isfinite(t.threshold) else None,
+                "false_alarm": t.false_alarm,
+            }
+            for t in solution.judgement.tests
+        ],
+        "verdict_reasons": list(solution.reasons),
+        "warnings": notices_data(solution.warnings),
+    }
+
+
+def estimate_data(estimate: Estimate) -> dict[str, Any]:
+    """Return what one estimator found beside its figures."""
+    band = None if estimate.chi2 is None else chi2_test(estimate.chi2, estimate.dof)
+    return {
+        "estimator": estimate.estimator,
+        "correlations": correlations(estimate.covariance).tolist(),
+        "chi2_per_dof": None,
+        "chi2_band_99": None if band is None else [band.low, band.high],
+        "variance_components": {},
+        "dof": estimate.dof,
+        "iterations": estimate.iterations,
+        "converged": estimate.converged,
+    }
+
+
+def checks_data(checks: Checks) -> dict[str, Any]:
+    """Return the second opinions beside their figures: jackknife, hold-out, far block."""
+    return {
+        "jackknife_sigma": None,
+        "hold_out": _hold_out_data(checks.held_out),
+        "far_block": _hold_out_data(checks.far_block),
+    }
+
+
+def _hold_out_data(found: HoldOut | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "parts": len(found.parts),
+        "chi2_per_dof": [part.verification.chi2.per_dof for part in found.parts],
+    }
+
+
+def _components_data(found: VarianceComponents | None) -> dict[str, Any]:
+    if found is None:
+        return {"variance_components": {}}
+    # A fixture that does not give is said as zero, not left out.
+    rigid = {} if found.flexure is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
+    return {
+        "variance_components": rigid,
+        "variance_components_interval": {},
+        "flexure_p_value": None if found.flexure is None else found.flexure.p_value,
+    }
+
+
+def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
+    """Return what the loops say of one RVDT; angles in deg, the curve as a correction table."""
+    figures = verdict.figures
+    found: dict[str, Any] = {
+        "joint": verdict.joint,
+        "verdict": verdict.verdict.value,
+        "text": verdict.text,
+        "treat_as_unsensed": verdict.treat_as_unsensed,
+        "share_of_residual": verdict.share,
+    }
+    if (noise := verdict.noise) is not None:
+        found |= {"noise_lsb": noise.lsb, "noise_lsb_interval": [noise.low, noise.high]}
+    if figures is not None:
+        found |= {
+            "linearity_percent_of_full_scale": 100.0 * figures.linearity,
+            "linearity_sd_percent": 100.0 * figures.linearity_sd,
+            "half_range_percent_of_full_scale": 100.0 * figures.half_range,
+            "covered_percent_of_full_scale": 100.0 * figures.covered,
+            "gain": figures.gain,
+            "theta_off_deg": math.degrees(figures.theta_off_rad),
+            "correction_table_deg": [
+                dict(zip(("reading", "correction", "sigma"), row, strict=True))
+                for row in np.rad2deg(figures.table_rad).tolist()
+            ],
+        }
+    return found
+
+
+def unidentifiable_data(
+    error: UnidentifiableError, *, parameters: int, poses: int
+) -> dict[str, Any]:
+    """Return the object for a pose set that leaves parameters undetermined (exit code 5).
+
+    Every key that a reader of a calibration looks for is there, and holds nothing.
+    """
+    directions = error.directions
+    causes = [{"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}]
+    return {
+        "parameters": {},
+        "sigma": {},
+        "interval_95": {},
+        "rank": parameters - len(directions),
+        "unidentifiable": [d.parameters[0] for d in directions],
+        "unidentifiable_directions": [
+            {"parameters": list(d.parameters), "reason": d.reason, "text": str(d)}
+            for d in directions
+        ],
+        "scaled_condition_number": None,
+        "sigma_pos_mm": None,
+        "sigma_ori_mrad": None,
+        "chi2_per_dof": None,
+        "variance_components": {},
+        "poses": poses,
+        "iterations": 0,
+        "budget": {},
+        "assumed": [],
+        "verdict": Verdict.NOT_ACCEPTED.value,
+        "verdict_reasons": [str(d) for d in directions],
+        "causes": causes if error.note else [],
+        "tests": [],
+        "warnings": [],
+    }
+
+
+def notices_data(notices: Iterable[Notice]) -> list[dict[str, str]]:
+    """Return warnings as code and text."""
+    return [{"code": n.code, "text": n.text} for n in notices]

@@ -1,0 +1,322 @@
+"""Tables of what was identified: parameters, D-H table, corrected entries, correlations. Knows no renderer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+
+from operator_app.calibration.result import Solution
+from operator_app.report.table import Cell, Column, Table, figures, words
+from operator_app.units.figure import ANGLE, LENGTH, Figure, Key, Quantity, quantity_of
+from operator_app.units.numbers import (
+    NOT_KNOWN,
+    places_needed,
+    places_to_show,
+)
+from solver.arrays import FloatArray
+from solver.chain.parameters import DhEntry, DhKind, Parameter, nominal_vector
+from solver.diagnostics.statistics import correlations, intervals
+from solver.estimators.estimate import Estimate
+
+MOST_PLACES = 6
+"""Beyond a nanometre and a thousandth of a millidegree nothing is believed, whatever a sigma says."""
+
+HEAT_STEPS = 5
+
+SEVERAL_SIGMAS = 3.0
+"""Further from each other than this, one of two estimates is wrong about its sigma."""
+
+
+def precision(estimate: Estimate) -> Callable[[Quantity], int]:
+    """Decimal places for angles and for lengths: two figures of the finest sigma of each."""
+
+    def places(quantity: Quantity) -> int:
+        finest = [
+            quantity.per_si * float(sd)
+            for p, sd in zip(estimate.parameters, estimate.standard_deviation, strict=True)
+            if quantity_of(p) is quantity
+        ]
+        return places_to_show(finest, least=3, most=MOST_PLACES)
+
+    return places
+
+
+def nominal_places(parameters: Iterable[Parameter]) -> Callable[[Quantity], int]:
+    """Decimal places that cut nothing off the nominal values."""
+    listed = tuple(parameters)
+
+    def places(quantity: Quantity) -> int:
+        values = [quantity.per_si * p.nominal for p in listed if quantity_of(p) is quantity]
+        return places_needed(values, least=1, most=MOST_PLACES)
+
+    return places
+
+
+def parameter_table(
+    estimate: Estimate,
+    *,
+    beside: Estimate | None = None,
+    repeatability: FloatArray | None = None,
+    sides: Mapping[str, str] | None = None,
+    nominal_key: bool = True,
+    note: str = "",
+) -> Table:
+    """Nominal, identified, change, sigma and interval, what the other estimator identified beside them.
+
+    `sides` says of each whose it is: the arm's, the ground's, the hand's.
+    """
+    own = f"{estimate.estimator} (chosen)"
+    columns = [*words("parameter", "unit"), *figures("nominal")]
+    columns += figures("identified", "change", "sigma", group=own)
+    columns += figures("type A", group=own) if repeatability is not None else ()
+    columns += figures("95 % from", "to", group=own, detail=True)
+    columns += (Column("of the", words=True, detail=True),) if sides is not None else ()
+    if beside is not None:
+        columns += figures("identified", group=beside.estimator)
+    places, round_places = precision(estimate), nominal_places(estimate.parameters)
+    bounds, rows = intervals(estimate), []
+    for k, p in enumerate(estimate.parameters):
+        quantity, name = quantity_of(p), p.name
+        n, value = places(quantity), float(estimate.x[k])
+
+        def figure(
+            value: float,
+            key: Key = (),
+            quantity: Quantity = quantity,
+            n: int = n,
+            *,
+            signed: bool = False,
+        ) -> Figure:
+            return Figure(value, quantity, places=n, signed=signed, key=key)
+
+        row: list[Cell] = [
+            name,
+            quantity.unit,
+            figure(p.nominal, ("nominal", name) if nominal_key else (), n=round_places(quantity)),
+            Figure(value, quantity, places=n, role="found", key=("parameters", name)),
+            figure(_change(p, value, p.nominal), signed=True),
+            figure(float(estimate.standard_deviation[k]), ("sigma", name)),
+        ]
+        if repeatability is not None:
+            row.append(figure(float(repeatability[k]), ("repeatability", name)))
+        row += [
+            figure(bounds[k].low, ("interval_95", name, 0)),
+            figure(bounds[k].high, ("interval_95", name, 1)),
+        ]
+        if sides is not None:
+            row.append(sides[name])
+        if beside is not None:
+            row.append(_beside(p, n, beside))
+        rows.append(tuple(row))
+    return Table(
+        ident="parameters",
+        title="Identified parameters",
+        columns=tuple(columns),
+        rows=tuple(rows),
+        note="Joint angles are the reading plus theta_off; change is identified less nominal, "
+        "angles the short way round."
+        + (
+            ""
+            if repeatability is None
+            else " Sigma holds every stated source of error, type A what "
+            "the same poses taken again would scatter."
+        )
+        + (f" {note}" if note else ""),
+    )
+
+
+def _beside(p: Parameter, places: int, other: Estimate) -> Cell:
+    known = [q.name for q in other.parameters]
+    if p.name not in known:
+        return ""
+    return Figure(float(other.x[known.index(p.name)]), quantity_of(p), places=places)
+
+
+def estimators_table(
+    estimate: Estimate, beside: Estimate | None, *, astray: bool = False
+) -> Table | None:
+    """Both estimators' values, sigmas and their difference from the same poses; None without a second one.
+
+    Neither is believed where what refuses the calibration has led it `astray`.
+    """
+    if beside is None:
+        return None
+    paper, implicit = sorted((estimate, beside), key=lambda e: e.estimator == "implicit")
+    theirs = {p.name: k for k, p in enumerate(paper.parameters)}
+    places = precision(estimate)
+    rows, most = [], 0.0
+    for k, p in enumerate(implicit.parameters):
+        if p.name not in theirs:
+            continue
+        quantity, at = quantity_of(p), theirs[p.name]
+        value, sigma = float(implicit.x[k]), float(implicit.standard_deviation[k])
+        other, its_sigma = float(paper.x[at]), float(paper.standard_deviation[at])
+        difference = _change(p, other, value)
+        most = max(most, abs(difference) / its_sigma) if its_sigma > 0.0 else most
+        rows.append(
+            (
+                p.name,
+                quantity.unit,
+                Figure(value, quantity, places=places(quantity)),
+                Figure(sigma, quantity, places=places(quantity)),
+                Figure(other, quantity, places=places(quantity)),
+                Figure(its_sigma, quantity, digits=2),
+                Figure(difference, quantity, places=places(quantity), signed=True),
+            )
+        )
+    return Table(
+        ident="estimators",
+        title="Both estimators, from the same poses",
+        columns=(
+            *words("parameter", "unit"),
+            *figures("value", "sigma", group="implicit"),
+            *figures("value", "sigma", group="paper"),
+            *figures("difference"),
+        ),
+        rows=tuple(rows),
+        note="Believe neither: what refuses this calibration has led it astray."
+        if astray
+        else "Believe implicit: it weighs every reading by its noise and knows of lengths, twists and "
+        "curves. The paper's counts 1 m as 1 rad and takes every joint as read, so its sigma is only what "
+        "its own residuals scatter"
+        + (
+            f", and it is as much as {most:.0f} of them from implicit."
+            if most >= SEVERAL_SIGMAS
+            else "."
+        )
+        + " Both are from the same poses: their difference says nothing about the arm.",
+    )
+
+
+def _change(parameter: Parameter, value: float, reference: float) -> float:
+    change = value - reference
+    return math.remainder(change, 2.0 * math.pi) if parameter.is_angle else change
+
+
+def dh_table(solution: Solution) -> Table | None:
+    """D-H table, identified entries beside nominal ones; None for a loop that has none."""
+    model = solution.model
+    before = model.dh_table(nominal_vector(model.parameters))
+    after = model.dh_table(solution.estimate.x)
+    if before is None or after is None:
+        return None
+    kinds = (DhKind.A, DhKind.S, DhKind.ALPHA, DhKind.THETA_OFF)
+    nominal, found = before.stacked(), after.stacked()
+    every = [
+        Parameter(name="", is_angle=kind.is_angle, nominal=float(value))
+        for kind in kinds
+        for value in nominal[kind]
+    ]
+    round_places, places = nominal_places(every), precision(solution.identified)
+    free, columns = set(model.entries), [*words("link")]
+    for kind in kinds:
+        columns += figures("nominal", "found", group=f"{kind.symbol} [{_of(kind).unit}]")
+    rows = []
+    for row in range(before.links):
+        cells: list[Cell] = [str(row)]
+        for kind in kinds:
+            quantity = _of(kind)
+            if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):
+                cells += [NOT_KNOWN, ""]
+                continue
+            value = float(found[kind, row])
+            cells += [
+                Figure(float(nominal[kind, row]), quantity, places=round_places(quantity)),
+                Figure(value, quantity, places=places(quantity), role="found")
+                if DhEntry(kind, row) in free
+                else "",
+            ]
+        rows.append(tuple(cells))
+    return Table(
+        ident="dh",
+        title="D-H table (Tables 1 and 2 of the paper)",
+        columns=tuple(columns),
+        rows=tuple(rows),
+        note="Link 0 is the fixture; found is empty where an entry was not calibrated.",
+    )
+
+
+def _of(kind: DhKind) -> Quantity:
+    return ANGLE if kind.is_angle else LENGTH
+
+
+def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> Table | None:
+    """Return every sigma beside its spread when each pose in turn is left out."""
+    if spread is None:
+        return None
+    places, rows = precision(estimate), []
+    for p, sd, other in zip(estimate.parameters, estimate.standard_deviation, spread, strict=True):
+        quantity, n = quantity_of(p), places(quantity_of(p))
+        key = ("checks", "jackknife_sigma", p.name)
+        pair = Figure(float(sd), quantity, places=n), Figure(float(other), quantity, n, key=key)
+        rows.append((p.name, quantity.unit, *pair))
+    return Table(
+        ident="jackknife",
+        title="Sigma by leaving out each pose in turn",
+        columns=(*words("parameter", "unit"), *figures("sigma", "jackknife")),
+        rows=tuple(rows),
+        note="Where the jackknife is much larger than sigma, the noise model is too good to be true. It "
+        "shows what differs from pose to pose; of what all poses share, lengths for one, it knows nothing.",
+    )
+
+
+def tolerated_table(solution: Solution) -> Table | None:
+    """Lengths, twists and offsets that were corrected within their tolerances."""
+    estimate = solution.estimate
+    places, round_places = precision(estimate), nominal_places(estimate.parameters)
+    rows = []
+    for p, x, sd in zip(
+        estimate.parameters, estimate.x.tolist(), estimate.standard_deviation.tolist(), strict=True
+    ):
+        if p.name in solution.tolerated:
+            quantity, key = quantity_of(p), ("tolerated_parameters", p.name)
+            n = places(quantity)
+            rows.append(
+                (
+                    p.name,
+                    quantity.unit,
+                    Figure(p.nominal, quantity, round_places(quantity), key=(*key, "nominal")),
+                    Figure(x, quantity, n, role="found", key=(*key, "value")),
+                    Figure(sd, quantity, n, key=(*key, "sigma")),
+                )
+            )
+    offsets = any(name.startswith("theta_off_") for name in solution.tolerated)
+    return None if not rows else Table(
+        ident="tolerated",
+        title=f"Lengths{', twists and offsets' if offsets else ' and twists'} corrected within their "
+        "tolerances",
+        columns=(*words("entry", "unit"), *figures("nominal", "found", "sigma")),
+        rows=tuple(rows),
+        detail=True,
+    )  # fmt: skip
+
+
+def correlation_table(estimate: Estimate, strongest: int = 3) -> Table:
+    """Correlations of the parameters, lower triangle, shaded by size."""
+    matrix = correlations(estimate.covariance)
+    listed = [p.name for p in estimate.parameters]
+
+    def cell(k: int, j: int) -> Cell:
+        value = float(matrix[k, j])
+        step = 0 if j == k else min(HEAT_STEPS, int(abs(value) * HEAT_STEPS + 0.5))
+        role = f"{'plus' if value > 0.0 else 'minus'}{step}" if step else "text"
+        return Figure(value, places=2, role=role) if j <= k else ""
+
+    pairs = sorted(
+        ((a, b, float(matrix[k, j])) for k, a in enumerate(listed)
+         for j, b in enumerate(listed[:k])),
+        key=lambda pair: -abs(pair[2]),
+    )  # fmt: skip
+    told = "; ".join(
+        f"{a} and {b} {Figure(r, places=3, signed=True).shown}" for a, b, r in pairs[:strongest]
+    )
+    return Table(
+        ident="correlations",
+        title="Correlations of the parameters (no unit, from -1 to 1)",
+        columns=(*words("parameter"), *figures(*listed)),
+        rows=tuple(
+            (name, *(cell(k, j) for j in range(len(listed)))) for k, name in enumerate(listed)
+        ),
+        note=f"Hardest to tell apart: {told}.",
+        detail=True,
+    )

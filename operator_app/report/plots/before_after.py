@@ -1,0 +1,237 @@
+"""Before and after calibration, side by side: arm and fixture in one pose, the hand over the workspace.
+
+Both pictures of a pair have the same axes. Knows no renderer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from operator_app.calibration.calibrated_arm import calibrated_arm, hand_errors
+from operator_app.calibration.notices import held_in_short
+from operator_app.calibration.result import Solution
+from operator_app.calibration.tool_accuracy import Spread
+from operator_app.report.plots.plot import Axis, Layer, Line, Marks, Picture, map_axes
+from operator_app.report.subject import Subject
+from operator_app.units.figure import CLOSURE_LENGTH, LENGTH, Figure
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.estimators.goodness import closure_at_readings
+from solver.loops.closure import ClosureModel
+
+ASPECT = 1.25
+AXIS_M = 0.08
+"""Half the length at which a hinge's axis is drawn."""
+ENLARGED = (1, 2, 5, 10, 20, 50, 100)
+GAP_SHARE = 0.15
+"""Of the picture's size: the gap between hand and fixture is drawn about as wide, at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """Two pictures side by side, and what to know of them."""
+
+    before: Picture
+    after: Picture
+    note: str
+
+
+# ---- the hand over the workspace -----------------------------------------------------------------
+
+
+def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
+    """Return how far off the hand is over the ranges of all joints; None where it was not worked out."""
+    accuracy = solution.accuracy
+    if accuracy is None:
+        return None
+    errors = hand_errors(calibrated_arm(solution, arm), arm)
+    scale = LENGTH.per_si
+    out = (scale * np.hypot(errors.tip_m[:, 0], errors.tip_m[:, 1])).tolist()
+    along = (scale * errors.tip_m[:, 2]).tolist()
+    x, y = map_axes(
+        ("from joint 1's axis", "along joint 1's axis"), out, along, unit=LENGTH.unit, aspect=ASPECT
+    )
+    largest = max(accuracy.before.worst, accuracy.after.worst)
+
+    def shown(when: str, what: str, errors_m: FloatArray, spread: Spread) -> Picture:
+        rms = Figure(spread.rms, CLOSURE_LENGTH).with_unit
+        worst = Figure(spread.worst, CLOSURE_LENGTH).with_unit
+        marks = Marks(
+            x=out,
+            y=along,
+            sizes=(errors_m / largest).tolist(),
+            label=f"pose, largest {worst}",
+            tips=[Figure(e, CLOSURE_LENGTH).with_unit for e in errors_m.tolist()],
+        )
+        return Picture(
+            ident=f"hand-{when.lower()}",
+            title=f"{when}: {what}, rms {rms}",
+            description=f"{accuracy.poses} poses over the joints' ranges, each a mark whose area is how far "
+            f"off the hand is there: rms {rms}, largest {worst}.",
+            x=x,
+            y=y,
+            layers=[marks],
+            aspect=ASPECT,
+        )
+
+    return Pair(
+        before=shown("Before", "how far off the hand is", errors.before_m, accuracy.before),
+        after=shown("After", "one sigma of the hand", errors.after_m, accuracy.after),
+        note="The area of a mark is how far off the hand is there, in both pictures on one scale"
+        f"{held_in_short(accuracy)}.",
+    )
+
+
+# ---- arm and fixture in one pose -----------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Words:
+    """What the pictures of an arm say of its hand; `there` is a label, empty where it is the fixture."""
+
+    title: str
+    worst: str
+    where: str
+    there: str = ""
+
+
+HELD = _Words(
+    title="the loop of pose {} stays open by {}",
+    worst="whose loop was farthest from closing",
+    where="where it is held",
+)
+MEASURED = _Words(
+    title="the hand of pose {} is {} from where it was measured",
+    worst="whose hand was farthest from where it was measured",
+    where="where the instrument saw it",
+    there="as measured",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """Arm and fixture by one set of parameters, in the arm's base, m; an axis of length 0 is none."""
+
+    chain: FloatArray
+    hand_axis: FloatArray
+    pin: FloatArray
+    pin_axis: FloatArray
+
+    @property
+    def gap(self) -> FloatArray:
+        """From the hand to where it should be."""
+        return np.asarray(self.pin - self.chain[-1])
+
+
+def arm_pair(subject: Subject) -> Pair | None:
+    """Draw the arm at the readings whose loop was farthest from closing; None for what has no drawing."""
+    solution = subject.solution
+    if solution is None or solution.model.unsensed_joints:
+        return None
+    part, columns, poses = solution.model.parts()[0]
+    q = subject.readings_rad[poses]
+    nominal = nominal_vector(solution.model.parameters)[columns]
+    at_nominal = closure_at_readings(part, nominal, q)
+    missed = np.linalg.norm(at_nominal.residual[:, at_nominal.rotation_rows :], axis=1)
+    worst = int(np.argmax(missed))
+    # An instrument saw the hand of an open arm elsewhere in every pose.
+    there = part.at_poses(np.array([worst]))
+    before = _seen(there, nominal, q[worst])
+    after = _seen(there, solution.estimate.x[columns], q[worst])
+    if before is None or after is None:
+        return None
+    masses = subject.procedure.arm.masses
+    view = _view(before.chain, np.array([0.0, 0.0, 1.0]) if masses is None else -masses.down)
+    sizes = [float(np.linalg.norm(s.gap)) for s in (before, after)]
+    reach = float(np.ptp(before.chain @ view.T, axis=0).max())
+    times = max((k for k in ENLARGED if k * max(sizes) <= GAP_SHARE * reach), default=1)
+    kind = subject.procedure.fixture.kind
+    words = MEASURED if kind == "measured" else HELD
+    labels = (words.there or f"{kind}, table", f"{kind}, hand")
+    drawn = [_layers(s, view, times, labels) for s in (before, after)]
+    points = [np.array([layer.x, layer.y]) for layers in drawn for layer in layers]
+    x, y = map_axes(
+        ("across", "up"), *np.concatenate(points, axis=1), unit=LENGTH.unit, aspect=ASPECT
+    )
+    number = subject.used[int(np.arange(len(subject.used))[poses][worst])].number
+    pictures = [
+        _arm(
+            f"{when}: {words.title.format(number, Figure(gap, CLOSURE_LENGTH).with_unit)}",
+            when,
+            (x, y),
+            layers,
+        )
+        for when, gap, layers in zip(("Before", "After"), sizes, drawn, strict=True)
+    ]
+    enlarged = f", drawn {times} times as wide," if times > 1 else ""
+    return Pair(
+        before=pictures[0],
+        after=pictures[1],
+        note=f"The arm at the readings of pose {number}, {words.worst} before; the gap{enlarged} is from the "
+        f"hand to {words.where}.",
+    )
+
+
+def _seen(part: ClosureModel, x: FloatArray, q: FloatArray) -> _Seen | None:
+    drawn, stands = part.drawn(x, q), part.stands_at(x)
+    if drawn is None or stands is None:
+        return None
+    return _Seen(chain=drawn[0], hand_axis=drawn[1], pin=stands[0], pin_axis=stands[1])
+
+
+def _view(points: FloatArray, up: FloatArray) -> FloatArray:
+    """Rows: right and up of a picture that shows most of these points, with `up` as upright as may be."""
+    spread = points - points.mean(axis=0)
+    # Across is where, level, most is to be seen.
+    level = spread - np.outer(spread @ up, up)
+    right = np.linalg.svd(level)[2][0]
+    return np.stack((right * np.sign(right[np.argmax(np.abs(right))]), up))
+
+
+def _layers(
+    seen: _Seen, view: FloatArray, times: int, labels: tuple[str, str]
+) -> list[Line | Marks]:
+    hand = seen.chain[-1]
+    pin = hand + times * seen.gap
+
+    def flat(points: FloatArray) -> tuple[list[float], list[float]]:
+        across, up = (LENGTH.per_si * points @ view.T).T.tolist()
+        return across, up
+
+    def line(points: FloatArray, class_: str, label: str = "") -> Line:
+        across, up = flat(points)
+        return Line(x=across, y=up, class_=class_, label=label)
+
+    def axis(at: FloatArray, along: FloatArray) -> FloatArray:
+        return np.stack((at - AXIS_M * along, at + AXIS_M * along))
+
+    joints, held = flat(seen.chain[:-1]), flat(pin[None, :])
+    # A ball and a measured point have no axis: their mark says what they are.
+    turns, (there, own) = bool(np.any(seen.pin_axis)), labels
+    axes = [
+        line(axis(pin, seen.pin_axis), "dashed", there),
+        line(axis(hand, seen.hand_axis), "b", own),
+    ]
+    return [
+        *(axes if turns else ()),
+        line(seen.chain, "a", "arm"),
+        Marks(x=joints[0], y=joints[1]),
+        line(np.stack((hand, pin)), "gap", "gap"),
+        Marks(x=held[0], y=held[1], shape="triangle", class_="d", label="" if turns else there),
+    ]
+
+
+def _arm(title: str, when: str, axes: tuple[Axis, Axis], layers: list[Line | Marks]) -> Picture:
+    all_layers: list[Layer] = [*layers]
+    return Picture(
+        ident=f"arm-{when.lower()}",
+        title=title,
+        description=f"{title}. The arm from its base to its hand, and the place where the hand should be.",
+        x=axes[0],
+        y=axes[1],
+        layers=all_layers,
+        aspect=ASPECT,
+    )

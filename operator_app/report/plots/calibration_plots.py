@@ -1,0 +1,264 @@
+"""The plots of a calibration: closure by pose, what the RVDTs read against the loops. Knows no renderer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from operator_app.report.plots.plot import (
+    Axis,
+    Band,
+    Layer,
+    Line,
+    Marks,
+    Picture,
+    Ribbon,
+    Shape,
+    axis,
+    log_axis,
+)
+from operator_app.report.subject import Subject
+from operator_app.units.figure import (
+    ANGLE,
+    CLOSURE_ANGLE,
+    CLOSURE_LENGTH,
+    CONDITION,
+    LSB,
+    Figure,
+    Quantity,
+)
+from operator_app.units.numbers import plural, significant
+from solver.arrays import FloatArray
+from solver.chain.sensors import Rvdt
+from solver.diagnostics.rvdt_response import RvdtFigures
+from solver.estimators.estimate import Estimate
+
+SHAPES: tuple[tuple[Shape, str], ...] = (("dot", "a"), ("square", "b"), ("triangle", "d"))
+ROTATIONS = {2: ("dx", "dy"), 3: ("rx", "ry", "rz")}
+CURVE_POINTS = 61
+KNOWN_SIGMAS = 2.0
+"""Half the width of the strip about a curve: 95 % of what it may be."""
+FAR_OFF = 2.5
+"""A pose whose loop fails to close by more than this many times the rms deserves a look."""
+
+
+def pose_axis(subject: Subject) -> Axis:
+    """Axis of pose numbers."""
+    return axis("pose", [float(p.number) for p in subject.used], whole=True)
+
+
+def costs(steps: Sequence[tuple[int, float]]) -> Picture:
+    """Return an estimator's cost over its iterations, in powers of ten."""
+    numbers = [float(number) for number, _ in steps]
+    powers = [math.log10(max(cost, 1e-30)) for _, cost in steps]
+    return Picture(
+        ident="cost",
+        title="Cost by iteration",
+        description="What is left to be explained, iteration by iteration.",
+        x=axis("iteration", numbers, whole=True),
+        y=axis("cost, power of ten", powers),
+        layers=[Marks(x=numbers, y=powers)],
+    )
+
+
+def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture:
+    """Return the scaled condition number of the first so many poses, on a log scale, with the limit."""
+    numbers, values = [float(n) for n, _ in trend], [value for _, value in trend]
+    x = axis("poses", numbers, whole=True)
+    tips = [f"{n} poses: {CONDITION(value).shown}" for n, value in trend]
+    return Picture(
+        ident="condition-trend",
+        title="Condition number as the poses came",
+        description=f"Scaled condition number of the first {trend[0][0]} to {trend[-1][0]} poses, log scale: "
+        f"from {CONDITION(values[0]).shown} to {CONDITION(values[-1]).shown}; lower is better.",
+        x=x,
+        y=log_axis("scaled condition number", [*values, limit]),
+        layers=[
+            Line(x=(x.low, x.high), y=(limit, limit), class_="dashed", label=f"limit {limit:g}"),
+            Line(x=numbers, y=values),
+            Marks(x=numbers, y=values, tips=tips, label="first poses"),
+        ],
+    )
+
+
+def misses(subject: Subject, estimate: Estimate) -> Picture:
+    """Return by how much the hand misses the fixture in every pose; those far off are marked."""
+    miss = np.linalg.norm(estimate.residual[:, estimate.rotation_rows :], axis=1)
+    rms = float(np.sqrt(np.mean(miss**2)))
+    odd, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
+    numbers = np.array([p.number for p in subject.used])
+    limit = CLOSURE_LENGTH.per_si * FAR_OFF * rms
+    return Picture(
+        ident="misses",
+        title="How far each pose's loop fails to close",
+        description=f"{plural(len(miss), 'pose')}; rms {Figure(rms, CLOSURE_LENGTH).with_unit}; "
+        f"{plural(int(odd.sum()), 'pose')} beyond {FAR_OFF:g} times that.",
+        x=pose_axis(subject),
+        y=axis("distance", [0.0, limit, *values.tolist()], unit=CLOSURE_LENGTH.unit),
+        layers=[
+            Band(low=0.0, high=limit, label=f"{FAR_OFF:g} rms"),
+            Marks(x=numbers[~odd].tolist(), y=values[~odd].tolist(), label="pose"),
+            Marks(x=numbers[odd].tolist(), y=values[odd].tolist(), shape="square", class_="c"),
+        ],
+    )
+
+
+def closure_by_pose(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
+    """Return the closure error of every pose at the measured joints: position, then orientation."""
+    split, after = estimate.rotation_rows, estimate.sigmas
+    drawn = [("position", CLOSURE_LENGTH, after.position_m, estimate.residual[:, split:])]
+    if split and after.orientation_rad is not None:
+        turned = CLOSURE_ANGLE, after.orientation_rad, estimate.residual[:, :split]
+        drawn.append(("orientation", *turned))
+    return tuple(
+        _closure(subject, kind, quantity, sigma.rms, rows) for kind, quantity, sigma, rows in drawn
+    )
+
+
+def _closure(
+    subject: Subject, kind: str, quantity: Quantity, rms: float, rows: FloatArray
+) -> Picture:
+    numbers = [p.number for p in subject.used]
+    norms = np.linalg.norm(rows, axis=1)
+    worst = int(np.argmax(norms))
+    components = ("x", "y", "z") if kind == "position" else ROTATIONS[rows.shape[1]]
+    spread = quantity.per_si * rms
+    values = quantity.per_si * rows
+    layers: list[Layer] = [Band(low=-spread, high=spread, label="rms")]
+    for k, (name, (shape, colour)) in enumerate(zip(components, SHAPES, strict=False)):
+        tips = [
+            f"pose {n}: {name} {Figure(v, quantity).with_unit}"
+            for n, v in zip(numbers, rows[:, k].tolist(), strict=True)
+        ]
+        y = values[:, k].tolist()
+        layers.append(Marks(x=numbers, y=y, shape=shape, class_=colour, label=name, tips=tips))
+    return Picture(
+        ident=f"closure-{kind}",
+        title=f"Closure error by pose, {kind}",
+        description=f"{plural(len(rows), 'pose')}; rms {Figure(rms, quantity).with_unit} per "
+        f"component (shaded); the largest is {Figure(float(norms[worst]), quantity).with_unit} "
+        f"at pose {numbers[worst]}.",
+        x=pose_axis(subject),
+        y=axis(
+            f"{kind} error",
+            [*values.ravel().tolist(), spread],
+            unit=quantity.unit,
+            symmetric=True,
+        ),
+        layers=layers,
+    )
+
+
+def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture:
+    """Return one RVDT's reading less the angle the loop measures, with its curve and what is allowed."""
+    grid = np.linspace(found.curve.low, found.curve.high, CURVE_POINTS)
+    curve = found.curve(grid)
+    allowed = _rvdt(subject, joint).linearity_rad
+    low, high = (Figure(float(v), CLOSURE_ANGLE) for v in (curve.min(), curve.max()))
+    return _of_rvdt(
+        subject,
+        ident=f"rvdt-{joint}",
+        title=f"Joint {joint}: reading less the angle the loop measures",
+        description=f"Curve from {low.shown} to {high.with_unit}; noise of a "
+        f"single reading {Figure(found.noise.lsb, LSB, digits=2).with_unit}. The specification allows "
+        f"±{Figure(allowed, CLOSURE_ANGLE).with_unit} about the best-fit line.",
+        labels=(f"true angle of joint {joint}", "deviation"),
+        at_rad=found.angle_rad,
+        values_rad=found.deviation_rad,
+        allowed_rad=(allowed, "allowed"),
+        curve_rad=(grid, curve),
+        known_rad=found.table_rad,
+    )
+
+
+def rvdt_corrections(subject: Subject, estimate: Estimate, joint: int) -> Picture:
+    """Return one RVDT joint's corrections against its reading, with the noise stated."""
+    if estimate.corrections is None:
+        raise ValueError("this estimator finds no corrections")
+    values = estimate.corrections[:, joint - 1]
+    noise = _rvdt(subject, joint).sigma_rad
+    low, high = (Figure(float(v), CLOSURE_ANGLE) for v in (values.min(), values.max()))
+    return _of_rvdt(
+        subject,
+        ident=f"rvdt-used-{joint}",
+        title=f"Joint {joint}: correction against reading",
+        description=f"Corrections from {low.shown} to {high.with_unit}; shaded: the stated noise of "
+        f"one reading, ±{Figure(noise, CLOSURE_ANGLE).with_unit}.",
+        labels=(f"reading of joint {joint}", "correction"),
+        at_rad=subject.readings_rad[:, joint - 1],
+        values_rad=values,
+        allowed_rad=(noise, "stated noise"),
+    )
+
+
+def _rvdt(subject: Subject, joint: int) -> Rvdt:
+    sensor = subject.procedure.arm.joints[joint - 1].sensor
+    if not isinstance(sensor, Rvdt):
+        raise TypeError(f"joint {joint} has no RVDT")
+    return sensor
+
+
+def _of_rvdt(
+    subject: Subject,
+    *,
+    ident: str,
+    title: str,
+    description: str,
+    labels: tuple[str, str],
+    at_rad: FloatArray,
+    values_rad: FloatArray,
+    allowed_rad: tuple[float, str],
+    curve_rad: tuple[FloatArray, FloatArray] | None = None,
+    known_rad: FloatArray | None = None,
+) -> Picture:
+    """Return values (m,) over angles (m,), within a band about zero.
+
+    `known_rad` (k, 3) are the corrections of a curve, by reading, with their standard deviations.
+    """
+    x_label, y_label = labels
+    x, y = _scaled(at_rad, ANGLE), _scaled(values_rad, CLOSURE_ANGLE)
+    allowed, name = CLOSURE_ANGLE.per_si * allowed_rad[0], allowed_rad[1]
+    tips = [
+        f"pose {p.number}: {y_label} {Figure(v, CLOSURE_ANGLE, places=2).with_unit} at "
+        f"{Figure(a, ANGLE, places=2).with_unit}"
+        for p, a, v in zip(subject.used, at_rad.tolist(), values_rad.tolist(), strict=True)
+    ]
+    layers: list[Layer] = [
+        Band(low=-allowed, high=allowed, label=f"±{significant(allowed, 2)} {name}"),
+        Marks(x=x, y=y, label="pose", tips=tips),
+    ]
+    if known_rad is not None:
+        reading, add, sigma = known_rad.T
+        low, high = (-add - KNOWN_SIGMAS * sigma, -add + KNOWN_SIGMAS * sigma)
+        ribbon = Ribbon(
+            x=_scaled(reading + add, ANGLE),
+            low=_scaled(low, CLOSURE_ANGLE),
+            high=_scaled(high, CLOSURE_ANGLE),
+            label=f"±{KNOWN_SIGMAS:g} sigma",
+        )
+        layers.insert(1, ribbon)
+        y = [*y, *ribbon.low, *ribbon.high]
+    if curve_rad is not None:
+        curve = Line(
+            x=_scaled(curve_rad[0], ANGLE),
+            y=_scaled(curve_rad[1], CLOSURE_ANGLE),
+            class_="b",
+            label="curve",
+        )
+        layers.append(curve)
+        y = [*y, *curve.y]
+    return Picture(
+        ident=ident,
+        title=title,
+        description=description,
+        x=axis(x_label, x, unit=ANGLE.unit),
+        y=axis(y_label, y, unit=CLOSURE_ANGLE.unit, symmetric=True),
+        layers=layers,
+    )
+
+
+def _scaled(values: FloatArray, quantity: Quantity) -> list[float]:
+    scaled: Sequence[float] = (quantity.per_si * values).tolist()
+    return list(scaled)

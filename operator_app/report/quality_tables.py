@@ -1,0 +1,248 @@
+"""Tables of how good a calibration is: condition, accuracy, closure. Knows no renderer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from operator_app.calibration.cross_validation import FOLDS, Checks
+from operator_app.calibration.notices import held_in_short
+from operator_app.calibration.result import Solution
+from operator_app.report.table import Cell, Column, Headline, Table, figures, words
+from operator_app.units.figure import (
+    CHI2,
+    CLOSURE_LENGTH,
+    CONDITION,
+    SIGMA_ORI,
+    SIGMA_POS,
+    Figure,
+    Key,
+)
+from operator_app.units.numbers import (
+    plural,
+    significant,
+)
+from solver.estimators.estimate import Estimate
+from solver.estimators.goodness import ClosureSigmas
+
+BAR_PER_DECADE, BAR_DECADES = 10, 4
+"""Of a bar that stands for a condition number: 100 is twenty characters, 10,000 and more forty."""
+OBSERVABILITY = (
+    "geometric mean of the singular values over root m",
+    "smallest over largest singular value",
+    "smallest singular value",
+    "its square over the largest",
+    "one over the sum of inverses",
+)
+
+
+def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table:
+    """Condition, rank, degrees of freedom, chi2, weakest direction."""
+    estimate, seen = solution.identified, solution.seen
+    weights = ", ".join(
+        f"{name} {significant(weight, 2)}"
+        for name, weight in zip(seen.weakest.parameters[:4], seen.weakest.weights, strict=False)
+    )
+    freedom = f"{plural(solution.model.equations_per_pose, 'equation')} a pose, less parameters"
+    ended = "converged" if estimate.converged else "did not converge"
+    if solution.judgement.astray and estimate.converged:
+        ended += ", astray"
+
+    def key(figure: Figure, *key: str) -> Figure:
+        return Figure(figure.value, places=figure.places, digits=figure.digits, key=key)
+
+    rows: list[tuple[Cell, ...]] = [
+        (
+            h.name,
+            key(h.figure, {"chi2/dof": "chi2_per_dof"}.get(h.name, h.name.replace(" ", "_"))),
+            h.note,
+        )
+        for h in headlines
+        if not h.name.startswith("sigma_")
+    ]
+    plain = CONDITION(seen.condition_number, key=("condition_number",))
+    rows[1:1] = [("condition number, 1 m : 1 rad", plain, "")]
+    if (read := solution.condition_at_readings) is not None:
+        figure = CONDITION(read, key=("scaled_condition_number_at_readings",))
+        rows[1:1] = [("scaled, at the joints as read", figure, "as the paper took it")]
+    if (stated := solution.judgement.stated_chi2_per_dof) is not None:
+        ratio = CHI2(stated, key=("stated_chi2_per_dof",))
+        rows.append(("chi2/dof at stated noise", ratio, "1 or less when all is as stated"))
+    rows += [
+        ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
+        ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), ended),
+    ]
+    return Table(
+        ident="determined",
+        title="How well the poses determine them (no unit)",
+        columns=(*words("figure"), *figures("value"), *words("")),
+        rows=tuple(rows),
+        note=f"Weakest direction: {weights}.",
+    )
+
+
+def trend_table(solution: Solution) -> Table | None:
+    """Return how the condition number fell as the poses came; None where nothing tells."""
+    trend = solution.seen.trend
+    if len(trend) < 2:
+        return None
+    rows: list[tuple[Cell, ...]] = []
+    for k, (poses, value) in enumerate(trend):
+        decades = min(max(math.log10(value), 0.0), BAR_DECADES)
+        rows.append(
+            (
+                Figure(poses, places=0, key=("condition_trend", k, 0)),
+                CONDITION(value, key=("condition_trend", k, 1)),
+                "#" * round(decades * BAR_PER_DECADE),
+            )
+        )
+    return Table(
+        ident="trend",
+        title="Condition number as the poses came (no unit)",
+        columns=(
+            *figures("first poses", "scaled"),
+            Column("log scale: ten # are a factor of ten", words=True, summary=True),
+        ),
+        rows=tuple(rows),
+    )
+
+
+def hand_table(solution: Solution) -> Table | None:
+    """Return how far off the hand may be at the poses of the calibration."""
+    hand = solution.hand
+    if hand is None:
+        return None
+    return Table(
+        ident="hand",
+        title="How far off the hand may be (one sigma)",
+        columns=(*words("at the poses of this calibration"), *figures("sigma [mm]")),
+        rows=tuple(
+            (name, Figure(value, CLOSURE_LENGTH, key=("tip_sigma_mm", key)))
+            for name, key, value in (("rms", "rms", hand.rms), ("worst pose", "worst", hand.worst))
+        ),
+        note="By the parameters' covariance, as the arm's base sees the hand; errors of the readings "
+        "come on top.",
+    )
+
+
+def accuracy_table(solution: Solution) -> Table | None:
+    """Return what the calibration brings: the hand before and after, over the joints' ranges."""
+    found = solution.accuracy
+    if found is None:
+        return None
+    rows = (
+        ("rms", "rms", found.before.rms, found.after.rms),
+        ("95 % stay below", "p95", found.before.most, found.after.most),
+        ("worst pose", "worst", found.before.worst, found.after.worst),
+    )
+    return Table(
+        ident="accuracy",
+        title="What it brings: how far off the hand is [mm]",
+        columns=(
+            *words("over the ranges of all joints"),
+            *figures("before"),
+            *figures("after, one sigma"),
+        ),
+        rows=tuple(
+            (
+                name,
+                Figure(before, CLOSURE_LENGTH, key=("hand_accuracy_mm", "before", key)),
+                Figure(after, CLOSURE_LENGTH, key=("hand_accuracy_mm", "after", key)),
+            )
+            for name, key, before, after in rows
+        ),
+        note=f"At {found.poses} poses evenly over the ranges, whatever may be in the way there. Before: the "
+        "arm file's own entries against the calibrated ones, as the arm's base sees the hand; what "
+        "belongs to the mounting has no part in it. After: by the parameters' covariance"
+        f"{held_in_short(found)}.",
+    )
+
+
+def observability_table(solution: Solution) -> Table:
+    """Return the five observability indices of the literature."""
+    return Table(
+        ident="observability",
+        title="Observability of the scaled Jacobian (no unit)",
+        columns=(*words("index"), *figures("value"), *words("")),
+        rows=tuple(
+            (f"O{k}", Figure(value, key=("observability", f"O{k}")), meaning)
+            for k, (value, meaning) in enumerate(
+                zip(solution.seen.observability, OBSERVABILITY, strict=True), 1
+            )
+        ),
+        detail=True,
+    )
+
+
+CLOSURE_COLUMNS = (
+    *words("parameters"),
+    *figures("rms", "as printed", group="sigma_pos [mm]"),
+    *figures("rms", "as printed", group="sigma_ori [mrad]"),
+)
+
+
+def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> Table:
+    """Closure sigmas before and after, in both readings, and on poses held out."""
+    estimate = solution.identified
+    rows = [
+        closure_row("nominal, before", solution.before, key=("before",)),
+        closure_row(f"{estimate.estimator} (chosen), after", estimate.sigmas, key=()),
+    ]
+    if beside is not None:
+        rows.append(closure_row(f"{beside.estimator}, for comparison", beside.sigmas))
+    held = (
+        ()
+        if checks is None
+        else (
+            (f"{FOLDS} folds", "hold_out", checks.held_out),
+            ("far block", "far_block", checks.far_block),
+        )
+    )
+    for name, key, found in held:
+        if found is not None:
+            for part, which, sigmas in (
+                ("took part", "inside", found.inside_sigmas),
+                ("held out", "held_out", found.sigmas),
+            ):
+                place = ("checks", key)
+                title = f"{name}, {part}"
+                rows.append(closure_row(title, sigmas, key=place, reading=which))
+    return Table(
+        ident="closure",
+        title="Closure at the measured joints (eqs. 14 and 15)",
+        columns=CLOSURE_COLUMNS,
+        rows=tuple(rows),
+    )
+
+
+def closure_row(
+    name: str,
+    sigmas: ClosureSigmas,
+    *,
+    key: Key | None = None,
+    reading: str = "",
+) -> tuple[Cell, ...]:
+    """Return one row of closure sigmas.
+
+    Parameters
+    ----------
+    key
+        Where the figures stand in JSON; None: nowhere.
+    reading
+        JSON's name of a figure that it has in one reading only.
+    """
+    cells: list[Cell] = [name]
+    turned = sigmas.orientation_rad
+    if turned is not None and turned.rms == 0.0:
+        # Journals of earlier versions: no rotation closes.
+        turned = None
+    for symbol, kind, both in (
+        ("sigma_pos_mm", SIGMA_POS, sigmas.position_m),
+        ("sigma_ori_mrad", SIGMA_ORI, turned),
+    ):
+        rms, printed = (None, None) if both is None else (both.rms, both.as_printed)
+        for value, last in ((rms, reading or "rms"), (printed, "as_printed")):
+            listed = key is not None and not (reading and last == "as_printed")
+            place = (*key, symbol, last) if key is not None and listed else ()
+            cells.append(kind(value, key=place))
+    return tuple(cells)

@@ -1,0 +1,64 @@
+"""How a planned capture ended, as text and as JSON: what stayed weak and what would help. Computes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from operator_app.report.table import Table, figures, words
+from operator_app.report.text import paragraph, table_lines
+from operator_app.session.store.state import CapturedPose
+from operator_app.session.workflow.planned_capture import CampaignEnd
+from operator_app.units.figure import Figure, in_json, quantity_of
+from solver.chain.parameters import Parameter
+
+PLACES = 4
+
+
+def capture_json(
+    end: CampaignEnd | None,
+    advice: str,
+    parameters: Iterable[Parameter],
+    poses: Sequence[CapturedPose],
+) -> dict[str, Any] | None:
+    """Return how a planned capture went; None when poses were explored only."""
+    if end is None:
+        return None
+    known = {p.name: p for p in parameters}
+    return {
+        "complete": end.complete,
+        "text": end.text,
+        "explored": sum(not p.planned for p in poses),
+        "planned": sum(p.planned for p in poses),
+        "weak": [
+            {
+                "name": w.name,
+                "sigma": None if w.sigma is None else in_json(known[w.name], w.sigma),
+                "requested": in_json(known[w.name], w.requested),
+            }
+            for w in end.weak
+        ],
+        "advice": advice or None,
+    }
+
+
+def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter]) -> str:
+    """Return how a planned capture ended, what stayed weak and what would help."""
+    known = {p.name: quantity_of(p) for p in parameters}
+    weak = Table(
+        ident="weak",
+        title="",
+        columns=(*words("short of the request", "unit"), *figures("sigma", "requested")),
+        rows=tuple(
+            (
+                w.name,
+                known[w.name].unit,
+                *(Figure(v, known[w.name], places=PLACES) for v in (w.sigma, w.requested)),
+            )
+            for w in end.weak
+        ),
+    )
+    lines = [paragraph(f"Plan        {end.text}.", indent=12), *table_lines(weak)]
+    if advice:
+        lines.append(paragraph(f"Advice      {advice}.", indent=12))
+    return "\n".join(lines)

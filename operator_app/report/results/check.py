@@ -1,0 +1,263 @@
+"""What `sarcal check` says of files: what is wrong, or what would be done with them. Judges nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fixtures.base import Severity
+from operator_app.config.any_file import Found, Looked
+from operator_app.config.degrees import short_degrees
+from operator_app.config.errors import Problem
+from operator_app.config.fixture_file import FixtureSpec
+from operator_app.config.parameters import ParametersDocument
+from operator_app.config.poses_file import LoadedPoses
+from operator_app.config.procedure import Procedure
+from operator_app.planning.inspection import Chain
+from operator_app.planning.mode_rule import and_the_others
+from operator_app.planning.outlook import Outlook
+from operator_app.report.text import paragraph
+from operator_app.units.figure import (
+    ANGLE_TOLERANCE,
+    CONDITION,
+    GIVES_ANGLE,
+    GIVES_LENGTH,
+    LENGTH_TOLERANCE,
+    READING_SD,
+    SPAN,
+    STRAY,
+)
+from operator_app.units.numbers import joints_named
+from solver.chain.arm_model import ArmModel, Joint
+from solver.chain.parameters import DhKind
+from solver.chain.sensors import Encoder, NoSensor, Rvdt
+from solver.diagnostics.identifiability import Identifiability
+
+UNITS = (
+    "Units are in the keys and columns: _deg degrees, _m metres, _mm millimetres, _mrad milliradians. "
+    "Angles are what the sensors read; joint angle = reading + theta_off."
+)
+UNSEEN = (
+    "! Whether a calibration can be made from these poses was not looked at: name the arm and the fixture "
+    "as well, or the procedure."
+)
+
+
+def problems_text(problems: Sequence[Problem]) -> str:
+    """Return everything that is wrong, file by file, one line each so that an editor can go there."""
+    count = len(problems)
+    files = list(dict.fromkeys(p.file for p in problems))
+    many = f" in {len(files)} files" if len(files) > 1 else ""
+    head = f"{count} problem{'s' if count > 1 else ''}{many}:"
+    ordered = sorted(problems, key=lambda p: (files.index(p.file), p.line or 0, p.column or 0))
+    return "\n".join([head, *(f"! {problem}" for problem in ordered)])
+
+
+def check_text(found: Found, chains: Sequence[Chain]) -> str:
+    """Return what the files are, and what would come of each arm in its fixture."""
+    arms = {chain.arm.name: chain.arm for chain in chains}
+    for looked in found.of("arm"):
+        if isinstance(looked.holds, ArmModel):
+            arms[looked.holds.name] = looked.holds
+    blocks = [
+        "Nothing is wrong with what the files say.\n"
+        + aligned_left([[looked.source.file, in_words(looked)] for looked in found.files]),
+        *(_arm(arm) for arm in arms.values()),
+        *(_chain(chain) for chain in chains),
+        *([paragraph(UNSEEN)] if found.of("poses") and not chains else []),
+        paragraph(UNITS),
+    ]
+    return "\n\n".join(blocks)
+
+
+def aligned_left(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows as columns, all to the left."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        ("  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True))).rstrip()
+        for row in rows
+    )
+
+
+def in_words(looked: Looked) -> str:
+    """Return what one file is, in a few words."""
+    match looked.holds:
+        case ArmModel() as arm:
+            return f"arm {arm.name}: {_many(arm.joint_count, 'joint')}"
+        case FixtureSpec() as spec:
+            return f"fixture {spec.name}: {spec.kind}"
+        case Procedure() as procedure:
+            return (
+                f"procedure {procedure.name}: {procedure.arm.name} in {procedure.fixture.name}, "
+                f"{_captured(procedure)}"
+            )
+        case ParametersDocument() as document:
+            return f"parameters of {document.arm.model}, serial {document.arm.serial}"
+        case LoadedPoses() as loaded:
+            poses, places = loaded.poses, len(loaded.poses.placements)
+            measured = "" if poses.endpoint is None else ", measured endpoints"
+            return (
+                f"{_many(len(poses), 'pose')} of {_many(poses.q_rad.shape[1], 'joint')}, "
+                f"{_many(places, 'placement')}{measured}"
+            )
+        case None:
+            return "cannot be read"
+        case profile:
+            return f"bus profile {profile.name}"
+
+
+def _captured(procedure: Procedure) -> str:
+    capture = procedure.capture
+    how = "planned" if capture.strategy == "planned" else "explored"
+    return f"{_many(capture.poses, f'{how} pose')} of {capture.samples_per_pose} samples"
+
+
+def _arm(arm: ArmModel) -> str:
+    free = {entry.name for entry in arm.free}
+    rows = [["joint", "name", "range [deg]", "sensor", "reads to [deg]", "offset"]]
+    for j, joint in enumerate(arm.joints, 1):
+        low, high = SPAN(joint.lower_rad).shown, SPAN(joint.upper_rad).shown
+        rows.append(
+            [
+                str(j),
+                joint.name,
+                f"{low} to {high}",
+                _sensor(joint),
+                "" if isinstance(joint.sensor, NoSensor) else READING_SD(joint.sensor.sigma_rad).shown,
+                "found" if f"theta_off_{j}" in free else "as the file has it",
+            ]
+        )  # fmt: skip
+    lines = [f"Arm {arm.name}", aligned_left(rows)]
+    others = [e.name for e in arm.free if e.kind is not DhKind.THETA_OFF]
+    if others:
+        lines.append(paragraph(f"Free beside the offsets: {', '.join(others)}."))
+    lines.append(
+        paragraph(
+            f"Lengths are taken as known to {LENGTH_TOLERANCE(max(arm.length_tolerance_m)).with_unit}, "
+            f"twists to {ANGLE_TOLERANCE(max(arm.twist_tolerance_rad)).with_unit} (the least known row)."
+        )
+    )
+    if arm.assumed:
+        lines.append(
+            paragraph(f"Assumed, as the file does not state it: {', '.join(arm.assumed)}.")
+        )
+    return "\n".join(lines)
+
+
+def _sensor(joint: Joint) -> str:
+    match joint.sensor:
+        case Encoder() as encoder:
+            return f"encoder, {encoder.counts_per_rev} counts a turn"
+        case Rvdt() as rvdt:
+            return f"RVDT, {rvdt.bits} bits over {SPAN(rvdt.full_scale_rad).with_unit}"
+        case _:
+            return "none: the loop measures it, no drive can hold it"
+
+
+def _chain(chain: Chain) -> str:
+    """What would come of one arm in one fixture."""
+    arm, spec, found = chain.arm, chain.fixture, chain.outlook
+    give = spec.fixture.give
+    yields = [
+        *([GIVES_LENGTH(give.position_m).with_unit] if give.position_m else []),
+        *(
+            [GIVES_ANGLE(give.orientation_rad).with_unit]
+            if give.orientation_rad and spec.kind != "ball"
+            else []
+        ),
+    ]
+    lines = [
+        f"{arm.name} in {spec.name}",
+        paragraph(
+            f"The {spec.kind}'s place is taken as known to {LENGTH_TOLERANCE(spec.tolerance_m).with_unit} "
+            f"and {ANGLE_TOLERANCE(spec.tolerance_rad).with_unit}"
+            + (f"; under load it gives {' and '.join(yields)}." if yields else ".")
+        ),
+        *(paragraph(text) for text in _freedom(chain)),
+        paragraph(_unknowns(found)),
+    ]
+    if found.refusal is not None:
+        lines.append(paragraph(f"! {found.refusal}", indent=2))
+    lines += [
+        paragraph(f"! {c.severity.value}: {c.text}: {c.remedy}", indent=2)
+        for c in found.checks
+        if c.severity is not Severity.OK
+    ]
+    said = {c.code for c in found.checks}
+    lines += [
+        paragraph(f"! not identifiable: {d}", indent=2)
+        for d in found.blind
+        if not any(f"IMMOBILE_{j}" in said for j in d.immobile_joints)
+    ]
+    lines += _other_home(chain)
+    lines += [paragraph(f"{name} is held: {why}.") for name, why in chain.held.items()]
+    if found.seen is not None and not found.refused:
+        lines.append(_well("Poses all over what can be reached", found.seen))
+    for file, seen in chain.poses:
+        lines.append(_well(f"The poses of {file}", seen))
+        lines += [paragraph(f"! not identifiable: {d}", indent=2) for d in seen.directions]
+    lines += [paragraph(f"! {file}: {why}", indent=2) for file, why in chain.unfit]
+    return "\n".join(lines)
+
+
+def _freedom(chain: Chain) -> list[str]:
+    """Mobility, the joints that would drive and why, and how far home is from a closed pose."""
+    found, n = chain.outlook, chain.arm.joint_count
+    if found.mobility is None:
+        return []
+    others = and_the_others(found.mobility, n)
+    lines = [
+        f"Mobility {found.mobility}: exactly {_many(found.mobility, 'joint')} in position mode{others}."
+    ]
+    if not chain.fixture.fixture.holds_hand:
+        lines = [f"Nothing holds the hand: all {n} joints in position mode."]
+    if found.choice is not None:
+        chosen = f"{joints_named(found.choice.drives).capitalize()} would drive"
+        lines.append(f"{chosen} ({'; '.join(found.choice.reasons)}).")
+    if found.from_home_rad is not None:
+        off = abs(found.from_home_rad)
+        j = int(off.argmax())
+        lines.append(
+            f"From home_deg to the nearest pose that closes: {STRAY(float(off[j])).with_unit} at most, "
+            f"joint {j + 1}."
+        )
+    return lines
+
+
+def _other_home(chain: Chain) -> list[str]:
+    """Where the arm's home will not do: another one, ready to be copied into the arm's file."""
+    if chain.home is None:
+        return []
+    home, found = chain.home
+    degrees = ", ".join(f"{a:g}" for a in short_degrees(home))
+    well = (
+        []
+        if found.seen is None
+        else [_well("Poses all over what can be reached from there", found.seen)]
+    )
+    return [
+        paragraph(
+            f"! This home will do, and closes with the {chain.fixture.kind}: write it into the file of "
+            f"{chain.arm.name}, bring the arm there, and check again:",
+            indent=2,
+        ),
+        f"  home_deg: [{degrees}]",
+        *well,
+    ]
+
+
+def _unknowns(found: Outlook) -> str:
+    shown = [p.name for p in found.parameters]
+    return f"{_many(len(shown), 'parameter')} would be found: {', '.join(shown)}."
+
+
+def _well(what: str, seen: Identifiability) -> str:
+    if seen.directions:
+        return paragraph(f"{what} see {seen.rank} combinations of the parameters, not all.")
+    return paragraph(
+        f"{what} see all of them; scaled condition number {CONDITION(seen.scaled_condition_number).shown}, "
+        f"weakest: {', '.join(seen.weakest.parameters[:4])}."
+    )
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}{'s' if count != 1 else ''}"

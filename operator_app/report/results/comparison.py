@@ -1,0 +1,178 @@
+"""A comparison of two calibrations as text and as JSON. Computes nothing, prints nothing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from operator_app.calibration.comparison import Comparison, Drift, Side
+from operator_app.config.parameters import ParametersDocument
+from operator_app.report.json_schema import notices_data
+from operator_app.report.table import Cell, Table, figures, shown, words
+from operator_app.report.text import paragraph, table_lines, warnings_text
+from operator_app.units.figure import ANGLE, LENGTH, Figure, Quantity
+from operator_app.units.numbers import places_to_show
+
+DRIFTED = "drifted"
+NO_DRIFT = "no significant drift"
+MADE_OTHERWISE = {"ESTIMATOR", "ENTRIES", "TABLE"}
+"""Notices of what moves parameters though the arm is the same."""
+
+NOTHING = "same poses: nothing follows for the arm"
+
+
+def comparison_text(found: Comparison) -> str:
+    """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
+    table = _table(found)
+    blocks = [
+        _verdict(found, table),
+        "\n".join(_whose(name, d) for name, d in (("A", found.before), ("B", found.after))),
+        "\n".join(table_lines(table)),
+        paragraph(_reading(found)),
+        _left_out(found),
+        warnings_text(found.notices),
+    ]
+    return "\n\n".join(block for block in blocks if block)
+
+
+def comparison_json(found: Comparison) -> dict[str, Any]:
+    """Return the object of `sarcal compare --json`: deg and m, as in the documents."""
+    return {
+        "verdict": NOTHING if found.same_poses else DRIFTED if found.drifted else NO_DRIFT,
+        "drifted": [d.name for d in found.drifted],
+        "level": found.level,
+        "threshold_sigmas": found.threshold_sigmas,
+        "parameters": {
+            d.name: {
+                "unit": "deg" if d.is_angle else "m",
+                "a": _in_json(d, d.before),
+                "b": _in_json(d, d.after),
+                "change": _in_json(d, d.change),
+                "sigma": _in_json(d, d.sigma),
+                "sigmas": d.sigmas if math.isfinite(d.sigmas) else None,
+                "significant": d.significant,
+                "side": d.side.name.lower(),
+            }
+            for d in found.drifts
+        },
+        "left_out": dict(found.left_out),
+        "a": _document_json(found.before, found.scale_before),
+        "b": _document_json(found.after, found.scale_after),
+        "warnings": notices_data(found.notices),
+    }
+
+
+def _reading(found: Comparison) -> str:
+    """Say how the table is to be read."""
+    change = "Change is B less A, angles the short way round."
+    if found.same_poses:
+        return (
+            f"{change} Sigma is what it would be of poses taken anew; nothing is judged by it here."
+        )
+    return (
+        f"Significant: a change of more than {found.threshold_sigmas:.2f} sigmas, which noise alone "
+        f"gives to any parameter in {100.0 * found.level:g} % of comparisons (Bonferroni). {change}"
+    )
+
+
+def _verdict(found: Comparison, table: Table) -> str:
+    if found.same_poses:
+        return paragraph(
+            "SAME POSES: nothing follows for the arm. A and B are two estimates from the same readings; "
+            "whether it has drifted, poses taken anew tell."
+        )
+    if not found.drifted:
+        return "NO SIGNIFICANT DRIFT."
+    cells = {row[0]: [shown(cell) for cell in row] for row in table.rows}
+    lines = []
+    for d in found.drifted:
+        _, unit, _, _, change, _, sigmas, _ = cells[d.name]
+        said = f"- {d.name} by {change} {unit} ({sigmas} sigmas; {d.side.value})"
+        lines.append(paragraph(said, indent=2))
+    sides = {d.side for d in found.drifted}
+    advice = ""
+    if Side.ARM not in sides:
+        advice = (
+            "Only parameters of the fixture's mounting changed, none of the arm itself. If the fixture "
+            "was taken off in between, compare with --remounted; if not, look whether it has moved."
+        )
+    elif MADE_OTHERWISE & {n.code for n in found.notices}:
+        advice = (
+            "A and B were made otherwise (see below), and that alone moves parameters. Calibrate both alike "
+            "and compare them before the arm itself is blamed."
+        )
+    else:
+        advice = (
+            "The arm itself changed. Calibrate once more; if the change stays, look at the encoders' "
+            "home marks and couplings of the joints named, and export the new parameters."
+        )
+    return "\n".join(["DRIFTED:", *lines, paragraph(advice)])
+
+
+def _whose(name: str, document: ParametersDocument) -> str:
+    return (
+        f"{name}  {document.arm.model} {document.arm.serial}, fixture {document.fixture.name}, "
+        f"{document.utc:%Y-%m-%d %H:%M} UTC\n   {document.estimator}, "
+        f"{document.quality.poses} poses, sarcal {document.software_version}"
+    )
+
+
+def _table(found: Comparison) -> Table:
+    places = {
+        q: places_to_show((q.per_si * d.sigma for d in found.drifts if _quantity(d) is q), least=3)
+        for q in (ANGLE, LENGTH)
+    }
+    titles = ("A", "B", "change", "sigma", "sigmas")
+    rows: list[tuple[Cell, ...]] = []
+    for d in found.drifts:
+        quantity, n = _quantity(d), places[_quantity(d)]
+        shown_there = (
+            Figure(value, quantity, places=n, signed=value is d.change)
+            for value in (d.before, d.after, d.change, d.sigma)
+        )
+        word = "DRIFT" if d.significant else ""
+        rows.append((d.name, quantity.unit, *shown_there, _sigmas(d), word))
+    return Table(
+        ident="drift",
+        title="",
+        columns=(*words("parameter", "unit"), *figures(*titles), *words("")),
+        rows=tuple(rows),
+    )
+
+
+def _left_out(found: Comparison) -> str:
+    by_reason: dict[str, list[str]] = {}
+    for name, why in found.left_out:
+        by_reason.setdefault(why, []).append(name)
+    return "\n".join(
+        paragraph(f"Not compared ({why}): {', '.join(names)}", indent=2)
+        for why, names in by_reason.items()
+    )
+
+
+def _quantity(drift: Drift) -> Quantity:
+    return ANGLE if drift.is_angle else LENGTH
+
+
+def _sigmas(drift: Drift) -> Figure | str:
+    return Figure(drift.sigmas, places=1) if math.isfinite(drift.sigmas) else "no sigma"
+
+
+def _in_json(drift: Drift, value: float) -> float | None:
+    return Figure(value, _quantity(drift)).in_json
+
+
+def _document_json(document: ParametersDocument, scale: float) -> dict[str, Any]:
+    return {
+        "arm_model": document.arm.model,
+        "arm_serial": document.arm.serial,
+        "fixture": document.fixture.name,
+        "fixture_kind": document.fixture.kind,
+        "utc": document.utc.isoformat().replace("+00:00", "Z"),
+        "estimator": document.estimator,
+        "poses": document.quality.poses,
+        "chi2_per_dof": document.quality.chi2_per_dof,
+        "sigma_scale": scale,
+        "pose_set_sha256": document.pose_set_sha256,
+        "software_version": document.software_version,
+    }

@@ -1,0 +1,242 @@
+"""A plan in words and tables, for a terminal of 80 columns. Computes nothing, prints nothing."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+
+from fixtures.advice import PlacementReport, RankedPlacement
+from fixtures.base import Severity
+from operator_app.config.procedure import AcceptanceLimits
+from operator_app.planning.fixed_parameters import HELD
+from operator_app.planning.preview import Preview
+from operator_app.report.facts import CONDITION_PAPER
+from operator_app.report.plots.plan import coverage_lines, region_lines
+from operator_app.report.text import WIDTH, aligned, paragraph
+from operator_app.units.figure import (
+    ANGLE,
+    CONDITION,
+    LENGTH,
+    MOUNTED_LENGTH,
+    NOMINAL_LENGTH,
+    NOMINAL_TWIST,
+    SPAN,
+    WHOLE_DEGREES,
+    Figure,
+    quantity_of,
+)
+from operator_app.units.numbers import joints_named
+from solver.chain.parameters import Parameter
+from solver.design.drive_joints import RankedDrives
+
+SHOWN = 6
+"""Drive sets in the table."""
+WEAKEST = 4
+"""Parameters named of the weakest direction."""
+PLACES = 4
+"""Of predicted sigmas."""
+
+
+def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
+    """Return everything an operator should know of a plan before it is carried out."""
+    blocks = [
+        paragraph(title),
+        *_checks(shown),
+        _drives(shown),
+        _poses(shown),
+        _sigmas(shown),
+        "Where the drive joints go: dots can be reached, S is the start, lines the way\n"
+        + "\n".join(region_lines(shown, ascii_only=ascii_only)),
+        f"Ranges of the joints, deg: {'-' if ascii_only else '─'} can be reached, "
+        f"{'#' if ascii_only else '█'} planned poses\n"
+        + "\n".join(coverage_lines(shown, ascii_only=ascii_only)),
+    ]
+    return "\n\n".join(blocks)
+
+
+def _checks(shown: Preview) -> list[str]:
+    """Give the block of what is held by policy and what is wrong with the fixture; none when nothing is."""
+    lines = [
+        paragraph(
+            f"! {c.severity.value}: {c.text}: {c.remedy}"
+            if c.severity is not Severity.OK
+            else f"  {c.text}",
+            indent=2,
+        )
+        for c in shown.checks
+        if c.severity is not Severity.OK or c.code.startswith(HELD)
+    ]
+    return ["\n".join(lines)] if lines else []
+
+
+def _drives(shown: Preview) -> str:
+    """The ranking over the region, what the same sets do at the start, and the choice."""
+    here = {r.drives: r for r in shown.choice.prediction.here}
+    listed = list(shown.choice.prediction.region[:SHOWN])
+    if all(r.drives != shown.choice.drives for r in listed):
+        listed += [r for r in shown.choice.prediction.region if r.drives == shown.choice.drives]
+    rows = [["joints", "score", "reach", "leverage", "at start", "passive", ""]]
+    for r in listed:
+        now = here.get(r.drives)
+        rows.append(
+            [
+                ("> " if r.drives == shown.choice.drives else "  ") + " ".join(map(str, r.drives)),
+                f"{r.score:.2f}",
+                "" if r.reach is None else f"{r.reach:.0%}",
+                f"{r.leverage:.2f}",
+                "" if now is None else f"{now.leverage:.2f}",
+                f"J{r.fastest_joint} x {r.fastest_passive:.1f}",
+                _verdict(r, now),
+            ]
+        )
+    count = shown.mobility
+    head = (
+        f"Drive joints: exactly {count} in position mode, the others free. Reach: share of the "
+        "poses inside the ranges. Leverage: 0 at a fold, median of what is reached and at the "
+        "start. Passive: the free joint that moves most, by how much more than the drives."
+    )
+    chosen = f"{_subject(shown.choice.drives)} ({'; '.join(shown.choice.reasons)})."
+    lines = [paragraph(head), aligned(rows), paragraph(chosen)]
+    others = [d for d in shown.choice.sets if d != shown.choice.drives]
+    if others:
+        also = ", ".join(joints_named(d) for d in others)
+        lines.append(paragraph(f"A session may change to {also} to reach what they cannot."))
+    return "\n".join(lines)
+
+
+def _subject(drives: tuple[int, ...]) -> str:
+    """``Joints 1 and 5 drive``."""
+    return f"{joints_named(drives)} drive{'s' if len(drives) == 1 else ''}".capitalize()
+
+
+def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:
+    """One word or two why a set is out."""
+    if not ranked.usable:
+        return "not usable"
+    if now is not None and not now.usable:
+        return "fold at start"
+    return ""
+
+
+def _poses(shown: Preview) -> str:
+    n = shown.arm.joint_count
+    rows = [["#", "drive", *(f"J{j}" for j in range(1, n + 1)), ""]]
+    for number, pose in enumerate(shown.poses, 1):
+        row = [str(number), " ".join(map(str, pose.drives))]
+        row += [SPAN(angle).shown for angle in pose.q_rad.tolist()]
+        rows.append([*row, "no safe way" if pose.route is None else ""])
+    known = f", beside {shown.captured} captured ones" if shown.captured else ""
+    head = (
+        f"{len(shown.poses)} poses in visiting order{known}: predicted readings in deg, of which "
+        "the drives' are the targets"
+    )
+    return paragraph(head) + "\n" + aligned(rows)
+
+
+def _sigmas(shown: Preview) -> str:
+    names_of = shown.plan.information.parameters
+    known = {p.name: p for p in shown.parameters}
+    rows = [["parameter", "unit", "sigma", "parameter", "unit", "sigma"]]
+    cells = [
+        _sigma(known[name], float(sigma))
+        for name, sigma in zip(names_of, shown.plan.predicted_sigma, strict=True)
+    ]
+    half = (len(cells) + 1) // 2
+    for k in range(half):
+        rows.append([*cells[k], *(cells[half + k] if half + k < len(cells) else [])])
+    condition = shown.seen.scaled_condition_number
+    weakest = ", ".join(shown.seen.weakest.parameters[:WEAKEST])
+    poses = "captured and planned poses" if shown.captured else "planned poses"
+    tail = (
+        f"Scaled condition number of the {poses} {Figure(condition).shown} (the result warns "
+        f"above {AcceptanceLimits().scaled_condition_number:g}; the paper had {CONDITION_PAPER}). "
+        f"Weakest direction: {weakest}. The deviations are what the sensors' errors alone leave, to "
+        "compare poses by; lengths, twists and give add more, which the calibration's sigmas hold."
+    )
+    head = "Predicted standard deviations after these poses"
+    return f"{head}\n{aligned(rows)}\n{paragraph(tail)}"
+
+
+def _sigma(parameter: Parameter, sigma: float) -> list[str]:
+    figure = Figure(sigma, quantity_of(parameter), places=PLACES)
+    shown = figure.shown if math.isfinite(sigma) else "unseen"
+    return [parameter.name, figure.quantity.unit, shown]
+
+
+def advice_text(
+    ranked: tuple[RankedPlacement, ...], parameters: dict[str, Parameter], joints: int
+) -> str:
+    """Return ranked hinge placements: what each promises, and how it differs from the present one."""
+    if not ranked:
+        return "No placement near the present one can be used."
+    rows = [["", "tilt", "shift", "uncertainty", "condition", "mobility", "drives", "poses"]]
+    rows.append(["", "deg", "mm", "of present", "scaled", "", "", ""])
+    for number, placement in enumerate(ranked, 1):
+        r = placement.report
+        rows.append(
+            [
+                str(number),
+                WHOLE_DEGREES(r.mounted.tilt_rad).shown,
+                NOMINAL_LENGTH(r.mounted.shift_m).shown,
+                f"{placement.gain:.0%}",
+                CONDITION(r.scaled_condition_number).shown,
+                str(r.mobility),
+                " ".join(map(str, r.drives[0].drives)) if r.drives else "",
+                str(r.poses),
+            ]
+        )
+    blocks = [
+        paragraph("Hinge placements, the best first; the present one is tilt 0, shift 0"),
+        aligned(rows),
+    ]
+    for number, placement in enumerate(ranked, 1):
+        blocks.append(_placement(number, placement, parameters, joints))
+    return "\n".join(blocks)
+
+
+def _placement(
+    number: int, placement: RankedPlacement, parameters: dict[str, Parameter], joints: int
+) -> str:
+    report = placement.report
+    hinge, n = report.mounted.hinge, joints
+    lengths = {
+        "a_0": hinge.a_0_m,
+        "s_0": hinge.s_0_m,
+        "s_1": hinge.s_1_m,
+        f"a_{n}": hinge.a_n_m,
+        f"s_{n}": hinge.s_n_m,
+    }
+    twists = {"alpha_0": hinge.alpha_0_rad, f"alpha_{n}": hinge.alpha_n_rad}
+    entries = "; ".join(
+        f"{', '.join(f'{name} {kind(v).shown}' for name, v in some.items())} {kind.quantity.unit}"
+        for some, kind in ((lengths, MOUNTED_LENGTH), (twists, NOMINAL_TWIST))
+    )
+    lines = [
+        f"{number}. {placement.text}",
+        f"placement: {entries}",
+        f"joints travel: {_travel(report)}",
+    ]
+    for quantity in (ANGLE, LENGTH):
+        some = [
+            f"{name} {Figure(sigma, quantity, places=PLACES).shown}"
+            for name, sigma in report.sigma.items()
+            if quantity_of(parameters[name]) is quantity
+        ]
+        lines.append(f"sigmas in {quantity.unit}: {', '.join(some)}")
+    lines += [f"! {c.text}: {c.remedy}" for c in report.checks if c.severity is not Severity.OK]
+    return "\n" + "\n".join(
+        paragraph(text, indent=3) if k == 0 else _indented(text) for k, text in enumerate(lines)
+    )
+
+
+def _travel(report: PlacementReport) -> str:
+    return ", ".join(
+        f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
+        for j, (low, high) in enumerate(report.reach_rad.tolist(), 1)
+    )
+
+
+def _indented(text: str) -> str:
+    return textwrap.fill(
+        text, WIDTH, initial_indent="   ", subsequent_indent="     ", break_long_words=False
+    )

@@ -1,0 +1,212 @@
+"""From a judged calibration to the document that describes it completely. Needs no arm and writes no file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import datetime
+from importlib.metadata import version
+
+import numpy as np
+
+from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.remedies import ReadingTable, measured_offsets, reading_tables
+from operator_app.calibration.result import Solution
+from operator_app.config.parameter_records import (
+    FORCED,
+    NOT_ACCEPTED,
+    CalibratedEntry,
+    Correction,
+    DocumentWarning,
+    Quality,
+    RvdtRemedy,
+    TwoFigures,
+    WhichArm,
+    WhichFixture,
+)
+from operator_app.config.parameter_uncertainty import budget_of, correlations_of
+from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
+from operator_app.config.procedure import Procedure
+from operator_app.errors import GuardError, SessionError
+from operator_app.session.store.state import SessionState
+from solver.arrays import FloatArray, IntArray
+from solver.chain.kinematics import DhTable
+from solver.estimators.goodness import TwoReadings
+from solver.loops.arm_loop import ArmLoop
+from solver.loops.closure import ClosureModel
+from solver.loops.placements import Placements
+
+
+def why_used(solution: Solution, reason: str, *, say_it_by: str) -> str:
+    """Return why a calibration is exported in spite of its verdict; empty where it was accepted.
+
+    `say_it_by` is how the reader gives a reason, such as ``--force REASON``.
+
+    Raises
+    ------
+    GuardError
+        It was not accepted, and nobody says why it is to be used.
+    """
+    if solution.accepted:
+        return ""
+    if not reason.strip():
+        raise GuardError(
+            f"the calibration was not accepted: {'; '.join(solution.reasons)}",
+            f"see what it asks for; or say why it is to be used all the same ({say_it_by})",
+        )
+    return reason
+
+
+def document_of(
+    solution: Solution,
+    state: SessionState,
+    procedure: Procedure,
+    *,
+    utc: datetime,
+    forced: str = "",
+) -> ParametersDocument:
+    """Return the document that describes a session's calibration completely.
+
+    That it was not accepted is the first of its warnings; `forced` says why it is used all the same.
+    """
+    arm, fixture = procedure.arm, procedure.fixture
+    estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
+    model, columns = _mounted(solution.model, state)
+    offsets = measured_offsets(solution, arm, state.pose_set())
+    table = _with_measured(_table_of(model, estimate.x[columns], fixture.kind), offsets)
+    own = model.own if isinstance(model, ArmLoop) else ()
+    calibrated = tuple(
+        CalibratedEntry.of(
+            p.name, math.degrees(s) if p.is_angle else float(s), side_of(model, p.name)
+        )
+        for p, s in zip(model.parameters, estimate.standard_deviation[columns], strict=True)
+        if p.name not in own
+    )
+    where = dict(zip((p.name for p in model.parameters), columns.tolist(), strict=True))
+    listed = {part.entry: where[part.entry] for part in calibrated}
+    rows = list(listed.values())
+    return ParametersDocument(
+        arm=WhichArm(model=arm.name, serial=state.serial_number),
+        joints=joints_from_table(arm, table, calibrated),
+        dh=rows_from_table(table),
+        calibrated=calibrated,
+        fixture=WhichFixture(name=fixture.name, kind=fixture.kind),
+        quality=Quality(
+            poses=solution.poses,
+            # What is not of this placement is no entry of this document.
+            rank=solution.seen.rank - (len(estimate.parameters) - len(model.parameters)),
+            scaled_condition_number=solution.seen.scaled_condition_number,
+            sigma_pos_mm=_figures(estimate.sigmas.position_m),
+            sigma_ori_mrad=None if turned is None else _figures(turned),
+            chi2_per_dof=estimate.chi2_per_dof,
+        ),
+        warnings=(
+            *_in_spite_of(solution, forced),
+            *_several(solution.model, state),
+            *(DocumentWarning(code=n.code, text=n.text) for n in solution.warnings),
+        ),
+        estimator=estimate.estimator,
+        pose_set_sha256=state.pose_set().sha256(),
+        correlations=correlations_of(tuple(listed), estimate.covariance[np.ix_(rows, rows)]),
+        budget=_budget(solution, listed),
+        rvdt=tuple(map(_remedy, reading_tables(solution))),
+        forced=" ".join(forced.split()) or None,
+        software_version=version("sarcal"),
+        utc=utc,
+    )
+
+
+def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
+    """Shares of the variance of what was identified; a corrected length's is mostly its own tolerance."""
+    if solution.components is None:
+        return {}
+    estimate = solution.estimate
+    rows = {
+        n: k for n, k in listed.items() if estimate.parameters[k].name not in solution.tolerated
+    }
+    where = list(rows.values())
+    parts = {source: part[where] for source, part in solution.components.budget.items()}
+    return budget_of(tuple(rows), np.diagonal(estimate.covariance)[where], parts)
+
+
+def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
+    """The loop that the document describes and its parameters: of several placements that of the last."""
+    if isinstance(model, Placements):
+        return model.of(_last(model, state))
+    return model, np.arange(len(model.parameters))
+
+
+def _last(model: Placements, state: SessionState) -> int:
+    """The placement that the fixture is in, or the last one whose poses count."""
+    if state.imported:
+        return model.numbers[-1]
+    return state.placement if state.placement in model.numbers else model.numbers[-1]
+
+
+def _several(model: ClosureModel, state: SessionState) -> tuple[DocumentWarning, ...]:
+    if not isinstance(model, Placements):
+        return ()
+    text = (
+        f"calibrated in {len(model.numbers)} placements of the fixture; what belongs to its mounting is of "
+        f"placement {_last(model, state)}, the last"
+    )
+    return (DocumentWarning(code="PLACEMENTS", text=text),)
+
+
+def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
+    """D-H rows 0..n as found; row 0 is nothing where the fixture is no D-H link.
+
+    Raises
+    ------
+    SessionError
+        Several placements have no table in common.
+    """
+    table = model.dh_table(x)
+    if table is not None:
+        return table
+    if not isinstance(model, ArmLoop):
+        raise SessionError(
+            f"{kind} fixtures in several placements have no D-H table in common",
+            "export the calibration of one placement",
+        )
+    theta_off, s, a, alpha = np.concatenate((np.zeros((4, 1)), model.tables(x)), axis=1)
+    return DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
+
+
+def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
+    """Put in what the loop measured of joints whose readings took no part, by joint."""
+    theta_off = np.array(table.theta_off_rad)
+    for joint, offset in offsets_rad.items():
+        theta_off[joint] = offset
+    return replace(table, theta_off_rad=theta_off)
+
+
+def _remedy(found: ReadingTable) -> RvdtRemedy:
+    columns = (found.reading_rad, found.add_rad, found.sigma_rad)
+    return RvdtRemedy(
+        joint=found.joint,
+        theta_off_deg=math.degrees(found.theta_off_rad),
+        gain=found.gain,
+        table=tuple(
+            Correction(reading_deg=reading, add_deg=add, sigma_deg=sigma)
+            for reading, add, sigma in np.rad2deg(columns).T.tolist()
+        ),
+    )
+
+
+def _in_spite_of(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]:
+    if solution.accepted:
+        return ()
+    refused = f"not accepted ({'; '.join(solution.reasons)})"
+    # One line, as every text of the document.
+    said = " ".join(reason.split())
+    if not said:
+        return (DocumentWarning(code=NOT_ACCEPTED, text=refused),)
+    return (DocumentWarning(code=FORCED, text=f"{refused}; used all the same: {said}"),)
+
+
+def _figures(reading: TwoReadings) -> TwoFigures:
+    """m to mm, rad to mrad."""
+    return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -1,0 +1,265 @@
+"""How a session's state comes about: a pure fold over the events of its journal. No I/O, no arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from hardware.arm import Lateness
+from operator_app.errors import JournalDamagedError
+from operator_app.session.store.events import joints_told, problem_of
+from operator_app.session.store.journal_format import JournalContents
+from operator_app.session.store.state import (
+    UNSOLVED,
+    CampaignLog,
+    CapturedPose,
+    CheckReading,
+    SessionState,
+)
+from solver.arrays import frozen
+
+
+def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> SessionState:
+    """State after one journal event; unknown events (of a newer version) change nothing."""
+    match name:
+        case "opened":
+            return replace(
+                state,
+                opened_utc=utc,
+                after=data.get("after", ""),
+                sources=dict(data["sources"]),
+                settings=dict(data["settings"]),
+            )
+        case "resumed":
+            # What was chosen last is what a session goes on with.
+            settings = {**state.settings, **data["settings"]}
+            return replace(_another_try(state), resumed=True, settings=settings)
+        case "imported":
+            return replace(state, imported=data["file"], serial_number=data["serial_number"])
+        case "connected":
+            serials = {n["node"]: n["serial_number"] for n in data.get("nodes", ())}
+            return replace(
+                _another_try(state),
+                serial_number=data["serial_number"],
+                # Those that the poses were taken with.
+                node_serials=state.node_serials if state.poses else serials,
+                resumed=state.resumed or bool(state.poses),
+            )
+        case "control":
+            if state.start_rad is not None:
+                return state
+            start = frozen(data["start_rad"])
+            home = frozen(data.get("home_rad", data["start_rad"]))
+            return replace(state, start_rad=start, home_rad=home)
+        case "modes":
+            return replace(state, modes=tuple(data["modes"]))
+        case "waypoint_skipped":
+            waypoint = data["waypoint"]
+            return replace(
+                state,
+                visited=state.visited | {waypoint},
+                passed_over=state.passed_over | {waypoint},
+            )
+        case "pose":
+            pose = CapturedPose(
+                number=data["number"],
+                waypoint=data["waypoint"],
+                mean_rad=frozen(data["mean_rad"]),
+                sd_rad=frozen(data["sd_rad"]),
+                samples=data["samples"],
+                # When a file's poses were read is not when they were taken, and their order there
+                # need not be that in which they were.
+                utc=data.get("taken_utc", utc),
+                note=data.get("note", ""),
+                planned=bool(data.get("planned")),
+                placement=data.get("placement", 1),
+                endpoint=tuple(data.get("endpoint", ())),
+            )
+            log = state.campaign
+            return replace(
+                state,
+                poses=(*state.poses, pose),
+                captured=pose.number,
+                visited=state.visited | {pose.waypoint},
+                campaign=log.step(name, data) if "planned" in data else log,
+                **UNSOLVED,
+            )
+        case "pose_undone":
+            kept = tuple(p for p in state.poses if p.number != data["number"])
+            return _with_other_poses(state, kept)
+        case "pose_excluded":
+            return _with_other_poses(state, _edit(state, data["number"], excluded=data["text"]))
+        case "pose_included":
+            return _with_other_poses(state, _edit(state, data["number"], excluded=""))
+        case "pose_noted":
+            return replace(state, poses=_edit(state, data["number"], note=data["text"]))
+        case _:
+            return _apply_planning(state, name, data, utc)
+
+
+def _apply_planning(
+    state: SessionState, name: str, data: Mapping[str, Any], utc: str
+) -> SessionState:
+    """State after an event of a planned capture, or of another mounting, beside its poses."""
+    match name:
+        case "remounting":
+            return _elsewhere(state, data["placement"], mounted=False)
+        case "remounted":
+            return _elsewhere(state, data["placement"], mounted=True)
+        case "drives_chosen":
+            sets = tuple(tuple(drives) for drives in data["sets"])
+            return replace(state, drives=tuple(data["drives"]), drive_sets=sets)
+        case "campaign":
+            return replace(state, campaign=CampaignLog(begun=dict(data)))
+        case "campaign_move" | "campaign_drives":
+            return replace(state, campaign=state.campaign.step(name, data))
+        case "campaign_ended":
+            return replace(state, campaign=replace(state.campaign, ended=dict(data)))
+        case _:
+            return _apply_results(state, name, data, utc)
+
+
+def _apply_results(
+    state: SessionState, name: str, data: Mapping[str, Any], utc: str
+) -> SessionState:
+    """State after what was made of the poses, or held against it."""
+    match name:
+        case "solved":
+            summary = {k: v for k, v in data.items() if k != "record"}
+            new = {"solved": summary, "solution": data.get("record", {}), "solved_utc": utc}
+            return replace(state, **{**UNSOLVED, **new})
+        case "checked":
+            return replace(state, checks=data["record"])
+        case "exported":
+            return replace(state, exported=dict(data))
+        case "late":
+            late = Lateness(
+                times=state.late.times + data["times"],
+                last_s=data["last_s"],
+                longest_s=max(state.late.longest_s, data["longest_s"]),
+            )
+            return replace(state, late=late)
+        case "reading":
+            reading = CheckReading(
+                kind=data["kind"],
+                number=data["number"],
+                mean_rad=frozen(data["mean_rad"]),
+                sd_rad=frozen(data["sd_rad"]),
+                samples=data["samples"],
+                utc=utc,
+                of=data.get("of", 0),
+                after=state.captured,
+                placement=data.get("placement", 1),
+                endpoint=tuple(data.get("endpoint", ())),
+            )
+            back = reading.kind == "return"
+            return replace(
+                state,
+                readings=(*state.readings, reading),
+                resumed=False,
+                return_missed="" if back else state.return_missed,
+            )
+        case "return_missed":
+            return replace(state, return_missed=data.get("reason", ""))
+        case "repaired" if data["lost"]:
+            # A pose, or an exclusion, may be among what is lost: what was concluded may rest on it.
+            return replace(_with_other_poses(state, state.poses), resumed=True)
+        case "sensor_fault" if state.poses:
+            return replace(state, slipped=data["text"], resumed=True)
+        case "return_holds":
+            return replace(state, slipped="")
+        case "verified":
+            return replace(state, verifications=state.verifications + 1)
+        case _:
+            return state
+
+
+def _another_try(state: SessionState) -> SessionState:
+    """State in which waypoints that were passed over are tried again."""
+    return replace(state, visited=state.visited - state.passed_over, passed_over=frozenset())
+
+
+def _elsewhere(state: SessionState, placement: int, *, mounted: bool) -> SessionState:
+    """State in another mounting of the fixture: what was known of where the arm stands is gone."""
+    return replace(
+        state,
+        placement=placement,
+        mounted=mounted,
+        start_rad=None,
+        home_rad=None,
+        modes=(),
+        visited=frozenset(),
+        passed_over=frozenset(),
+        resumed=False,
+        slipped="",
+    )
+
+
+def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
+    """State in which other poses count: what was concluded from those before no longer holds."""
+    campaign = replace(state.campaign, ended={})
+    return replace(state, poses=poses, campaign=campaign, **UNSOLVED)
+
+
+def _edit(
+    state: SessionState,
+    number: int,
+    *,
+    note: str | None = None,
+    excluded: str | None = None,
+) -> tuple[CapturedPose, ...]:
+    return tuple(
+        replace(
+            pose,
+            note=pose.note if note is None else note,
+            excluded=pose.excluded if excluded is None else excluded,
+        )
+        if pose.number == number
+        else pose
+        for pose in state.poses
+    )
+
+
+def session_state(contents: JournalContents, *, joint_count: int | None = None) -> SessionState:
+    """State after all events of a journal as read, each looked at before it counts.
+
+    Parameters
+    ----------
+    joint_count
+        Of the session's arm; None: what the journal says first.
+
+    Raises
+    ------
+    JournalDamagedError
+        A line says what no session can mean.
+    """
+    state, joints = SessionState(), joint_count
+    for event in contents.events:
+        key, problem = problem_of(event.name, event.data, event.utc, joints)
+        if not problem and event.name == "pose" and event.data["number"] <= state.captured:
+            key, problem = (
+                "number",
+                f"pose {event.data['number']} comes after pose {state.captured}",
+            )
+        if problem:
+            where = f"{event.name}.{key}" if key != "utc" else key
+            raise JournalDamagedError(
+                path=Path(contents.file),
+                line=event.seq,
+                problem=f"{where} {problem}",
+                events=event.seq - 1,
+                key=key,
+            )
+        joints = joints or joints_told(event.name, event.data)
+        state = apply(state, event.name, event.data, event.utc)
+    return state
+
+
+def replay(events: Iterable[tuple[str, Mapping[str, Any], str]]) -> SessionState:
+    """State after all events (name, data, utc) of a journal."""
+    state = SessionState()
+    for name, data, utc in events:
+        state = apply(state, name, data, utc)
+    return state

@@ -1,0 +1,202 @@
+"""Solving in a process of its own: screen and bus keep their interpreter, and an end is an end at once.
+
+The process has neither the bus nor the terminal, and loads no screen; it ends when this one does,
+however this one ends. Knows nothing of what is solved. This module is both ends of the pipe.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
+
+from hardware.control.process_priority import in_turn
+from operator_app.errors import SessionError
+
+if TYPE_CHECKING:
+    from solver.estimators.least_squares import Progress
+
+T = TypeVar("T")
+
+LOOK_S = 0.02
+"""How often it is asked whether the work should end."""
+NICENESS = 5
+"""The screen and the bus come first."""
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class Solver(Protocol):
+    """Calls a function that solves something, here or elsewhere.
+
+    `function` is called with the arguments, and with `progress` if there is one.
+    """
+
+    def __call__(
+        self,
+        function: Callable[..., T],
+        *args: object,
+        progress: Progress | None = None,
+        **options: object,
+    ) -> T:
+        """Return what the function returns."""
+        ...
+
+
+def solve_here(
+    function: Callable[..., T], *args: object, progress: Progress | None = None, **options: object
+) -> T:
+    """Call it in this process."""
+    if progress is not None:
+        options["progress"] = progress
+    return function(*args, **options)
+
+
+class SolvingProcess:
+    """A `Solver` with a process of its own, started by the first call and ended with the ``with`` block.
+
+    Parameters
+    ----------
+    go_on
+        Called every `LOOK_S` and at each progress; what it raises ends the process and is raised.
+    """
+
+    def __init__(self, go_on: Callable[[], None] = lambda: None) -> None:
+        self._go_on = go_on
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Connection | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """Kill the process, whatever it does."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.communicate()
+        if self._connection is not None:
+            self._connection.close()
+
+    def __call__(
+        self,
+        function: Callable[..., T],
+        *args: object,
+        progress: Progress | None = None,
+        **options: object,
+    ) -> T:
+        """Return what the function returns there.
+
+        Raises
+        ------
+        SolverError
+            What it raised.
+        SessionError
+            Anything else that it raised, as what happened and what to do; or the process ended by itself.
+        """
+        connection = self._started()
+        try:
+            connection.send((function, args, options, progress is not None))
+            while True:
+                self._go_on()
+                if not connection.poll(LOOK_S):
+                    continue
+                what, said = connection.recv()
+                if what == "progress" and progress is not None:
+                    progress(*said)
+                elif what == "refused" and isinstance(said, Exception):
+                    raise said
+                elif what == "refused":
+                    raise SessionError(*said)
+                elif what == "found":
+                    found: T = said
+                    return found
+        except (EOFError, OSError) as gone:
+            raise SessionError(
+                f"The process that calibrates ended by itself ({self._how_it_ended()})",
+                "All poses are kept: calibrate again. If it happens again, close what else needs memory",
+            ) from gone
+
+    def _started(self) -> Connection:
+        if self._connection is None or self._process is None:
+            self._connection, there = Pipe()
+            command = [sys.executable, "-P", "-c", _START, str(there.fileno())]
+            self._process = subprocess.Popen(  # noqa: S603 - this interpreter, this module
+                command,
+                # Its end says that this process has ended.
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                pass_fds=[there.fileno()],
+                # Neither Ctrl-C nor a closed terminal is meant for it.
+                start_new_session=True,
+                env=os.environ
+                | dict.fromkeys(THREADS, "1")
+                | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            )
+            there.close()
+        return self._connection
+
+    def _how_it_ended(self) -> str:
+        code = None if self._process is None else self._process.wait()
+        if code is None or code >= 0:
+            return f"exit code {code}"
+        return f"signal {signal.Signals(-code).name}"
+
+
+_START = "from operator_app.session.store.solver_process import serve; serve()"
+
+
+# -- the other end ---------------------------------------------------------------------------------
+
+
+def serve() -> None:
+    """Solve what comes through the pipe until the other end is gone."""
+    in_turn()  # whoever keeps the time of an arm may run before others: this is not that one
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    os.nice(NICENESS)
+    connection: Connection = Connection(int(sys.argv[1]))
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            function, args, options, wants_progress = connection.recv()
+            if wants_progress:
+                options["progress"] = lambda *said: connection.send(("progress", said))
+            connection.send(_answer(function, args, options))
+
+
+def _answer(
+    function: Callable[..., object], args: tuple[object, ...], options: dict[str, Any]
+) -> tuple[str, object]:
+    try:
+        return "found", function(*args, **options)
+    except Exception as error:  # noqa: BLE001 - said at the other end
+        from operator_app.messages.errors import EXPECTED, words
+        from solver.errors import SolverError
+
+        if isinstance(error, SolverError):  # made to travel
+            return "refused", error
+        if isinstance(error, EXPECTED):
+            said = words(error)
+            return "refused", (said.happened, said.remedy)
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return "refused", (
+            f"A defect of this program: {error!r} in {where.name}, line {where.lineno} of {where.filename}",
+            "All poses are kept in the session's folder: report the defect with that folder",
+        )
+
+
+def _end_with_parent() -> None:
+    """Nothing is ever written to standard input: when it ends, the other process has ended."""
+    while os.read(0, 1):
+        pass
+    os._exit(1)

@@ -1,0 +1,108 @@
+"""What the poses taken so far are worth, and what those still to come would bring. Knows no thread and no screen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.instrument_registration import as_seen
+from operator_app.planning.forecast import Forecast, most_telling, predict
+from operator_app.planning.live import LiveQuality, live_quality
+from operator_app.session.store.state import SessionState
+from operator_app.session.workflow.session import Session
+from solver.arrays import FloatArray
+from solver.chain.parameters import nominal_vector
+from solver.loops.closure import ClosureModel, poses_needed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Worth:
+    """What the poses of a capture are worth, and which would be the next.
+
+    Attributes
+    ----------
+    live
+        What the poses in use determine; None without any.
+    next_waypoint
+        The first of the plan that was not visited; None after the last.
+    best_waypoint
+        The one that would tell most; None where that is not known.
+    """
+
+    live: LiveQuality | None
+    next_waypoint: int | None
+    best_waypoint: int | None
+
+
+class Appraisal:
+    """Appraises a session's poses; keeps the last result, from which the next one is found sooner."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self.plan: tuple[Mapping[int, float], ...] = ()
+        self.forecast: Forecast | None = None
+        self._placed: Fixture | None = None
+        self._live: LiveQuality | None = None
+
+    def foresee(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
+        """Take `plan`, begun at `start_rad` (n,), as what is to come, and predict its poses."""
+        session, model = self._session, self._nominal_loop
+        self.plan = plan
+        self.forecast = predict(
+            session.model,
+            model,
+            nominal_vector(model.parameters),
+            start_rad=start_rad,
+            plan=plan,
+            poses=session.procedure.capture.poses,
+        )
+
+    def of(self, state: SessionState) -> Worth:
+        """What the poses of `state` are worth."""
+        session, used = self._session, state.used_poses
+        if not used:
+            self._live = self._placed = None
+        else:
+            q_rad = np.array([p.mean_rad for p in used])
+            numbers = tuple(p.number for p in used)
+            loop = self._loop_of(state)
+            self._live = live_quality(session.model, loop, q_rad, numbers, earlier=self._live)
+        left = [k for k in range(len(self.plan)) if k not in state.visited]
+        return Worth(
+            live=self._live,
+            next_waypoint=left[0] if left else None,
+            best_waypoint=self._most_telling(state, left),
+        )
+
+    def _most_telling(self, state: SessionState, left: list[int]) -> int | None:
+        if self._live is None or self.forecast is None or not left:
+            return None
+        if not self._session.fixture.holds_hand:
+            return None
+        return most_telling(
+            self._session.model,
+            self._nominal_loop,
+            self._live.x,
+            taken_rad=np.array([p.mean_rad for p in state.used_poses]),
+            forecast=self.forecast,
+            open_waypoints=left,
+        )
+
+    def _loop_of(self, state: SessionState) -> ClosureModel:
+        """The loop of all poses; an instrument's place is found once, when there are poses enough."""
+        session, model = self._session, self._nominal_loop
+        if session.fixture.holds_hand:
+            return model
+        poses = state.pose_set()
+        needed = poses_needed(len(model.parameters), model.equations_per_pose)
+        if self._placed is None and len(poses) >= needed:
+            self._placed = as_seen(session.model, session.fixture, poses)
+        return loop_of_poses(session.model, self._placed or session.fixture, poses)
+
+    @property
+    def _nominal_loop(self) -> ClosureModel:
+        return self._session.fixture.model(self._session.model)

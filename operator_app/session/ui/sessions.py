@@ -1,0 +1,163 @@
+"""The sessions a face can open, one runner at a time. Knows no screen; which arm there is, `join` decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+
+from operator_app.config.procedure import Procedure
+from operator_app.config.procedure_file import load_procedure
+from operator_app.config.resources import builtin_names
+from operator_app.errors import JournalLostError, NotLetGoError, SessionError
+from operator_app.session.store.folders import SessionEntry, list_sessions
+from operator_app.session.ui.runner import Runner
+from operator_app.session.ui.snapshot import Level
+from operator_app.session.workflow.opening import (
+    Choices,
+    Opening,
+    Rig,
+    begin,
+    open_session,
+    remove_if_empty,
+    resume,
+)
+from operator_app.session.workflow.placements import keep_remounting
+
+
+class Sessions:
+    """Sessions of one folder.
+
+    Parameters
+    ----------
+    procedure
+        Built-in name or path.
+    choices
+        What the command line says beside it.
+    root
+        Folder of session folders.
+    join
+        Joins the arm that an opening asks for.
+    warning
+        What the operator is to know from the beginning; "" for nothing.
+
+    Attributes
+    ----------
+    last
+        Folder of the session closed last; None when it held nothing.
+    held
+        Whether its arm answered as it was let go; None where none was connected.
+    exported
+        Whether its parameters were written.
+    lost
+        How its journal was taken away, if it was.
+    not_held
+        Why nobody may say that the arm it was let go of is held, if nobody may.
+    """
+
+    def __init__(
+        self,
+        procedure: str,
+        choices: Choices,
+        *,
+        root: Path,
+        join: Callable[[Opening], AbstractContextManager[Rig]],
+        warning: str = "",
+    ) -> None:
+        self._procedure, self._choices, self._root, self._join = procedure, choices, root, join
+        self._warning = warning
+        self._stack = ExitStack()
+        self._runner: Runner | None = None
+        self.last: Path | None = None
+        self.held: bool | None = None
+        self.exported = False
+        self.lost: JournalLostError | None = None
+        self.not_held: NotLetGoError | None = None
+
+    def new(self, procedure: str | None = None) -> Runner:
+        """Begin a session; a procedure that is named stays chosen."""
+        named = procedure or self._procedure
+        runner = self._open(
+            begin(named, self._choices, root=self._root), "another session was begun"
+        )
+        self._procedure = named
+        return runner
+
+    def procedures(self) -> tuple[Procedure, ...]:
+        """The packaged procedures, one of which a session can follow."""
+        return tuple(load_procedure(name) for name in builtin_names("procedure"))
+
+    def resumed(self, reference: str) -> Runner:
+        """Go on with a session, named by its folder."""
+        opening = resume(reference, self._choices, root=self._root)
+        return self._open(opening, "another session was resumed")
+
+    def remounted(self) -> Runner:
+        """Go on with the session that is open in another placement of its fixture; it is closed for that.
+
+        The drives are off before it counts; nothing is connected before somebody says that it is mounted.
+        """
+        if self._runner is None:
+            raise SessionError("no session is open", "begin one, or resume one")
+        session = self._runner.session
+        folder, number = session.journal.path.parent, session.state.placement + 1
+        self.close("the fixture is mounted anew")
+        session.require_let_go()
+        keep_remounting(folder, number)
+        runner = self.resumed(str(folder))
+        runner.say(
+            Level.WARNING,
+            f"The drives are off. Secure the arm, mount the {session.procedure.fixture.name} anew, close the "
+            "loop; only then connect.",
+        )
+        return runner
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a session is open."""
+        return self._runner is not None
+
+    def sessions(self) -> tuple[SessionEntry, ...]:
+        """All sessions there are, newest first."""
+        return list_sessions(self._root)[::-1]
+
+    def close(self, reason: str) -> None:
+        """Close the runner that is open: arm held, journal whole. Safe to call twice."""
+        runner, self._runner = self._runner, None
+        if runner is not None:
+            session = runner.session
+            connected = session.identity is not None
+            try:
+                runner.close(reason)
+            finally:
+                self._stack.close()
+                self.held = session.held if connected else None
+                self.exported = bool(session.state.exported)
+                self.last = None if remove_if_empty(session) else session.journal.kept_in
+                self.lost = session.journal.loss
+                self.not_held = session.not_held
+                # What was still to be written then: said with the next session.
+                self._warning = runner.recording_news()
+
+    def _open(self, opening: Opening, farewell: str) -> Runner:
+        """Open a session; the one that was open is closed when nothing can go wrong any more."""
+        with ExitStack() as stack:
+            rig = stack.enter_context(self._join(opening))
+            session = open_session(rig)
+            stack.callback(session.journal.close)
+            runner = Runner(
+                session,
+                simulated=rig.simulated,
+                bus=rig.bus,
+                recording_ended=rig.recording_ended,
+            )
+            opened = stack.pop_all()
+        self.close(farewell)
+        if self._warning:
+            runner.say(Level.WARNING, self._warning)
+            self._warning = ""
+        for problem in (self.lost, self.not_held):
+            if problem is not None:
+                runner.say(Level.ALARM, str(problem))
+        self._runner, self._stack = runner, opened
+        return runner

@@ -1,0 +1,114 @@
+"""A campaign made again from the journal: the same reports to the same policy give the same decisions.
+
+Knows the session's state and the policy; no arm, and it writes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.planning.task import planning_task
+from operator_app.session.store.state import SessionState
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
+from solver.design.campaign import Campaign
+from solver.design.campaign_settings import CampaignSettings
+
+THERE_RAD = float(np.deg2rad(1.5))
+"""An arm whose joints are this close to where the journal left them has not been moved."""
+SAME_RAD = 1e-6
+"""Targets of a replayed decision may differ by this much."""
+
+
+class DivergedError(Exception):
+    """The journal's decisions are not those this program makes from the same readings."""
+
+
+def built(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
+    """Return the campaign as the journal says it began."""
+    begun = state.campaign.begun
+    known = {p.number: p for p in state.used_poses}
+    captured = [known[number] for number in begun["captured"]]
+    return Campaign(
+        task=planning_task(
+            arm,
+            fixture,
+            drive_sets=tuple(tuple(drives) for drives in begun["drive_sets"]),
+            unsensed_joints=tuple(begun["unsensed_joints"]),
+            samples=begun["samples"],
+            seed=begun["seed"],
+            candidates=begun["candidates"],
+        ),
+        start_rad=np.array(begun["start_rad"]),
+        settings=CampaignSettings(poses=begun["poses"], requested=begun["requested"]),
+        captured=np.array([p.mean_rad for p in captured]) if captured else None,
+        taken=sum(p.planned for p in captured),
+        at_rad=np.array(begun["at_rad"]),
+    )
+
+
+def still_fits(state: SessionState, wanted: Mapping[str, Any]) -> bool:
+    """Whether what the campaign was told still counts, and what it began with is still wanted."""
+    log = state.campaign
+    told = set(log.begun["captured"]) | {
+        data["number"] for name, data in log.steps if name == "pose"
+    }
+    counting = {p.number for p in state.used_poses}
+    return told == counting and all(log.begun.get(key) == value for key, value in wanted.items())
+
+
+def replayed(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
+    """Tell a new campaign everything the journal holds.
+
+    Raises
+    ------
+    DivergedError
+        It does not decide what the journal says was done.
+    """
+    campaign = built(arm, fixture, state)
+    readings = {p.number: p.mean_rad for p in state.used_poses}
+    for name, data in state.campaign.steps:
+        if not same(campaign.propose(), name, data):
+            raise DivergedError
+        if name == "pose":
+            campaign.captured(readings[data["number"]])
+        else:
+            campaign.observe(np.array(data["q_rad"]), data.get("stopped", ""))
+    return campaign
+
+
+def same(action: Action, name: str, data: Mapping[str, Any]) -> bool:
+    """Whether a proposal is the one the journal says was carried out."""
+    match action, name:
+        case GoTo(), "campaign_move":
+            then = {int(j): v for j, v in data["targets_rad"].items()}
+            return then.keys() == action.targets_rad.keys() and all(
+                abs(then[j] - v) <= SAME_RAD for j, v in action.targets_rad.items()
+            )
+        case ChangeDrives(), "campaign_drives":
+            return action.drives == tuple(data["drives"])
+        case Capture(), "pose":
+            return action.planned is bool(data["planned"])
+    return False
+
+
+def is_on_the_way(action: Action, last: FloatArray, here: FloatArray) -> bool:
+    """Whether an arm `here` can go on with `action`, left at `last`: there, or on the way."""
+    if float(np.abs(here - last).max()) <= THERE_RAD or isinstance(action, Finished):
+        return True
+    if not isinstance(action, GoTo):
+        return False
+    if action.trace_rad is not None:
+        return float(np.abs(action.trace_rad - here).max(axis=-1).min()) <= THERE_RAD
+    columns = [j - 1 for j in action.targets_rad]
+    goal = np.array(list(action.targets_rad.values()))
+    step = goal - last[columns]
+    length = max(float(step @ step), 1e-12)
+    along = float(np.clip((here[columns] - last[columns]) @ step / length, 0.0, 1.0))
+    off = np.abs(here[columns] - last[columns] - along * step)
+    return float(off.max()) <= THERE_RAD

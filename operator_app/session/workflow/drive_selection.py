@@ -1,0 +1,119 @@
+"""Choosing the drive joints of a session: predicted, or tried by small wiggles on the arm itself.
+
+Every choice goes into the journal with its reasons. Prints nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from operator_app.planning.drives import (
+    DriveChoice,
+    Prediction,
+    choose_drives,
+    predict_drives,
+    worth_trying,
+)
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.session import Session
+from solver.chain.parameters import nominal_vector
+from solver.design.drive_joints import RankedDrives, TrialWiggles
+
+WIGGLE_RAD = float(np.deg2rad(1.5))
+KEPT = 6
+"""How many of a ranking the journal keeps."""
+
+
+def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
+    """Return the joints that drive: the procedure's, else those chosen before, else choose now."""
+    named = session.procedure.position_joints
+    if named is not None:
+        return named
+    if session.state.drives:
+        return session.state.drives
+    choice = choose(session)
+    if listener is not None:
+        listener.drives_chosen(choice)
+    return choice.drives
+
+
+def choose(session: Session) -> DriveChoice:
+    """Rank the sets of drive joints where the arm stands, take the best usable one and record why.
+
+    With `trial` in the procedure the best ones are wiggled first, which enables the drives.
+    """
+    prediction = _predicted(session)
+    trials: tuple[TrialWiggles, ...] = ()
+    if session.procedure.trial:
+        tried = worth_trying(prediction, session.procedure.unsensed_joints)
+        trials = tuple(wiggle(session, drives) for drives in tried)
+    return _recorded(session, prediction, trials)
+
+
+def choose_by_prediction(session: Session) -> DriveChoice:
+    """Like `choose`, without a trial whatever the procedure says: nothing moves."""
+    return _recorded(session, _predicted(session), ())
+
+
+def _predicted(session: Session) -> Prediction:
+    arm, model = session.model, session.fixture.model(session.model)
+    here = session.arm.snapshot().positions_rad
+    return predict_drives(
+        arm, model, nominal_vector(model.parameters), here, seed=session.procedure.capture.seed
+    )
+
+
+def _recorded(
+    session: Session, prediction: Prediction, trials: tuple[TrialWiggles, ...]
+) -> DriveChoice:
+    unsensed = session.procedure.unsensed_joints
+    choice = choose_drives(prediction, unsensed_joints=unsensed, trials=trials)
+    session.record(
+        "drives_chosen",
+        {
+            "drives": list(choice.drives),
+            "sets": [list(drives) for drives in choice.sets],
+            "reasons": list(choice.reasons),
+            "here": [_facts(r) for r in prediction.here[:KEPT]],
+            "region": [_facts(r) for r in prediction.region[:KEPT]],
+            "trial": [_facts(r) for r in choice.trial],
+        },
+    )
+    return choice
+
+
+def wiggle(session: Session, drives: tuple[int, ...]) -> TrialWiggles:
+    """Move each drive joint a little, there and back, to either side, and measure what follows."""
+    session.set_modes(drives)
+    start = session.read().mean_rad
+    commanded, moved, stopped = [], [], ""
+    for column, joint in enumerate(drives):
+        for step in (WIGGLE_RAD, -WIGGLE_RAD):
+            result = session.go_to({joint: float(start[joint - 1]) + step})
+            stopped = stopped or ("" if result.reached else result.reason)
+            if result.reached:
+                asked = np.zeros(len(drives))
+                asked[column] = step
+                commanded.append(asked)
+                moved.append(session.read().mean_rad - start)
+            session.go_to({joint: float(start[joint - 1])})
+    measured = np.linalg.matrix_rank(np.array(commanded)) if commanded else 0
+    if measured < len(drives):
+        # Not even a wiggle each: nothing was measured that could be judged.
+        commanded, moved = (
+            list(WIGGLE_RAD * np.eye(len(drives))),
+            [np.zeros(len(start))] * len(drives),
+        )
+    return TrialWiggles(
+        drives=drives,
+        commanded_rad=np.array(commanded),
+        moved_rad=np.array(moved),
+        stopped=stopped,
+    )
+
+
+def _facts(ranked: RankedDrives) -> dict[str, Any]:
+    return {key: value for key, value in asdict(ranked).items() if value is not None}

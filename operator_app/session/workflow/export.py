@@ -1,0 +1,127 @@
+"""From a judged calibration to the session's files and the controller.
+
+Everything written here can be made again from the journal. Prints nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hardware.arm import Arm, UploadReceipt
+from hardware.errors import HardwareError, UploadUnknown
+from operator_app.calibration.result import Solution
+from operator_app.calibration.serialization import to_dict
+from operator_app.config.atomic import write_atomically
+from operator_app.config.parameters_file import format_parameters
+from operator_app.config.poses_file import save_poses
+from operator_app.errors import JournalError, SessionError
+from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
+from operator_app.session.store.parameters import why_used
+from operator_app.session.workflow.session import Session
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exported:
+    """Where everything is. `receipt` is None when nothing was uploaded."""
+
+    folder: Path
+    parameters: Path
+    poses: Path
+    receipt: UploadReceipt | None
+
+
+def export(
+    session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
+) -> Exported:
+    """Write the session's files and upload the parameters, unless the procedure says not to.
+
+    A calibration that was not accepted is refused, but for a reason: `forced`. It is kept in the
+    journal and in the file, for whoever finds these parameters on the controller one day.
+
+    Raises
+    ------
+    UploadUnknown, SessionError
+        The controller may have the parameters, whole or not: the journal says so.
+    JournalError
+        The journal could not be written; says what the controller was given.
+    """
+    forced = why_used(solution, forced, say_it_by="--force REASON")
+    if to_dict(solution) != session.state.solution:
+        # Made otherwise than the journal's: whoever reads it later finds what was exported.
+        session.record_solution(solution)
+    poses = session.state.pose_set()
+    document = session.document(solution, forced=forced)
+    folder = session.journal.path.parent
+    save_poses(folder / POSES_NAME, poses)
+    data = format_parameters(document)
+    write_atomically(folder / PARAMETERS_NAME, data)
+    kept: dict[str, Any] = {
+        "file": PARAMETERS_NAME,
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "uploaded": None,
+        "forced": forced,
+    }
+    receipt = None
+    if session.procedure.upload if upload_too is None else upload_too:
+        counts = tuple(joint.home_offset_counts for joint in document.joints)
+        try:
+            receipt = _upload(session.arm, data, counts)
+        except (UploadUnknown, SessionError) as error:
+            _keep(session, {**kept, "unknown": str(error)}, told=str(error))
+            raise
+        kept["uploaded"] = asdict(receipt)
+    done = f"the parameters were uploaded to slot {receipt.slot} and read back" if receipt else ""
+    _keep(session, kept, told=done)
+    return Exported(
+        folder=folder,
+        parameters=folder / PARAMETERS_NAME,
+        poses=folder / POSES_NAME,
+        receipt=receipt,
+    )
+
+
+def _keep(session: Session, exported: Mapping[str, Any], *, told: str) -> None:
+    """Record it. Where that fails, `told` of what the controller was given is said all the same."""
+    try:
+        session.record("exported", exported)
+    except JournalError as error:
+        if told:
+            error.preceded_by(told)
+        raise
+
+
+def _upload(arm: Arm, document: bytes, expected_counts: tuple[int | None, ...]) -> UploadReceipt:
+    """Upload a document and insist that the controller holds it byte for byte.
+
+    Raises
+    ------
+    SessionError
+        What was read back is not what was sent.
+    UploadUnknown
+        It could not be read back.
+    """
+    receipt = arm.upload_parameters(document)
+    try:
+        active = arm.active_parameters()
+    except HardwareError as error:
+        raise UploadUnknown(
+            f"the parameters were uploaded to slot {receipt.slot}, and could not be read back: {error}"
+        ) from error
+    if active != document:
+        raise SessionError(
+            "the controller's active parameters are not the ones that were uploaded",
+            "upload again; if it happens twice, do not move the arm and look at the supervisor",
+        )
+    for joint, (wanted, found) in enumerate(
+        zip(expected_counts, receipt.home_offset_counts, strict=True), 1
+    ):
+        if wanted is not None and wanted != found:
+            raise SessionError(
+                f"joint {joint} holds home offset {found} counts where {wanted} were uploaded",
+                "upload again; if it happens twice, do not move the arm and look at that drive",
+            )
+    return receipt

@@ -1,0 +1,343 @@
+"""Where sessions come from: a procedure file with overrides, or the journal of an earlier run.
+
+A journal carries the arm, fixture and procedure documents it was opened with, and the bus that was
+really opened, so that resuming does not depend on files and an environment that may have changed
+since. The only place that makes a `Session`; which arm it gets is the composition's affair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from hardware.arm import Arm, Records
+from operator_app.config.procedure import CapturePlan, Procedure
+from operator_app.config.procedure_file import parse_procedure
+from operator_app.config.profile_file import parse_profile
+from operator_app.config.resources import Kind, Resource, resolve
+from operator_app.errors import SessionError
+from operator_app.planning.task import require_closed_chain
+from operator_app.session.store.folders import begun_later, find_session, new_folder
+from operator_app.session.store.journal import Clock, Journal, read_journal, utc_now
+from operator_app.session.store.journal_format import JOURNAL_NAME
+from operator_app.session.store.replay import session_state
+from operator_app.session.workflow.instrument import Instrument
+from operator_app.session.workflow.placements import next_due, require_mountable
+from operator_app.session.workflow.session import Session
+from solver.estimators.estimate import require_enough_poses
+
+KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
+"""Order of `Procedure.sources`."""
+LATER: frozenset[Kind] = frozenset({"profile"})
+"""Kinds that journals of earlier versions do not have: what the procedure names is what it was then."""
+
+MOST_POSES = 100_000
+"""As in a procedure file."""
+
+PLANNED_POSES = 12
+"""Poses of a plan when the procedure speaks of explored ones."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choices:
+    """What the operator chose beside the procedure file; None leaves it as the file says.
+
+    `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` name the bus, `profile` how
+    the arm is set up on it; `scenario` and `seed` the virtual arm; `tracker` where measured endpoints come
+    from; `placements` how often the fixture is mounted; `operator` who works there.
+    """
+
+    poses: int | None = None
+    plan: str | None = None
+    estimator: str | None = None
+    unsensed_joints: tuple[int, ...] | None = None
+    length_tolerance_m: float | None = None
+    upload: bool | None = None
+    interface: str | None = None
+    channel: str | None = None
+    bitrate: int | None = None
+    profile: str | None = None
+    scenario: str | None = None
+    seed: int | None = None
+    tracker: str | None = None
+    operator: str | None = None
+    placements: int | None = None
+
+    def over(self, earlier: Choices) -> Choices:
+        """Return these choices where they are made, else the earlier ones."""
+        values = {
+            f.name: getattr(earlier, f.name)
+            if getattr(self, f.name) is None
+            else getattr(self, f.name)
+            for f in fields(self)
+        }
+        return Choices(**values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opening:
+    """A session that is about to begin or go on, before anything was written.
+
+    `imported` is the file that its poses were read from; empty where an arm took them. `placement` is the
+    mounting of the fixture that the arm is in, and `next_due`: it has all its poses, and another is wanted.
+    `unseen`: it is not the first one, and no pose of it is known.
+    """
+
+    folder: Path
+    resumed: bool
+    procedure: Procedure
+    choices: Choices
+    sources: Mapping[str, str]
+    imported: str = ""
+    placement: int = 1
+    next_due: bool = False
+    unseen: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rig:
+    """An arm ready to be connected, and the opening as it came to be.
+
+    Attributes
+    ----------
+    opening
+        For the arm that is really there, its choices completed by what the environment and the
+        defaults chose: what the journal keeps.
+    simulated
+        Whether nothing real can move.
+    instrument
+        What sees the hand of an open arm.
+    recording_ended
+        Asked at any time, from any thread: how a recording of the bus ended early; "" while it goes on, or
+        where there is none.
+    """
+
+    arm: Arm
+    opening: Opening
+    simulated: bool
+    instrument: Instrument | None = None
+    recording_ended: Callable[[], str] = str
+
+    @property
+    def bus(self) -> str:
+        """The bus in words."""
+        if self.simulated:
+            return "the virtual bus of this program"
+        chosen = self.opening.choices
+        bitrate = f"{chosen.bitrate} bit/s" if chosen.bitrate else ""
+        return " ".join(p for p in (chosen.interface, chosen.channel, bitrate) if p)
+
+
+def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
+    """Make the session of a rig, its journal begun or gone on with; raises JournalError."""
+    opening, settings = rig.opening, asdict(rig.opening.choices)
+    journal = (Journal.resume if opening.resumed else Journal.create_beside)(opening.folder)
+    _record_beside(journal, rig)
+    try:
+        session = Session(
+            journal=journal,
+            arm=rig.arm,
+            procedure=opening.procedure,
+            instrument=rig.instrument,
+            clock=clock,
+        )
+        if opening.resumed:
+            session.record("resumed", {"settings": settings})
+        else:
+            after = begun_later(opening.folder.parent, clock())
+            session.record(
+                "opened",
+                {
+                    "sources": dict(opening.sources),
+                    "settings": settings,
+                    **({"after": after} if after else {}),
+                },
+            )
+    except BaseException:
+        journal.close()
+        raise
+    return session
+
+
+def _record_beside(journal: Journal, rig: Rig) -> None:
+    """Record into the folder that the session has, where another program was faster and has the one it was to have."""
+    arm, folder = rig.arm, journal.path.parent
+    if isinstance(arm, Records) and arm.record_to and arm.record_to.parent == rig.opening.folder:
+        arm.record_to = folder / arm.record_to.name
+
+
+def remove_if_empty(session: Session) -> bool:
+    """Take away the folder of a closed session in which no arm was ever connected: it holds nothing.
+
+    What was made to hold it goes as well, unless something else is in it by now.
+    """
+    journal = session.journal
+    if journal.loss is not None:
+        # Whatever is in its place now is not ours to take away.
+        return False
+    folder = journal.path.parent
+    if not folder.is_dir():
+        return True
+    if session.state.serial_number or [p.name for p in folder.iterdir()] != [JOURNAL_NAME]:
+        return False
+    (folder / JOURNAL_NAME).unlink()
+    folder.rmdir()
+    with suppress(OSError):
+        for outer in journal.made[1:]:
+            outer.rmdir()
+    return True
+
+
+def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:
+    """Open a new session of a procedure, by built-in name or path; raises ConfigError."""
+    chosen: dict[Kind, Resource] = {}
+    if choices.profile is not None:
+        chosen["profile"] = resolve("profile", choices.profile)
+    procedure = parse_procedure(resolve("procedure", reference), snapshot=chosen)
+    sources: dict[str, str] = {
+        kind: source.data.decode() for kind, source in zip(KINDS, procedure.sources, strict=True)
+    }
+    return Opening(
+        folder=new_folder(root, procedure.name, clock()),
+        resumed=False,
+        procedure=_with_choices(procedure, choices),
+        choices=choices,
+        sources=sources,
+    )
+
+
+def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
+    """Go on with a session; choices made now take precedence over those it was begun with."""
+    folder = find_session(root, reference)
+    contents = read_journal(folder)
+    state = session_state(contents)
+    if state.settings.get("verifies"):
+        # As an earlier version took verification poses: in a session of their own.
+        raise SessionError(
+            f"{folder} holds poses that verify {state.settings['verifies']}",
+            "name that session instead; its poses alone are its calibration",
+        )
+    if set(KINDS) - LATER - set(state.sources):
+        raise SessionError(
+            f"the journal of {folder} does not say which procedure it follows",
+            "start a new session; its poses can be solved with `sarcal solve`",
+        )
+    found = {
+        kind: Resource(file=f"{folder}: {kind}", folder=None, data=state.sources[kind].encode())
+        for kind in KINDS
+        if kind in state.sources
+    }
+    procedure = parse_procedure(found["procedure"], snapshot=found)
+    # Now that it is known how many joints the arm has.
+    session_state(contents, joint_count=procedure.arm.joint_count)
+    _require_profile(procedure, choices)
+    earlier: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in state.settings.items()
+    }
+    known = {f.name for f in fields(Choices)}
+    before = Choices(**{k: v for k, v in earlier.items() if k in known})
+    if state.captured:
+        for name in ("scenario", "seed"):
+            now, then = getattr(choices, name), getattr(before, name)
+            if now is not None and then is not None and now != then:
+                raise SessionError(
+                    f"this session's poses are of the virtual arm with --{name} {then}, not {now}",
+                    "leave the option out, or start a new session",
+                )
+    merged = choices.over(before)
+    procedure = _with_choices(procedure, merged)
+    return Opening(
+        folder=folder,
+        resumed=True,
+        procedure=procedure,
+        choices=merged,
+        sources=state.sources,
+        imported=state.imported,
+        placement=state.placement,
+        next_due=next_due(state, procedure),
+        unseen=state.unseen,
+    )
+
+
+def _require_profile(procedure: Procedure, choices: Choices) -> None:
+    """Refuse another bus profile than the session's: its poses were counted by that."""
+    if choices.profile is None:
+        return
+    asked = resolve("profile", choices.profile)
+    found = parse_profile(asked.data, asked.file, joints=procedure.arm.joint_count)
+    if found != procedure.profile:
+        raise SessionError(
+            f"this session is of an arm with the bus profile {procedure.profile.name} as it was when the "
+            f"session began, and {asked.file} is not that",
+            "leave --profile out, or start a new session",
+        )
+
+
+def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
+    """Put the operator's choices into the procedure."""
+    procedure = replace(procedure, capture=_planned_or_not(procedure.capture, choices.plan))
+    if choices.poses is not None:
+        if choices.poses < 1:
+            raise SessionError(f"{choices.poses} poses were asked for", "ask for at least 1")
+        if choices.poses > MOST_POSES:
+            raise SessionError(
+                f"more than {MOST_POSES} poses were asked for", f"ask for at most {MOST_POSES}"
+            )
+        procedure = replace(procedure, capture=replace(procedure.capture, poses=choices.poses))
+    match choices.estimator:
+        case None:
+            pass
+        case "paper" | "implicit" as estimator:
+            procedure = replace(procedure, estimator=estimator)
+        case other:
+            raise SessionError(f"there is no estimator {other!r}", "use implicit or paper")
+    if choices.unsensed_joints is not None:
+        procedure = replace(procedure, unsensed_joints=choices.unsensed_joints)
+    if choices.length_tolerance_m is not None:
+        procedure = replace(procedure, length_tolerance_m=choices.length_tolerance_m)
+    if choices.upload is not None:
+        procedure = replace(procedure, upload=choices.upload)
+    if choices.placements is not None:
+        procedure = replace(procedure, placements=require_mountable(procedure, choices.placements))
+    _require_solvable(procedure)
+    return procedure
+
+
+def _planned_or_not(capture: CapturePlan, plan: str | None) -> CapturePlan:
+    """Put another way of choosing poses in place of the procedure's."""
+    match plan:
+        case None:
+            return capture
+        case "planned" if capture.strategy == "explore":
+            # What an exploration takes by the dozen, a plan need not.
+            return replace(capture, strategy="planned", poses=min(capture.poses, PLANNED_POSES))
+        case "planned" | "explore" as strategy:
+            return replace(capture, strategy=strategy)
+        case other:
+            raise SessionError(
+                f"there is no way to choose poses called {other!r}", "use explore or planned"
+            )
+
+
+def _require_solvable(procedure: Procedure) -> None:
+    """Refuse before anything moves what no capture could make good."""
+    n = procedure.arm.joint_count
+    wrong = [j for j in procedure.unsensed_joints if j > n]
+    if wrong:
+        raise SessionError(f"there is no joint {wrong[0]} to leave out", f"joints are 1 to {n}")
+    if procedure.unsensed_joints and procedure.estimator == "paper":
+        raise SessionError(
+            "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
+            "use --estimator implicit with --unsensed",
+        )
+    model = procedure.fixture.fixture.model(
+        procedure.arm, unsensed_joints=procedure.unsensed_joints
+    )
+    if procedure.capture.strategy == "planned":
+        # The exploration before a plan goes on until the poses suffice.
+        require_closed_chain(procedure.fixture.fixture)
+        return
+    require_enough_poses(model, procedure.capture.poses)

@@ -1,0 +1,122 @@
+"""Reading a pose: the arm comes to rest, its sensors are read, the journal keeps it. Moves nothing.
+
+Of an open arm the instrument sees the hand meanwhile. Knows no bus and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from hardware.arm import Arm, Reading
+from operator_app.config.degrees import degrees_for_file
+from operator_app.errors import Cancelled, GuardError, SessionError
+from operator_app.session.safety.latency import LatenessLog
+from operator_app.session.safety.sensor_faults import SensorFaults
+from operator_app.session.store.logbook import Logbook
+from operator_app.session.workflow.instrument import SOURCES, Instrument
+from solver.arrays import FloatArray
+
+
+class PoseReader:
+    """Reads the poses of one session."""
+
+    def __init__(
+        self,
+        logbook: Logbook,
+        arm: Arm,
+        *,
+        sensor_faults: SensorFaults,
+        lateness: LatenessLog,
+        instrument: Instrument | None,
+    ) -> None:
+        self._logbook, self._arm = logbook, arm
+        self._sensor_faults, self._lateness = sensor_faults, lateness
+        self._instrument = instrument
+        self._rule = logbook.procedure.capture.settle
+
+    def open_instrument(self) -> None:
+        """Find the instrument, where the hand is not held and one has to see it."""
+        if self._logbook.fixture.holds_hand:
+            return
+        if self._instrument is None:
+            raise SessionError(
+                f"{self._logbook.procedure.fixture.name} measures where the hand is, and nobody said where its "
+                "measurements come from",
+                f"name its port: --tracker {SOURCES}; or tracker: in the procedure",
+            )
+        self._instrument.open()
+
+    def close_instrument(self) -> None:
+        """Let go of it. Safe to call twice."""
+        if self._instrument is not None:
+            self._instrument.close()
+
+    def settle(self) -> bool:
+        """Wait until the arm has come to rest; False if it does not."""
+        with self._sensor_faults.kept():
+            return self._arm.settle(
+                window=self._rule.window_syncs,
+                spread_rad=self._rule.spread_rad(self._logbook.model),
+                timeout_syncs=self._rule.timeout_syncs,
+            )
+
+    def read(self) -> Reading:
+        """Let the arm settle and read a pose, without keeping it."""
+        if not self.settle():
+            raise GuardError(
+                "the arm does not come to rest",
+                "look for something that moves or pushes it, then capture again",
+            )
+        with self._sensor_faults.kept():
+            reading = self._arm.capture(self._logbook.procedure.capture.samples_per_pose)
+        self._sensor_faults.read_until = self._arm.snapshot().sync_count
+        return reading
+
+    def keep(self, name: str, data: Mapping[str, Any], cancelled: Callable[[], bool]) -> None:
+        """Read a pose and record it as an event of this name, with `data` that says which pose it is."""
+        logbook = self._logbook
+        if name == "pose" and logbook.state.slipped:
+            raise GuardError(
+                f"no pose is captured: {logbook.state.slipped}",
+                "let the capture go on by itself: it reads the first pose again, and goes on if that reads "
+                "as it did; else start a new session",
+            )
+        reading = self.read()
+        self._lateness.record()
+        self._sensor_faults.require_moving(reading)
+        what = f"{data.get('kind', '')} {data['number']}".strip()
+        endpoint = self.endpoint(what, reading, cancelled)
+        placement = logbook.state.placement
+        logbook.record(
+            name,
+            {
+                **data,
+                **({"placement": placement} if placement > 1 else {}),
+                **({} if endpoint is None else {"endpoint": endpoint.tolist()}),
+                # The angles a poses file can hold, so that poses.csv is these very poses.
+                "mean_rad": np.deg2rad(degrees_for_file(reading.mean_rad)).tolist(),
+                "sd_rad": np.deg2rad(degrees_for_file(reading.sd_rad)).tolist(),
+                "samples": reading.samples,
+                "first_sync": reading.first_sync,
+            },
+        )
+
+    def endpoint(
+        self, what: str, reading: Reading, cancelled: Callable[[], bool]
+    ) -> FloatArray | None:
+        """Where the instrument sees the hand, the arm standing as it was read; None without one."""
+        if self._logbook.fixture.holds_hand or self._instrument is None:
+            return None
+        found = self._instrument.measure(what, cancelled)
+        if found is None:
+            raise Cancelled
+        moved = np.abs(self._arm.snapshot().positions_rad - reading.mean_rad)
+        if np.any(moved > self._rule.spread_rad(self._logbook.model)):
+            raise GuardError(
+                f"joint {int(np.argmax(moved)) + 1} moved while the tracker measured",
+                "see what moves or pushes the arm, then capture again",
+            )
+        return found

@@ -1,0 +1,177 @@
+"""Colours and glyphs: three themes, one table of roles, plain ASCII on request. Knows no widget's content.
+
+Text is grey when all is normal; colour marks what is not, always beside a glyph and a word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from rich.style import Style
+from textual.theme import BUILTIN_THEMES, Theme
+
+from operator_app.safe_output import harmless
+
+DARK, LIGHT, NO_COLOUR = "sarcal-dark", "sarcal-light", "sarcal-no-colour"
+
+_COLOURS: Mapping[str, Mapping[str, str]] = {
+    DARK: {
+        "background": "#24282c",
+        "bar": "#3a3f44",
+        "text": "#dfe3e6",
+        "dim": "#a3abb2",
+        "accent": "#63b8f0",
+        "warn": "#f0a818",
+        "alarm": "#ff8a5c",
+        "border": "#5f676e",
+    },
+    LIGHT: {
+        "background": "#d6d8da",
+        "bar": "#bcc0c4",
+        "text": "#16181a",
+        "dim": "#40464c",
+        "accent": "#004f8c",
+        "warn": "#6a3f00",
+        "alarm": "#8f1d00",
+        "border": "#2f5f85",
+    },
+}
+"""Contrast of every text colour on both backgrounds is at least 4.5:1; a test computes it."""
+
+ASCII = str.maketrans(
+    {
+        "│": "|", "─": "-", "├": "|", "┤": "|", "┼": "+", "└": "+", "╭": "+", "╮": "+",
+        "╯": "+", "╰": "+", "━": "=", "▌": ">", "●": "o", "○": ".", "▲": "!", "■": "#",
+        "▶": ">", "✓": "+", "·": ".", "…": "~", "—": "-", "°": "d", "±": "~", "→": ">",
+        "⊕": "@", "◌": "o",
+        "█": "#", "▁": "_", "▂": "_", "▃": "-", "▄": "-", "▅": "=", "▆": "=", "▇": "#",
+    }
+)  # fmt: skip
+"""One character for one, so that nothing moves. Braille is replaced where it is drawn."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """How text is shown: theme name, whether ASCII only, styles by role."""
+
+    theme: str
+    ascii_only: bool
+    styles: Mapping[str, Style]
+
+    def style(self, role: str) -> Style:
+        """Return the style of a role; a role may combine names, e.g. ``"warn bold"``."""
+        found = self.styles.get(role)
+        if found is None:
+            found = Style.combine([self.styles[name] for name in role.split()])
+        return found
+
+    def text(self, text: str) -> str:
+        """Text in the characters this terminal shows; line breaks stay, and nothing it would obey."""
+        text = harmless(text, keep="\n")
+        if not self.ascii_only:
+            return text
+        plain = text.translate(ASCII)
+        return plain.encode("ascii", "replace").decode("ascii")
+
+
+STOP_WIDTH = 16
+"""Columns that STOP and its keys have at the left end of the strip, for the mouse."""
+SMALLEST = (80, 24)
+LARGE = (110, 32)
+
+
+def is_compact(width: int, height: int) -> bool:
+    """Whether a terminal gets the small layout."""
+    return width < LARGE[0] or height < LARGE[1]
+
+
+def look(theme: str, *, ascii_only: bool) -> Look:
+    """Return the look of a theme."""
+    return Look(theme=theme, ascii_only=ascii_only, styles=_styles(theme))
+
+
+def _styles(theme: str) -> Mapping[str, Style]:
+    plain = {
+        "text": Style(),
+        "bold": Style(bold=True),
+        "underline": Style(underline=True),
+        "reverse": Style(reverse=True),
+        "blank": Style(),
+    }
+    if theme == NO_COLOUR:
+        return plain | {
+            "dim": Style(),
+            "accent": Style(bold=True),
+            "warn": Style(bold=True),
+            "alarm": Style(bold=True, reverse=True),
+            "ok": Style(),
+            "key": Style(bold=True),
+            "cursor": Style(reverse=True),
+            "header": Style(bold=True, underline=True),
+            "badge": Style(reverse=True),
+        }
+    c = _COLOURS[theme]
+    return plain | {
+        "text": Style(color=c["text"]),
+        "dim": Style(color=c["dim"]),
+        "accent": Style(color=c["accent"], bold=True),
+        "warn": Style(color=c["warn"], bold=True),
+        "alarm": Style(color=c["alarm"], bold=True),
+        "ok": Style(color=c["text"]),
+        "key": Style(color=c["accent"], bold=True),
+        "cursor": Style(bgcolor=c["bar"]),
+        "header": Style(color=c["dim"], bold=True),
+        "badge": Style(color=c["background"], bgcolor=c["text"], bold=True),
+    }
+
+
+def themes() -> tuple[Theme, ...]:
+    """Return the three themes for Textual."""
+    made = []
+    for name, dark in ((DARK, True), (LIGHT, False)):
+        c = _COLOURS[name]
+        made.append(
+            Theme(
+                name=name,
+                dark=dark,
+                primary=c["accent"],
+                secondary=c["dim"],
+                accent=c["accent"],
+                warning=c["warn"],
+                error=c["alarm"],
+                success=c["text"],
+                foreground=c["text"],
+                background=c["background"],
+                surface=c["background"],
+                panel=c["bar"],
+                variables={"border": c["border"], "bar": c["bar"], "dim": c["dim"]},
+            )
+        )
+    plain = "ansi_default"
+    made.append(
+        Theme(
+            name=NO_COLOUR,
+            dark=True,
+            ansi=True,
+            primary=plain,
+            secondary=plain,
+            accent=plain,
+            warning=plain,
+            error=plain,
+            success=plain,
+            foreground=plain,
+            background=plain,
+            surface=plain,
+            panel=plain,
+            variables={
+                **dict.fromkeys(BUILTIN_THEMES["ansi-dark"].variables, plain),
+                "border": plain,
+                "bar": plain,
+                "dim": plain,
+                "input-cursor-text-style": "reverse",
+                "block-cursor-text-style": "reverse",
+            },
+        )
+    )
+    return tuple(made)

@@ -1,0 +1,307 @@
+"""The screen as a face: asks by dialogs, means what is marked, opens sessions. Decides nothing about them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from operator_app.manual.shown import as_text
+from operator_app.messages.errors import EXPECTED, words
+from operator_app.session.store.steps import Step
+from operator_app.session.ui import actions, guards, selection
+from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.runner import Runner
+from operator_app.session.ui.sessions import Sessions
+from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.user_interface import (
+    Action,
+    OnScreen,
+    Question,
+    ShownAlarm,
+    YesNo,
+    perform,
+)
+from operator_app.tui.dialogs import Read, dialog
+from operator_app.tui.help import help_text
+from operator_app.tui.lines import Lines
+from operator_app.tui.steps.capture import CaptureView
+from operator_app.tui.steps.fixture import FixtureView
+from operator_app.tui.steps.modes import ModesView
+from operator_app.tui.widgets.log import messages_text
+
+if TYPE_CHECKING:
+    from operator_app.tui.app import SarcalApp
+
+
+SOON_S = 0.1
+
+
+class ScreenFace:
+    """A `FullScreen`; see there."""
+
+    def __init__(self, app: SarcalApp) -> None:
+        self.app = app
+        self._seen_solution: object = None
+        self._opening = False
+
+    # -- actions -----------------------------------------------------------------------------------
+
+    def press(self, *keys: str | None) -> bool:
+        """Do what a key does at this step, by its name or its character; False if it does nothing."""
+        found = (actions.for_key(key, self.app.step) for key in keys if key is not None)
+        action = next((a for a in found if a is not None), None)
+        if action is not None:
+            self.do(action)
+        return action is not None
+
+    def do(self, action: Action | OnScreen) -> None:
+        """Do an action at the present step, and show at once what came of it."""
+        if isinstance(action, OnScreen):
+            action.work(self)
+        else:
+            perform(action, self)
+        self.app.poll()
+
+    def do_named(self, name: str) -> None:
+        """Do an action by name: a click, or the next thing."""
+        self.do(actions.by_name(name))
+
+    def do_anywhere(self, action: Action | OnScreen) -> None:
+        """Do an action from the palette: go to its step first, if that is open."""
+        if self.app.step in action.steps or self.go(min(action.steps)):
+            self.do(action)
+
+    def do_next_thing(self) -> None:
+        """Do what the line above the footer says."""
+        s = self.look()
+        if s is not None:
+            name = next_thing(self.app.step, s).action
+            if name:
+                self.do_named(name)
+
+    # -- what an action may ask --------------------------------------------------------------------
+
+    @property
+    def runner(self) -> Runner | None:
+        """What runs the session."""
+        return self.app.runner
+
+    @property
+    def sessions(self) -> Sessions:
+        """The sessions there are."""
+        return self.app.source
+
+    def look(self) -> SessionSnapshot | None:
+        """Take a fresh picture."""
+        if self.app.runner is not None:
+            self.app.picture = self.app.runner.snapshot()
+        return self.app.picture
+
+    def soon(self, work: Callable[[], None]) -> None:
+        """Do it a tenth of a second later, without keeping the screen waiting."""
+        self.app.set_timer(SOON_S, work)
+
+    def refuse(self, why: str) -> None:
+        """Say it in the line above the footer."""
+        self.app.main.refuse(why)
+
+    def ask(self, question: Question, then: Callable[[str], None]) -> None:
+        """Ask in a dialog."""
+
+        def answered(said: str | None) -> None:
+            if said is not None:
+                then(said)
+
+        self.app.push_screen(dialog(question), answered)
+
+    def pose(self, s: SessionSnapshot) -> int | None:
+        """The marked pose."""
+        return self.app.main.query_one(CaptureView).marked_pose(s)
+
+    def item(self, s: SessionSnapshot) -> int | None:
+        """The marked item of the check list, or the next that is open."""
+        left = selection.open_items(s)
+        marked = self.marked_item()
+        return marked if marked in left else next(iter(left), None)
+
+    def marked_item(self) -> int:
+        """The marked item of the check list."""
+        return self.app.main.query_one(FixtureView).cursor
+
+    def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
+        """The one on the screen: a newer one may have come that nobody has seen yet."""
+        shown = self.app.main.log_lines.alarm
+        standing = {alarm.number for alarm in s.alarms}
+        return shown if shown is not None and shown.number in standing else None
+
+    def joint(self) -> int:
+        """The marked joint."""
+        return self.app.main.query_one(ModesView).cursor + 1
+
+    def write_report(self, runner: Runner) -> Path:
+        """Write the report page."""
+        from operator_app.report.html.session_page import write_report
+
+        return write_report(runner.session)
+
+    # -- manual ------------------------------------------------------------------------------------
+
+    def topics(self) -> Mapping[str, str]:
+        """Pages of the manual."""
+        return {topic: self.app.manual.summary(topic) for topic in self.app.manual.topics}
+
+    def show_page(self, topic: str) -> None:
+        """Show a page; one that the code makes takes a moment, in a thread."""
+        self.app.run_worker(self._show_page(topic))
+
+    async def _show_page(self, topic: str) -> None:
+        page = await asyncio.to_thread(self.app.manual.page, topic)
+        text = as_text(page.markdown, min(86, self.app.size.width - 8))
+        self.app.push_screen(Read(f"Manual: {topic}", text))
+
+    # -- sessions ----------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Begin a session; if an earlier one was left in the middle, offer it."""
+        reference = self.app.resume_first
+        if reference is not None:
+            self.open(lambda: self.sessions.resumed(reference))
+        else:
+            self.open(self.sessions.new, self._offer_unfinished)
+
+    async def _offer_unfinished(self) -> None:
+        """Offer the newest session that was left in the middle; reading journals takes time."""
+        for e in await asyncio.to_thread(self.sessions.sessions):
+            if e.state and e.state.poses and not e.state.exported:
+                self._offer(e.folder.name, len(e.state.poses))
+                return
+
+    def _offer(self, name: str, poses: int) -> None:
+        text = (
+            f"Session {name} was left with {poses} poses and no export. Resuming checks the arm, the "
+            "fixture and the modes again before anything moves."
+        )
+        self.ask(
+            YesNo(title="Resume?", text=text, yes="Resume"),
+            lambda _: self.open(lambda: self.sessions.resumed(name)),
+        )
+
+    def open(
+        self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None = None
+    ) -> None:
+        """Take another session, in a thread: the one before may have to end work and hold the arm."""
+        if self._opening:
+            self.refuse("wait: another session is being opened")
+            return
+        self._opening = True
+        if self.app.runner is not None:
+            self.refuse("closing this session: its work is ended and the arm held")
+        self.app.run_worker(self._open(make, then))
+
+    async def _open(
+        self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None
+    ) -> None:
+        try:
+            self.app.runner = await asyncio.to_thread(make)
+        except EXPECTED as error:
+            if self.app.runner is None or not self.sessions.is_open:
+                self.app.give_up(error)
+                return
+            said = words(error)
+            self.refuse(f"{said.happened}. {said.remedy}")
+            return
+        finally:
+            self._opening = False
+        self.refuse("")
+        self._show_step(Step.CONNECT)
+        self.app.poll()
+        if then is not None:
+            await then()
+
+    def leave(self) -> None:
+        """Leave; while an arm is connected, after a question."""
+        s = self.app.picture
+        if s is None or not s.connected:
+            self.app.leave("left")
+            return
+        poses = len(s.state.poses)
+        text = f"All joints are held and the session is kept with its {poses} poses; resume it any time."
+        question = YesNo(title="Leave?", text=text, yes="Leave, hold all")
+        self.ask(question, lambda _: self.app.leave("left"))
+
+    # -- moving about ------------------------------------------------------------------------------
+
+    def follow(self, s: SessionSnapshot) -> None:
+        """Go where the work has led: a finished calibration shows its results."""
+        if s.solution is not None and s.solution is not self._seen_solution:
+            self._seen_solution = s.solution
+            if self.app.step is Step.CALIBRATE:
+                self.go(Step.RESULTS)
+
+    def go(self, step: Step) -> bool:
+        """Show a step if its guard holds; otherwise say what is missing."""
+        s = self.look()
+        if s is None:
+            return False
+        missing = guards.missing_for(step, s)
+        # Going back never needs anything.
+        if missing and step > self.app.step:
+            self.refuse(f"{step.title} is closed: {missing[0]}")
+            return False
+        self._show_step(step)
+        self.app.main.show(s)
+        return True
+
+    def _show_step(self, step: Step) -> None:
+        self.app.step = step
+        self.app.main.go_to(step)
+
+    def go_by(self, steps: int) -> None:
+        """Show the step before or after."""
+        if self.app.step + steps in list(Step):
+            self.go(Step(self.app.step + steps))
+
+    def move(self, by: int) -> None:
+        """Move the mark of the step's list."""
+        s = self.look()
+        if s is not None:
+            self.app.main.view.move(by)
+            self.app.main.view.show(s)
+
+    def turn_over(self) -> None:
+        """Show the next panel or plot of this step."""
+        self.app.main.view.turn_over()
+
+    # -- everything else ---------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        """Software STOP, from this thread, at once."""
+        runner = self.app.runner
+        if runner is not None and runner.connected:
+            runner.stop()
+            self.refuse("")
+        else:
+            self.refuse("STOP: no arm is connected, nothing was sent")
+
+    def explain(self) -> None:
+        """Explain the focused panel and list the keys."""
+        panel = self.app.focused if isinstance(self.app.focused, Lines) else None
+        text = help_text(self.app.step, panel, min(86, self.app.size.width - 8))
+        self.app.push_screen(Read(f"Help: {self.app.step.title}", text))
+
+    def show_messages(self) -> None:
+        """Show all that was said, each message whole."""
+        s = self.look()
+        if s is not None:
+            text = messages_text(s, min(86, self.app.size.width - 8))
+            self.app.push_screen(Read("Messages, newest first", text))
+
+    def find(self) -> None:
+        """Find an action by name."""
+        self.app.action_command_palette()
+
+    def change_look(self) -> None:
+        """Take the next theme."""
+        self.app.change_look()

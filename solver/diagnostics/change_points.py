@@ -1,0 +1,199 @@
+"""Was it the same arm and fixture from first pose to last? Score tests for a step at any pose.
+
+For every suspect (a joint's offset, a length, a side of the fixture) and every pose k the question is
+whether a constant added from pose k on explains what the fit left over. Poses are in the order in
+which they were taken; sums from the end give all k at once. Knows no loop and no words.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.diagnostics.whitened_residuals import LeftOver
+
+FALSE_ALARM = 1e-3
+"""Chance that a sound pose set shows a step of anything anywhere."""
+
+EDGE = 3
+"""Poses on either side of a step: fewer are odd poses, which another test names."""
+
+AT_POSES = 0.4
+"""Share of the continuous statistic's alarms that steps at poses show, by simulation of 10 to 300 poses."""
+
+AT_ONCE = 400_000
+"""Numbers of what a fit absorbs of steps that are looked at side by side: memory stays flat."""
+
+FREE = 1e-7
+"""Share of a column's weight that the fit must have left for a step along it to be seen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Suspect:
+    """Something that may have changed: `columns` (m, r, d) are the misclosure's rates with it.
+
+    `share` of the false alarms that it may raise, in those of the others. `of_reading`: a reading may
+    have shifted, and nothing that is in the loop.
+    """
+
+    name: str
+    columns: FloatArray
+    share: float = 1.0
+    of_reading: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """The most significant step of one suspect.
+
+    Attributes
+    ----------
+    suspect
+        Its name.
+    pose
+        First pose after the step, index in time order.
+    size
+        What was added from there on (d,), in the columns' units.
+    sd
+        Standard deviation of the size (d,).
+    chi2, dof
+        How far chi2 falls when the step is fitted, and with how many unknowns.
+    threshold
+        What `chi2` exceeds in `FALSE_ALARM` of sound pose sets, over all poses and suspects.
+    """
+
+    suspect: str
+    pose: int
+    size: FloatArray
+    sd: FloatArray
+    chi2: float
+    dof: int
+    threshold: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether a sound pose set would show this."""
+        return self.chi2 > self.threshold
+
+
+def steps(
+    left: LeftOver,
+    suspects: Sequence[Suspect],
+    *,
+    quiet: LeftOver | None = None,
+    scale: float = 1.0,
+    false_alarm: float = FALSE_ALARM,
+) -> tuple[Step, ...]:
+    """Test every suspect for a step at every pose, the most significant suspect first.
+
+    Parameters
+    ----------
+    left
+        What the fit left over, its poses in the order in which they were taken.
+    quiet
+        The same with other noise, for suspects that are of a reading.
+    scale
+        By how much variances are smaller than those of the fit.
+    """
+    m = len(left.white)
+    if m < 2 * EDGE or not suspects:
+        return ()
+    level = false_alarm / sum(s.share for s in suspects)
+    found: list[Step] = []
+    for of_reading in (False, True):
+        judged = quiet if of_reading and quiet is not None else left
+        here = [s for s in suspects if s.of_reading == of_reading]
+        for width in dict.fromkeys(s.columns.shape[-1] for s in here):
+            alike = [s for s in here if s.columns.shape[-1] == width]
+            lot = max(1, AT_ONCE // (m * judged.U.shape[-1] * width))
+            for first in range(0, len(alike), lot):
+                found += _largest(judged, alike[first : first + lot], scale, level)
+    return tuple(sorted(found, key=lambda step: step.threshold - step.chi2))
+
+
+def _largest(
+    left: LeftOver, suspects: Sequence[Suspect], scale: float, level: float
+) -> Iterator[Step]:
+    """Largest step of each of some suspects (S) with as many columns (d) each.
+
+    `level` is the chance of a false alarm of a suspect whose share is 1.
+    """
+    m, r, K = left.U.shape
+    S, d = len(suspects), suspects[0].columns.shape[-1]
+    white = left.whiten(np.concatenate([s.columns for s in suspects], axis=-1))
+    across = np.swapaxes(white, -1, -2)
+    Gt = across.reshape(m, S, d, r)
+    s = _from_here_on((Gt @ left.white[:, None, :, None])[..., 0])
+    own = _from_here_on(Gt @ np.swapaxes(Gt, -1, -2))
+    inside = _from_here_on(across @ left.U).reshape(m, S, d, K)
+    C = own - inside @ np.swapaxes(inside, -1, -2)
+    # Scaled, so that metres and radians are seen alike.
+    size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1).max(axis=0))
+    unit = np.where(size > 0.0, size, 1.0)
+    places = slice(EDGE, m - EDGE + 1)
+    values, vectors = np.linalg.eigh(C[places] / (unit[:, :, None] * unit[:, None, :]))
+    free = values > FREE
+    along = (np.swapaxes(vectors, -1, -2) @ (s[places] / unit)[..., None])[..., 0]
+    inverse = np.where(free, 1.0 / np.where(free, values, 1.0), 0.0)
+    chi2 = (along**2 * inverse).sum(-1)
+    for k, best in enumerate(np.argmax(chi2, axis=0).tolist()):
+        here = (best, k)
+        if not (size[k] > 0.0).all() or not free[here].any():
+            continue
+        spread = (vectors[here] * inverse[here]) @ vectors[here].T
+        dof = int(free[here].sum())
+        yield Step(
+            suspect=suspects[k].name,
+            pose=best + EDGE,
+            size=(vectors[here] @ (inverse[here] * along[here])) / size[k],
+            sd=np.sqrt(scale * np.diagonal(spread)) / size[k],
+            chi2=float(chi2[here]) / scale,
+            dof=dof,
+            threshold=step_threshold(m, dof, suspects[k].share * level),
+        )
+
+
+def _from_here_on(values: FloatArray) -> FloatArray:
+    """Sum over each pose and all that follow it (m, ...)."""
+    sums = values.copy()
+    # Pose by pose, whole rows at a time: several times as fast as `cumsum` along the first axis.
+    for k in range(len(sums) - 2, -1, -1):
+        sums[k] += sums[k + 1]
+    return sums
+
+
+@lru_cache(maxsize=256)
+def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
+    """Return what the largest chi2 over all k exceeds with probability `false_alarm`.
+
+    The statistic is the square of a standardised Brownian bridge in `dof` dimensions, seen between
+    the shares h and 1-h of the poses; the tail of its maximum (Csorgo & Horvath 1997, eq. 1.3.26):
+
+        P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
+        T = log((1-h)^2 / h^2).
+
+    It counts steps between poses too, which halves and more of its alarms are not: `AT_POSES`.
+    """
+    from scipy.special import chdtri, gammaln
+
+    h = EDGE / poses
+    span = 2.0 * math.log((1.0 - h) / h)
+
+    def log_tail(x: float) -> float:
+        half = 0.5 * dof
+        head = half * math.log(x) - 0.5 * x - half * math.log(2.0) - float(gammaln(half))
+        return head + math.log(max((1.0 - dof / x) * span + 4.0 / x, 1e-300))
+
+    # The same statistic at one pose, and at every pose as if they were independent, enclose it.
+    low = float(chdtri(dof, false_alarm))
+    high = float(chdtri(dof, false_alarm / poses))
+    target = math.log(false_alarm / AT_POSES)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if log_tail(middle) > target else (low, middle)
+    return high

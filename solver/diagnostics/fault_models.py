@@ -1,0 +1,330 @@
+"""Everything that may be wrong with an arm, its fixture or its readings, as columns of the linear fit.
+
+Each candidate is a rate of the misclosures with something that was taken for right: then it costs
+nothing to ask how much believing it would explain. Knows closure models and sensors; no likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensor_curve import SensorCurve
+from solver.chain.sensors import Encoder, Rvdt
+from solver.diagnostics.change_points import Suspect
+from solver.diagnostics.fault_model import NONE_MEASURED, Candidate, Cause, Stray
+from solver.estimators.effects import Design, System
+
+ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
+"""Natural size of what nobody stated a size of."""
+
+SCALE = 1e-2
+"""Natural size of what a scale is off by."""
+
+STILL_POSES = 4
+"""So many readings in a row that agree within noise, while others move, may be a frozen sensor."""
+
+LENGTHS_SHARE = 0.1
+"""Of the false alarms: a metal link hardly ever changes its length in mid-session."""
+
+MOVES_RAD = np.deg2rad(1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """A fit as the candidates see it: its system with poses in the order in which they were taken.
+
+    `readings` (m, n) are in that order too.
+    """
+
+    arm: ArmModel
+    design: Design
+    system: System
+    readings: FloatArray
+    order: IntArray
+
+    @classmethod
+    def in_time(cls, arm: ArmModel, design: Design, system: System, order: IntArray) -> Scene:
+        """Return the scene with row k the pose that was taken k-th; `order` (m,) picks it."""
+        return cls(
+            arm=arm,
+            design=design,
+            system=System(
+                w=system.w[order],
+                A=system.A[order],
+                B=system.B[order],
+                E=system.E[order],
+                angle=system.angle[order],
+            ),
+            readings=design.q[order],
+            order=order,
+        )
+
+    @property
+    def sensed(self) -> tuple[int, ...]:
+        """Joints (1-based) whose readings are used."""
+        unsensed = self.design.model.unsensed_joints
+        return tuple(j for j in range(1, self.arm.joint_count + 1) if j not in unsensed)
+
+    def sides(self) -> Iterator[tuple[str, IntArray]]:
+        """Sides of the fixture with the indices of the parameters that a slip there changes."""
+        model = self.design.model
+        names = [p.name for p in model.parameters]
+        # Along the fixture's own axis either half may slip: one entry, of which the table's are one.
+        along = tuple(name for name in model.ground_side if name.partition("[")[0] == "s_0")
+        for side, own in (("table", model.ground_side), ("hand", (*model.hand_side, *along))):
+            if len(own) > len(along):
+                yield side, np.array([names.index(name) for name in own])
+
+    def joint(self, j: int) -> FloatArray:
+        """Rates (m, r, 1) with the reading of joint j."""
+        return self.system.B[:, :, j - 1, None]
+
+    def suspects(self) -> tuple[Suspect, ...]:
+        """What may have changed in mid-session."""
+        names = [p.name for p in self.design.model.parameters]
+        found = [
+            Suspect(name=f"joint {j}", columns=self.joint(j), of_reading=True) for j in self.sensed
+        ]
+        found += [
+            Suspect(name=side, columns=self.system.A[:, :, here]) for side, here in self.sides()
+        ]
+        found += [
+            Suspect(name=names[k], columns=self.system.A[:, :, k, None], share=LENGTHS_SHARE)
+            for k in self.design.soft_index
+            if not self.design.model.parameters[k].is_angle
+        ]
+        return tuple(found)
+
+    def of_suspect(self, suspect: Suspect, first: int) -> Candidate:
+        """Return the candidate of a step at pose `first`."""
+        columns = suspect.columns.copy()
+        columns[:first] = 0.0
+        parameters = self.design.model.parameters
+        entries: tuple[str, ...] = ()
+        if suspect.name.startswith("joint "):
+            cause, subject, natural = Cause.LOST_COUNTS, suspect.name[6:], np.array([ANGLE_RAD])
+        elif suspect.name in ("table", "hand"):
+            here = dict(self.sides())[suspect.name]
+            cause, subject = Cause.SLIPPED, suspect.name
+            natural = np.array([ANGLE_RAD if parameters[k].is_angle else LENGTH_M for k in here])
+            entries = tuple(parameters[k].name for k in here)
+        else:
+            cause, subject, natural = Cause.LENGTH_CHANGED, suspect.name, np.array([LENGTH_M])
+        return Candidate(
+            cause=cause,
+            subject=subject,
+            columns=columns,
+            natural=natural,
+            places=len(columns),
+            poses=(first,),
+            entries=entries,
+        )
+
+    def standing(self, measured: Mapping[int, Stray] = NONE_MEASURED) -> Iterator[Candidate]:
+        """Causes that are there in all poses, or in a run of them.
+
+        `measured` is how far sensors stray from their best lines, by joint (1-based), where the loop
+        itself measured it.
+        """
+        yield from self._readings()
+        yield self._scatter()
+        yield from self._drifts()
+        yield from self.scales()
+        yield from self._frozen()
+        yield from self._smooth(measured)
+        yield from self._entries()
+        yield from self._fixture()
+
+    def _readings(self) -> Iterator[Candidate]:
+        """Every joint's reading wrong in every pose in its own way: noise, or no sensor at all."""
+        stated = self.design.joint_variance(self.design.stated_variances())
+        for j in self.sensed:
+            yield Candidate(
+                cause=Cause.READING,
+                subject=str(j),
+                columns=self.joint(j),
+                own=self._all,
+                natural=np.full(len(self._all), ANGLE_RAD),
+                least=2.0 * float(np.sqrt(np.mean(stated[:, j - 1]))),
+            )
+
+    def _scatter(self) -> Candidate:
+        """Every reading of every joint wrong in its own way and by one size: an arm that was not still."""
+        sensed = np.array(self.sensed) - 1
+        stated = self.design.joint_variance(self.design.stated_variances())[:, sensed]
+        return Candidate(
+            cause=Cause.SCATTER,
+            subject="all joints",
+            columns=self.system.B[:, :, sensed],
+            own=self._all,
+            natural=np.full(len(self._all) * len(sensed), ANGLE_RAD),
+            most=15.0,
+            least=2.0 * float(np.sqrt(np.mean(stated))),
+        )
+
+    def _drifts(self) -> Iterator[Candidate]:
+        """Every joint's reading off by a ramp, from half of it below at the first pose to half above."""
+        ramp = np.linspace(-0.5, 0.5, len(self.readings))
+        for j in self.sensed:
+            yield Candidate(
+                cause=Cause.DRIFT,
+                subject=str(j),
+                columns=self.joint(j) * ramp[:, None, None],
+                natural=np.array([ANGLE_RAD]),
+            )
+
+    def scales(self) -> Iterator[Candidate]:
+        """Every encoder's counts per turn wrong: nothing states how well these are known."""
+        for j in self.sensed:
+            if isinstance(self.arm.joints[j - 1].sensor, Encoder):
+                turn = self.readings[:, j - 1]
+                yield Candidate(
+                    cause=Cause.SCALE,
+                    subject=str(j),
+                    columns=self.joint(j) * (turn - turn.mean())[:, None, None],
+                    natural=np.array([SCALE]),
+                )
+
+    def _frozen(self) -> Iterator[Candidate]:
+        """Runs of poses in which one joint reads the same while others move."""
+        for j in self.sensed:
+            for first, last in still_runs(self.readings, j, 3.0 * self._noise(j)):
+                poses = np.arange(first + 1, last)
+                yield Candidate(
+                    cause=Cause.FROZEN,
+                    subject=str(j),
+                    columns=self.joint(j)[poses],
+                    own=poses,
+                    natural=np.full(len(poses), 10.0 * ANGLE_RAD),
+                    poses=tuple(range(first, last)),
+                )
+
+    def curve(self, j: int, measured: Stray | None = None) -> Candidate | None:
+        """Line and curve of joint j's sensor; None where it has none."""
+        sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
+        if not isinstance(sensor, Rvdt):
+            return None
+        half, middle = 0.5 * sensor.full_scale_rad, self.arm.joints[j - 1].middle_rad
+        # A line of any slope, of half the size of the bow and the S.
+        shapes = SensorCurve(
+            joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
+        ).basis(turn)
+        return Candidate(
+            cause=Cause.CURVE,
+            subject=str(j),
+            columns=self.joint(j) * shapes[:, None, :],
+            natural=np.full(shapes.shape[1], max(sensor.linearity_rad, ANGLE_RAD)),
+            most=10.0,
+            shapes=shapes,
+            least=0.5 * sensor.linearity_rad,
+            most_stated=sensor.linearity_rad,
+            measured=measured,
+            lines=_lines(turn),
+        )
+
+    def _smooth(self, measured: Mapping[int, Stray]) -> Iterator[Candidate]:
+        """Every joint's reading off by a function of its angle, or of the pose."""
+        for j in self.sensed:
+            sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
+            B = self.joint(j)
+            curve = self.curve(j, measured.get(j))
+            if curve is not None:
+                yield curve
+            elif isinstance(sensor, Encoder):
+                shapes = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
+                yield Candidate(
+                    cause=Cause.TURN_ERROR,
+                    subject=str(j),
+                    columns=B * shapes[:, None, :],
+                    natural=np.full(4, ANGLE_RAD),
+                    most=30.0,
+                    shapes=shapes,
+                    least=2.0 * sensor.accuracy_rad,
+                )
+            if (phi := self._in_time(self.design.sag_basis.phi)).size:
+                yield Candidate(
+                    cause=Cause.SAG,
+                    subject=str(j),
+                    columns=B * phi[:, None, :],
+                    natural=np.full(phi.shape[1], ANGLE_RAD),
+                    most=30.0,
+                    shapes=phi,
+                    least=2.0 * self.arm.joints[j - 1].sag_rad,
+                )
+
+    def _entries(self) -> Iterator[Candidate]:
+        """Every entry of the maker's table off by more than its tolerance."""
+        design = self.design
+        for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
+            parameter = design.model.parameters[k]
+            yield Candidate(
+                cause=Cause.TWIST if parameter.is_angle else Cause.LENGTH,
+                subject=parameter.name,
+                columns=self.system.A[:, :, k, None],
+                natural=np.array([sd]),
+                most=100.0,
+                least=2.0 * sd,
+            )
+
+    def _fixture(self) -> Iterator[Candidate]:
+        """A fixture that gives: anew in every pose, or smoothly with it."""
+        if not self.design.gives:
+            return
+        Et = np.swapaxes(self.system.E, -1, -2)
+        m, r, k = Et.shape
+        natural = np.concatenate((np.full(k - 3, ANGLE_RAD), np.full(3, LENGTH_M)))
+        yield Candidate(
+            cause=Cause.GIVES,
+            subject="in every pose",
+            columns=Et,
+            own=self._all,
+            natural=np.tile(natural, m),
+            most=15.0,
+        )
+        phi = self._in_time(self.design.give_basis.phi)
+        yield Candidate(
+            cause=Cause.GIVES,
+            subject="with the pose",
+            columns=(Et[..., None] * phi[:, None, None, :]).reshape(m, r, -1),
+            natural=np.repeat(natural, phi.shape[1]),
+            most=15.0,
+        )
+
+    def _in_time(self, phi: FloatArray) -> FloatArray:
+        """Rows of a basis over the fit's poses (m, k) in the order of the scene."""
+        return np.asarray(phi[self.order] if phi.size else np.zeros((len(self.order), 0)))
+
+    @property
+    def _all(self) -> IntArray:
+        """Indices of all poses."""
+        return np.arange(len(self.readings))
+
+    def _noise(self, j: int) -> float:
+        return max(float(self.arm.sigma_rad()[j - 1]), 1e-6)
+
+
+def _lines(angle: FloatArray) -> FloatArray:
+    """Constant and slope over angles (m,), orthonormal (m, 2)."""
+    both = np.stack((np.ones_like(angle), angle - angle.mean()), axis=-1)
+    return np.asarray(np.linalg.qr(both)[0])
+
+
+def still_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:
+    """Runs [first, last) of poses in which a joint reads the same although most others move."""
+    m = len(q)
+    reading = q[:, joint - 1]
+    others = np.delete(q, joint - 1, axis=1)
+    runs, first = [], 0
+    for k in range(1, m + 1):
+        if k < m and abs(reading[k] - reading[first]) <= tolerance_rad:
+            continue
+        moved = np.ptp(others[first:k], axis=0) > MOVES_RAD
+        if k - first >= STILL_POSES and 2 * int(moved.sum()) >= others.shape[1]:
+            runs.append((first, k))
+        first = k
+    return runs

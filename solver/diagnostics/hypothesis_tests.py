@@ -1,0 +1,130 @@
+"""Tests of a fit at what the files state: each with its threshold and how often it fires on sound sets.
+
+All from one linear fit: no test refits. Knows fits and scenes; weighs no explanation and knows no words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.diagnostics.cross_validation import far_block, fold_poses
+from solver.diagnostics.fault_models import Scene
+from solver.diagnostics.whitened_residuals import LeftOver
+from solver.estimators.linear_fit import LinearFit
+
+FALSE_ALARM = 1e-3
+"""Chance of each test to fire on a sound pose set."""
+
+DOUBT = 0.1
+"""Chance of the pulls of a sound arm's lengths and twists to be worth a word, which refuses nothing: lengths
+that are wrong by a few tolerances spoil a calibration before any test is sure of them."""
+
+ENTRIES = ("lengths", "twists")
+"""Sources that are entries of the maker's table."""
+
+FOLDS, FAR_SHARE = 5, 0.2
+"""Parts that are predicted by the rest, and the share of a block far from it."""
+
+SEEN = 1e-6
+"""Share of a column's square that has to be left for it to be tested."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Test:
+    """One test: it fires when `statistic` exceeds `threshold`, on sound sets with `false_alarm`."""
+
+    code: str
+    statistic: float
+    threshold: float
+    false_alarm: float = FALSE_ALARM
+
+    @property
+    def fires(self) -> bool:
+        """Whether the statistic is beyond the threshold."""
+        return not self.statistic <= self.threshold
+
+
+def chi2_test(chi2: float, dof: int) -> Test:
+    """Test chi2 at the stated variances."""
+    from scipy.special import chdtri
+
+    return Test(code="CHI2_STATED", statistic=chi2, threshold=float(chdtri(dof, FALSE_ALARM)))
+
+
+def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM) -> list[Test]:
+    """Test the largest pull of a toleranced entry, and their sum of squares."""
+    from scipy.special import chdtri, ndtri
+
+    # The first of all effects are these.
+    z = stated.pulls[: sum(g.width for g in stated.design.groups if g.source in ENTRIES)]
+    if not len(z):
+        return []
+    return [
+        Test(
+            code="PULL",
+            statistic=float(np.abs(z).max()),
+            threshold=float(-ndtri(0.5 * false_alarm / len(z))),
+            false_alarm=false_alarm,
+        ),
+        Test(
+            code="PULLS",
+            statistic=float(z @ z),
+            threshold=float(chdtri(len(z), false_alarm)),
+            false_alarm=false_alarm,
+        ),
+    ]
+
+
+def scale_tests(scene: Scene, left: LeftOver) -> list[Test]:
+    """Test the scale of every encoder: the loops see a hundredth of it, and no other test asks."""
+    from scipy.special import ndtri
+
+    z = []
+    for candidate in scene.scales():
+        s, C = left.score(candidate.columns)
+        # What the parameters take up but for a rounding error is not seen at all.
+        whole = float((left.whiten(candidate.columns) ** 2).sum())
+        z.append(abs(float(s[0])) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * whole else 0.0)
+    if not z:
+        return []
+    threshold = float(-ndtri(0.5 * FALSE_ALARM / len(z)))
+    return [Test(code="SCALE", statistic=float(max(z)), threshold=threshold)]
+
+
+def prediction_test(stated: LinearFit) -> Test:
+    """Predict every fifth of the poses, and a block far from the rest, by all the others."""
+    from scipy.special import chdtri
+
+    q = stated.design.q
+    parts = (*fold_poses(q, FOLDS), far_block(q, FAR_SHARE)) if len(q) >= 2 * FOLDS else ()
+    worst = Test(code="PREDICTION", statistic=0.0, threshold=np.inf)
+    for chi2, dof in stated.held_out_chi2(*parts):
+        if dof:
+            threshold = float(chdtri(dof, FALSE_ALARM / len(parts)))
+            if chi2 / threshold > worst.statistic / worst.threshold:
+                worst = Test(code="PREDICTION", statistic=chi2, threshold=threshold)
+    return worst
+
+
+def variance_tests(stated: LinearFit) -> list[Test]:
+    """Test every variance: is the likelihood steeper at what is stated than chance makes it.
+
+    The slope is a square of few directions (a sensor's gain and bow, say) less its expectation: in its
+    standard deviations it is distributed as chi2 is, with as many degrees of freedom as its mean and
+    variance say (Satterthwaite), and not as a normal variable.
+    """
+    from scipy.special import chdtri
+
+    found = stated.derivatives
+    names = [c.name for c in stated.design.components]
+    information = np.maximum(np.diagonal(found.information), 1e-300)
+    dof = np.maximum(0.5 * found.expected**2 / information, 1e-3)
+    largest = (chdtri(dof, FALSE_ALARM / max(len(names), 1)) - dof) / np.sqrt(2.0 * dof)
+    z = found.score / np.sqrt(information)
+    return [
+        Test(code=f"VARIANCE_{name.upper()}", statistic=float(s), threshold=float(t))
+        for name, s, t in zip(names, z, largest, strict=True)
+        if name != "discrepancy"
+    ]

@@ -1,0 +1,159 @@
+"""How much better an explanation makes the readings believable, all explanations on one scale.
+
+An explanation is some columns nobody fitted, with coefficients of unknown size: b ~ N(0, v D). Its
+log-likelihood, with v where it is largest, rewards what it explains and charges for what it could have
+explained as well (Occam's factor), so that one joint's step competes fairly with a free reading in every
+pose. The scale of the noise is free too, above a floor: what stays unexplained by any of them blurs
+the choice instead of deciding it. Knows no loop, no cause and no words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.diagnostics.pose_columns import OwnColumns, Solved
+from solver.diagnostics.whitened_residuals import LeftOver
+
+LEAST_SCALE = 0.25
+"""Stated errors are upper figures: chi2/dof of sound sets lies below 1, but below this nothing is believed."""
+
+SIZES = np.logspace(-2.0, 3.0, 21)
+"""Sizes of an explanation that are tried, in units of its natural one."""
+
+STRIDE = 4
+"""Where every size costs much the likeliest is sought by steps of so many first: it has one top."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evidence:
+    """What one explanation is worth.
+
+    Attributes
+    ----------
+    log_likelihood
+        Up to a constant that is the same for all explanations of one pose set.
+    chi2, dof
+        What it leaves unexplained, at stated variances.
+    size
+        Standard deviation of the coefficients, in units of the natural one.
+    b, covariance
+        Coefficients (c,) and their covariance (c, c); of columns of poses of their own only the variances (c,).
+    moved
+        How much the parameters (P,) change when it is believed (rad, m).
+    """
+
+    log_likelihood: float
+    chi2: float
+    dof: int
+    size: float
+    b: FloatArray
+    covariance: FloatArray
+    moved: FloatArray
+
+    @property
+    def scale(self) -> float:
+        """Scale of the variances it leaves."""
+        return noise_scale(self.chi2, self.dof)
+
+
+def noise_scale(chi2: float, dof: int) -> float:
+    """By how much variances are smaller than stated, 1 where they are not."""
+    return min(1.0, max(LEAST_SCALE, chi2 / max(dof, 1)))
+
+
+def sound(left: LeftOver) -> float:
+    """Log-likelihood of nothing being wrong: noise as stated or less."""
+    return _log_likelihood(left.chi2, left.dof, noise_scale(left.chi2, left.dof))
+
+
+def unnamed(left: LeftOver) -> float:
+    """Log-likelihood of all errors being larger than stated, whatever their cause."""
+    return _log_likelihood(left.chi2, left.dof, max(LEAST_SCALE, left.chi2 / max(left.dof, 1)))
+
+
+def evidence(
+    left: LeftOver, G: FloatArray, natural: FloatArray, *, most: float = np.inf
+) -> Evidence | None:
+    """Weigh columns G (m, r, c) whose coefficients have natural sizes (c,), up to `most` times these.
+
+    None if all of them are fitted already.
+    """
+    s, C = left.score(G)
+    s, C = natural * s, natural[:, None] * C * natural
+    values, vectors = np.linalg.eigh(C)
+    own = float((left.whiten(G * natural) ** 2).sum(axis=(0, 1)).max(initial=0.0))
+    free = values > max(1e-7 * own, 1e-30)
+    if not free.any():
+        return None
+    values, vectors = values[free], vectors[:, free]
+    along = vectors.T @ s
+    sizes = SIZES[most >= SIZES]
+    v = sizes[:, None] ** 2
+    shrunk = v / (1.0 + v * values)
+    chi2 = np.maximum(left.chi2 - (shrunk * along**2).sum(-1), 1e-12)
+    dof = max(left.dof, 1)
+    f = np.maximum(LEAST_SCALE, chi2 / dof)
+    gain = -0.5 * np.log1p(v * values).sum(-1) - 0.5 * (dof * np.log(f) + chi2 / f)
+    best = int(np.argmax(gain))
+    b = natural * (vectors @ (shrunk[best] * along))
+    return Evidence(
+        log_likelihood=float(gain[best]),
+        chi2=float(chi2[best]),
+        dof=dof,
+        size=float(sizes[best]),
+        b=b,
+        covariance=np.outer(natural, natural) * ((vectors * shrunk[best]) @ vectors.T),
+        moved=left.moved(G, b),
+    )
+
+
+def evidence_of_own(
+    left: LeftOver, own: IntArray, G: FloatArray, natural: FloatArray, *, most: float = np.inf
+) -> Evidence | None:
+    """Weigh columns G (p, r, c) that poses (p,) have each of their own; otherwise as `evidence`."""
+    p, _, c = G.shape
+    columns = OwnColumns.of(left, own, G * natural.reshape(p, 1, c))
+    if not (columns.own > 0.0).any():
+        return None
+    sizes, dof = SIZES[most >= SIZES], max(left.dof, 1)
+
+    @cache
+    def at(k: int) -> tuple[float, Solved]:
+        """Log-likelihood at a size, and the coefficients."""
+        there = columns.solved(float(sizes[k]) ** 2)
+        chi2 = max(left.chi2 - there.drop, 1e-12)
+        f = max(LEAST_SCALE, chi2 / dof)
+        return -0.5 * there.logdet - 0.5 * (dof * float(np.log(f)) + chi2 / f), there
+
+    def best_of(some: range) -> int:
+        return max(some, key=lambda k: at(k)[0])
+
+    about = best_of(range(0, len(sizes), STRIDE))
+    best = best_of(range(max(about - STRIDE + 1, 0), min(about + STRIDE, len(sizes))))
+    gain, found = at(best)
+    if not np.isfinite(gain):
+        return None
+    b, variance = columns.coefficients(found)
+    return Evidence(
+        log_likelihood=gain,
+        chi2=max(left.chi2 - found.drop, 1e-12),
+        dof=dof,
+        size=float(sizes[best]),
+        b=natural * b,
+        covariance=natural**2 * variance,
+        moved=columns.moved(left, found),
+    )
+
+
+def _log_likelihood(chi2: float, dof: int, scale: float) -> float:
+    return -0.5 * (max(dof, 1) * float(np.log(scale)) + chi2 / scale)
+
+
+def probabilities(log_weights: FloatArray) -> FloatArray:
+    """Probabilities of explanations from their log-likelihoods plus the logarithm of their priors."""
+    weights = np.exp(log_weights - np.max(log_weights))
+    return np.asarray(weights / weights.sum())

@@ -1,0 +1,114 @@
+"""Poses that do not fit the others, from one linear fit: the threshold is that of the largest of m.
+
+Each pose is judged by what all others predict for it (its own pull on the fit taken out). The most
+improbable is set aside and the rest judged again, so that several do not hide each other; no pose is
+refitted. Of more than some hundred poses, of which one moves the fit little, several are set aside at a
+time: the work grows with their number and not with its square. Excludes none itself. Knows no loop and no names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.diagnostics.whitened_residuals import LeftOver
+
+FALSE_ALARM = 1e-3
+"""Chance of naming any pose of a pose set in which all are sound."""
+
+MOST = 0.3
+"""Share of the poses that can be odd; beyond it is not the poses."""
+
+ROUNDS = 100
+"""Of setting aside, at most about so many."""
+
+ALIKE = 0.5
+"""What is set aside with the worst pose is beyond its own threshold by at least this share of that one's excess."""
+
+FREE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OddPose:
+    """One pose against the prediction from the poses that are not named.
+
+    Attributes
+    ----------
+    pose
+        Index, in the order of the fit.
+    chi2, dof
+        Its misfit.
+    threshold
+        What the largest of all poses exceeds in `FALSE_ALARM` of sound sets.
+    """
+
+    pose: int
+    chi2: float
+    dof: int
+    threshold: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OddPoses:
+    """The worst pose, all poses beyond the threshold (worst first), and what the rest leave over."""
+
+    worst: OddPose
+    odd: tuple[OddPose, ...]
+    rest: LeftOver
+
+
+def odd_poses(left: LeftOver, *, scale: float = 1.0) -> OddPoses:
+    """Judge every pose by the others; `scale` is that of the variances (see `noise_scale`)."""
+    from scipy.special import chdtri
+
+    m = len(left.U)
+    most = int(np.ceil(MOST * m))
+    at_once = -(-most // ROUNDS)
+    kept = np.ones(m, dtype=np.bool_)
+    odd: list[OddPose] = []
+    first: OddPose | None = None
+    rest = left
+    while True:
+        chi2, dof = _misfits(rest, kept)
+        limit = chdtri(np.maximum(dof, 1), FALSE_ALARM / m)
+        excess = np.where(kept & (dof > 0), chi2 / scale - limit, -np.inf)
+        worst = np.argsort(-excess, kind="stable")[:at_once]
+        found = [
+            OddPose(
+                pose=int(k), chi2=float(chi2[k]) / scale, dof=int(dof[k]), threshold=float(limit[k])
+            )
+            for k in worst
+        ]
+        first = first or found[0]
+        largest = float(excess[worst[0]])
+        if not largest > 0.0 or len(odd) >= most:
+            break
+        some = worst[excess[worst] >= ALIKE * largest][: most - len(odd)]
+        odd += found[: len(some)]
+        kept[some] = False
+        rest = rest.without(some)
+    odd.sort(key=lambda pose: -pose.chi2)
+    return OddPoses(worst=first, odd=tuple(odd), rest=rest)
+
+
+def pose_columns(left: LeftOver, poses: IntArray) -> FloatArray:
+    """Columns (p, r, r) of their own that free all equations of poses (p,), in units of their noise."""
+    return np.asarray(np.linalg.inv(left.whitener[poses]))
+
+
+def left_out(left: LeftOver) -> tuple[FloatArray, FloatArray]:
+    """Misfit of every pose to the prediction by all others, and its degrees of freedom, (m,) each."""
+    return _misfits(left, np.ones(len(left.U), dtype=np.bool_))
+
+
+def _misfits(left: LeftOver, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each."""
+    r = left.U.shape[1]
+    H = np.eye(r) - left.U @ np.swapaxes(left.U, -1, -2)
+    values, vectors = np.linalg.eigh(H)
+    free = values > FREE
+    along = (np.swapaxes(vectors, -1, -2) @ left.white[..., None])[..., 0]
+    chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0).sum(-1)
+    return np.where(kept, chi2, 0.0), np.where(kept, free.sum(-1), 0)

@@ -1,0 +1,134 @@
+"""What poses that were fitted foretell of others, and whether one joint or the fixture has shifted since.
+
+One mixed model of both: what the first poses say of parameters and of effects drawn once (curves of
+sensors, harmonics, sag, give) is the prior, covariance and all, under which the others are judged. An
+effect that a calibration has seen is then known where it was seen, and no excuse for anything new. Knows
+no fixture, no name and no file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import BoolArray, FloatArray
+from solver.diagnostics.whitened_residuals import LeftOver
+from solver.estimators.linear_fit import LinearFit
+
+NOT_KNOWN = 0.1
+"""Standard deviation (rad, m) of parameters of which nothing is known beside what poses tell."""
+
+FALSE_ALARM = 1e-3
+"""Chance of naming any shift where nothing has shifted."""
+
+SEEN = 1e-9
+"""Share of the largest information below which a direction is not seen at all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Given:
+    """Parameters without a prior of their own, as they were fixed: values (P,) and covariance (P, P)."""
+
+    x: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shift:
+    """One thing that all of the later poses have in common and the earlier ones have not.
+
+    Attributes
+    ----------
+    subject
+        Which of those that were asked for.
+    size, sigma
+        How far, where it is one number.
+    chi2, threshold
+        What it explains, and what chance alone reaches in `FALSE_ALARM` of sound sets.
+    """
+
+    subject: str
+    size: float | None
+    sigma: float | None
+    chi2: float
+    threshold: float
+
+
+def foretold(fit: LinearFit, later: BoolArray, given: Given | None = None) -> LeftOver:
+    """Return what the other poses of `fit` leave unexplained of the `later` ones (m,).
+
+    Parameters
+    ----------
+    given
+        Parameters that are to be judged as they are, instead of by the poses they came from.
+    """
+    width, hard = fit.design.width, fit.design.hard
+    gram, right = np.zeros((width, width)), np.zeros(width)
+    whitener, M, w = [], [], []
+    for part in fit.parts():
+        new = later[part.poses]
+        before = part.M[~new].reshape(-1, width)
+        gram += before.T @ before
+        right += part.w[~new].reshape(-1) @ before
+        whitener.append(part.L_inverse[new])
+        M.append(part.M[new])
+        w.append(part.w[new])
+    if given is None:
+        precision = np.repeat((NOT_KNOWN**-2, 1.0), (hard, width - hard))
+        half = _root_of_inverse(gram + np.diag(precision))
+        coefficients = -(half @ (half.T @ right))
+    else:
+        values, vectors = np.linalg.eigh(given.covariance)
+        half, coefficients = np.eye(width), np.zeros(width)
+        half[:hard, :hard] = vectors * np.sqrt(np.maximum(values, 0.0))
+        coefficients[:hard] = given.x
+    columns = np.concatenate(M)
+    m, r, _ = columns.shape
+    N = columns.reshape(m * r, width) @ half
+    y = np.concatenate(w).reshape(-1) + columns.reshape(m * r, width) @ coefficients
+    # (I + N N')^-1 = I - U U'
+    U = N @ _root_of_inverse(np.eye(width) + N.T @ N)
+    white = y - U @ (U.T @ y)
+    return LeftOver(
+        whitener=np.concatenate(whitener),
+        U=U.reshape(m, r, width),
+        white=white.reshape(m, r),
+        chi2=float(y @ white),
+        to_x=np.zeros((0, width)),
+        dof=m * r,
+    )
+
+
+def shifted(left: LeftOver, subjects: Mapping[str, FloatArray]) -> Shift | None:
+    """Which of the columns (m, r, c), common to all poses, explains most; None where none is beyond chance."""
+    from scipy.special import chdtri
+
+    found = []
+    for name, columns in subjects.items():
+        s, information = left.score(columns)
+        values, vectors = np.linalg.eigh(information)
+        seen = values > SEEN * max(float(values[-1]), 1e-300)
+        chi2 = float(((vectors.T @ s)[seen] ** 2 / values[seen]).sum())
+        single = columns.shape[-1] == 1 and bool(seen.all())
+        threshold = float(chdtri(max(int(seen.sum()), 1), FALSE_ALARM / len(subjects)))
+        found.append(
+            Shift(
+                subject=name,
+                size=float(s[0] / values[0]) if single else None,
+                sigma=float(values[0] ** -0.5) if single else None,
+                chi2=chi2,
+                threshold=threshold,
+            )
+        )
+    best = max(found, key=lambda shift: shift.chi2 - shift.threshold, default=None)
+    return best if best is not None and best.chi2 > best.threshold else None
+
+
+def _root_of_inverse(H: FloatArray) -> FloatArray:
+    """K with ``H^-1 = K K'``."""
+    unit = 1.0 / np.sqrt(np.diagonal(H))
+    values, vectors = np.linalg.eigh(H * unit[:, None] * unit)
+    values = np.maximum(values, 1e-14 * values[-1])
+    return np.asarray(unit[:, None] * vectors / np.sqrt(values))

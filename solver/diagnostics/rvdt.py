@@ -1,0 +1,316 @@
+"""Verdict on an RVDT: what it reads against what the closed loop measures of its joint.
+
+With the wrist joints eliminated as unsensed the loop measures their true angles itself. Line and curve
+(`solver.diagnostics.rvdt_response`) and noise (`solver.diagnostics.rvdt_noise`) of the readings are held against the
+specification here, and put into plain words. Knows sensors and closure models; no fixture and no screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import wrap_angle
+from solver.chain.pose_order import back_to_caller
+from solver.chain.sensors import Rvdt
+from solver.diagnostics.fault_model import Stray
+from solver.diagnostics.loop_angles import loop_angles
+from solver.diagnostics.rvdt_noise import SingleNoise
+from solver.diagnostics.rvdt_response import RvdtFigures, measure, sensor_angle
+from solver.diagnostics.smooth_curve import Scatter
+from solver.estimators.component_report import flexure_test
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.mixed_fit import Near
+from solver.estimators.variance_components import noise_left, settle
+from solver.loops.closure import ClosureModel
+
+MIN_POSES = 15
+MIN_SPAN = 0.15
+"""Fraction of full scale that poses must cover before a curve can be told from a line."""
+
+LEVEL = 0.01
+"""Chance of calling a straight sensor curved."""
+
+NOISE_MARGIN = 1.25
+"""Noise is out of specification when it is above it by more than this for certain: a specification in
+whole LSB means no more.
+"""
+
+NOISY = "check its plug, screen and excitation, or average more samples a pose"
+
+HARMFUL = 3.0
+"""A curve this many times the sensor's noise spoils what the other joints' encoders know."""
+
+
+UNSEEN = 0.1
+"""Last step of the variances of the loops without RVDTs, in standard errors: what is read of a sensor is told to
+a twentieth of its own standard deviation."""
+
+
+class Soundness(Enum):
+    """What the loop says of an RVDT."""
+
+    SOUND = "sound"
+    CURVED = "curved, within specification"
+    OUT_OF_SPECIFICATION = "out of specification"
+    CANNOT_DECIDE = "cannot decide"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RvdtVerdict:
+    """One joint's RVDT.
+
+    Attributes
+    ----------
+    joint
+        1-based.
+    verdict, text
+        The verdict, and the same in plain words with the numbers behind it.
+    treat_as_unsensed
+        Whether the joint's reading does the calibration more harm than good.
+    share
+        Share of the squared closure error at the readings that correcting this joint removes
+        (0..1, negative if it grows); 0 when the poses cannot decide.
+    figures
+        What was measured; None when the poses cannot decide.
+    noise
+        That of a single reading; known even where the poses cannot decide on the curve, but for a
+        joint whose readings take no part and have no spread.
+    """
+
+    joint: int
+    verdict: Soundness
+    text: str
+    treat_as_unsensed: bool
+    share: float
+    figures: RvdtFigures | None
+    noise: SingleNoise | None = None
+
+
+def rvdt_verdicts(
+    model: ClosureModel,
+    arm: ArmModel,
+    q: FloatArray,
+    errors: ErrorModel,
+    *,
+    noise: Mapping[int, SingleNoise],
+    samples: IntArray,
+    x0: FloatArray | None = None,
+    near: Near | None = None,
+) -> tuple[RvdtVerdict, ...]:
+    """Judge every RVDT among the unsensed joints of `model` by readings `q` (m, n), rad.
+
+    Parameters
+    ----------
+    model
+        One placement's loop with the RVDT joints unsensed, so that their readings take no part.
+    errors
+        What is stated of all other sources, which would pass for noise of the RVDT.
+    noise
+        Of single readings, by joint, where it is known.
+    samples
+        Readings in each pose's mean (m,).
+    x0, near
+        Where to start from: parameters (P,) and all the rest, where a fit with the readings left them.
+
+    Raises
+    ------
+    TooFewPosesError
+        No degree of freedom would be left.
+    ValueError
+        If no unsensed joint of `model` has an RVDT.
+    """
+    sensors = {
+        j: sensor
+        for j in model.unsensed_joints
+        if isinstance(sensor := arm.joints[j - 1].sensor, Rvdt)
+    }
+    if not sensors:
+        raise ValueError("none of the model's unsensed joints has an RVDT to judge")
+    ended = settle(model, q, errors, x0=x0, near=near, unseen=UNSEEN)
+    found, back = ended.fit, back_to_caller(ended.order)
+    values, vectors = np.linalg.eigh(found.fit.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    angles = {
+        a.joint: a
+        for a in loop_angles(
+            model,
+            found.x,
+            q,
+            noise_left(found, back),
+            near=(found.corrections[back], found.unsensed[back]),
+        )
+    }
+    # A fixture that turns looks like noise of the wrist, and no pose tells the two apart: where it
+    # gives more than stated, none of the scatter between poses is held against the sensor.
+    blurred = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
+    if blurred:
+        flexure = flexure_test(found.fit.stated, found.fit.design)
+        if flexure is not None and flexure.gives:
+            noise = {**noise, **blurred}
+    offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
+    sensed, known = (
+        model.with_all_joints_sensed(),
+        {p.name: float(value) for p, value in zip(model.parameters, found.x, strict=True)},
+    )
+    verdicts = []
+    for joint, sensor in sensors.items():
+        reading, angle = q[:, joint - 1], angles[joint]
+        of_loops = angle.scatter(root)
+        reason = _undecidable(reading, of_loops, sensor)
+        if not found.converged:
+            reason = "the calibration without the RVDTs did not converge"
+        if reason:
+            verdicts.append(undecided(joint, sensor, reason, noise.get(joint)))
+            continue
+        figures = measure(
+            reading,
+            angle,
+            sensor,
+            of_loops,
+            noise.get(joint),
+            samples=float(1.0 / np.mean(1.0 / samples)),
+        )
+        here = offsets | {joint: figures.theta_off_rad}
+        share = _share(sensed, known, q, joint, figures, here)
+        verdicts.append(_judge(joint, sensor, figures, share))
+    return tuple(verdicts)
+
+
+def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
+    """Why these poses cannot tell; empty when they can."""
+    if len(reading) < MIN_POSES:
+        return f"{len(reading)} poses are too few, {MIN_POSES} are needed"
+    span = float(np.ptp(reading) / sensor.full_scale_rad)
+    if span < MIN_SPAN:
+        return (
+            f"the joint turned through {100.0 * span:.0f} % of full scale only, "
+            f"{100.0 * MIN_SPAN:.0f} % are needed"
+        )
+    sd = float(np.sqrt(np.mean(of_loops.variance)))
+    if sd > 0.5 * sensor.linearity_rad:
+        return (
+            f"the loop measures the joint's angle to {1e3 * sd:.1f} mrad only, "
+            f"where the specification allows {1e3 * sensor.linearity_rad:.1f} mrad"
+        )
+    return ""
+
+
+def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) -> RvdtVerdict:
+    """Say why the poses cannot decide on the sensor's curve, and what is known of its noise."""
+    noisy = noise is not None and _too_noisy(noise, sensor)
+    verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
+    words = [] if noise is None else _noise_words(noise, sensor)
+    curve = f"cannot decide on its curve: {reason}"
+    return RvdtVerdict(
+        joint=joint,
+        verdict=verdict,
+        text=f"RVDT of joint {joint}: "
+        + "; ".join([verdict.value, *words, curve] if noisy else [curve, *words]),
+        treat_as_unsensed=False,
+        share=0.0,
+        figures=None,
+        noise=noise,
+    )
+
+
+def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
+    """Whether a single reading is noisier than specified for certain."""
+    return noise.low > NOISE_MARGIN * sensor.noise_lsb
+
+
+def stray_of(figures: RvdtFigures, sensor: Rvdt) -> Stray:
+    """How far a sensor strays from its best line over the poses."""
+    scale = sensor.full_scale_rad
+    return Stray(peak=scale * figures.linearity, sd=scale * figures.linearity_sd, from_line=True)
+
+
+def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
+    curved = figures.line_probability < LEVEL
+    too_curved = stray_of(figures, sensor).beyond(sensor.linearity_rad)
+    too_noisy = _too_noisy(figures.noise, sensor)
+    rms = float(np.sqrt(np.mean(figures.deviation_rad**2)))
+    # The loop must know the angle better than the sensor reads it, or there is nothing to gain.
+    harmful = (curved or too_noisy) and rms > HARMFUL * max(sensor.sigma_rad, figures.loop_sd_rad)
+    if too_curved or too_noisy:
+        verdict = Soundness.OUT_OF_SPECIFICATION
+    elif curved:
+        verdict = Soundness.CURVED
+    else:
+        verdict = Soundness.SOUND
+    return RvdtVerdict(
+        joint=joint,
+        verdict=verdict,
+        text=_words(joint, sensor, figures, share, verdict, harmful=harmful),
+        treat_as_unsensed=harmful,
+        share=share,
+        figures=figures,
+        noise=figures.noise,
+    )
+
+
+def _words(
+    joint: int,
+    sensor: Rvdt,
+    figures: RvdtFigures,
+    share: float,
+    verdict: Soundness,
+    *,
+    harmful: bool,
+) -> str:
+    allowed = f"specification {100.0 * sensor.linearity:.2g} %"
+    head = verdict.value
+    if figures.linearity > sensor.linearity:
+        allowed = f"sigma {100.0 * figures.linearity_sd:.2f} %, {allowed}"
+        if verdict is Soundness.CURVED:
+            head = "curved, and beyond its specification by no more than chance"
+    covered = f"over the {100.0 * figures.covered:.0f} % that the poses cover"
+    parts = [
+        f"RVDT of joint {joint}: {head}",
+        f"linearity {100.0 * figures.linearity:.2f} % of full scale ({allowed}) {covered}",
+        f"gain {figures.gain:.4f}",
+    ]
+    parts += _noise_words(figures.noise, sensor)
+    if verdict is not Soundness.SOUND and share > 0.0:
+        parts.append(f"explains {100.0 * share:.0f} % of the squared closure error")
+    if harmful:
+        parts.append(f"treat joint {joint} as unsensed, or correct its readings by the table")
+    return "; ".join(parts)
+
+
+def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
+    """Say what is known of the noise, and what to do about it."""
+    allowed = f"specification {sensor.noise_lsb:g} LSB"
+    if noise.told:
+        words = f"noise of a single reading {noise.lsb:.1f} LSB ({allowed})"
+        return [words, NOISY] if _too_noisy(noise, sensor) else [words]
+    if _too_noisy(noise, sensor):
+        words = f"noise of a single reading {noise.low:.1f} to {noise.high:.1f} LSB ({allowed})"
+        return [words, NOISY]
+    most = f"below {noise.high:.1f} LSB ({allowed})"
+    words = f"noise of a single reading: cannot be told from these poses, {most}"
+    remedy = "record several samples a pose with their sd to measure it"
+    return [words, remedy] if noise.high > NOISE_MARGIN * sensor.noise_lsb else [words]
+
+
+def _share(
+    sensed: ClosureModel,
+    known: dict[str, float],
+    q: FloatArray,
+    joint: int,
+    figures: RvdtFigures,
+    offsets_rad: dict[int, float],
+) -> float:
+    """Share of the squared closure error, all readings used, that correcting one joint removes."""
+    known = known | {f"theta_off_{j}": float(wrap_angle(v)) for j, v in offsets_rad.items()}
+    whole = np.array([known.get(p.name, p.nominal) for p in sensed.parameters])
+    better = q.copy()
+    better[:, joint - 1] = figures.corrected(q[:, joint - 1])
+    residual = sensed.reduced(whole, np.stack((q, better)), rates=False).residual
+    before, after = (residual**2).sum((1, 2)).tolist()
+    return 0.0 if before == 0.0 else 1.0 - after / before

@@ -1,0 +1,142 @@
+"""Bus settings from every source, and errors that say what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+import pytest
+
+from hardware.buses import python_can
+from hardware.buses.python_can import BusSettings, bus_settings, open_bus, open_sender
+from hardware.buses.shared_bus import Frame
+from hardware.errors import BusError
+
+
+@pytest.fixture(autouse=True)
+def nothing_configured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("can.util.CONFIG_FILES", [str(tmp_path / "can.conf")])
+
+
+def test_without_anything_it_is_the_virtual_bus() -> None:
+    assert bus_settings() == BusSettings(interface="virtual", channel="sarcal")
+
+
+def test_options_beat_environment_beats_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "can.conf").write_text(
+        "[default]\ninterface = socketcan\nchannel = can3\nbitrate = 125000\n"
+    )
+    assert bus_settings() == BusSettings(interface="socketcan", channel="can3", bitrate=125000)
+    monkeypatch.setenv("CAN_CHANNEL", "can1")
+    monkeypatch.setenv("CAN_BITRATE", "250000")
+    assert bus_settings() == BusSettings(interface="socketcan", channel="can1", bitrate=250000)
+    asked = bus_settings("loopback", "here", 1_000_000)
+    assert asked == BusSettings(interface="loopback", channel="here", bitrate=1_000_000)
+
+
+def test_further_options_of_the_file_are_kept(tmp_path: Path) -> None:
+    (tmp_path / "can.conf").write_text(
+        "[default]\ninterface = virtual\nreceive_own_messages = true\n"
+    )
+    settings = bus_settings()
+    assert settings.options["receive_own_messages"] is True
+
+
+def test_an_unknown_interface_lists_the_known_ones() -> None:
+    with pytest.raises(BusError, match=r"carrier-pigeon.*socketcan.*virtual"):
+        bus_settings("carrier-pigeon")
+
+
+def test_hardware_needs_a_channel() -> None:
+    with pytest.raises(BusError, match="-i socketcan -c can0"):
+        bus_settings("socketcan")
+
+
+@pytest.mark.parametrize("rate", ["fast", "-5", "0", "12.5"])
+def test_a_bitrate_is_a_positive_whole_number(monkeypatch: pytest.MonkeyPatch, rate: str) -> None:
+    monkeypatch.setenv("CAN_BITRATE", rate)
+    with pytest.raises(BusError, match="bits a second"):
+        bus_settings()
+
+
+def test_a_broken_environment_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAN_CONFIG", "{not json")
+    with pytest.raises(BusError, match="CAN_"):
+        bus_settings()
+
+
+@pytest.mark.parametrize(
+    ("code", "channel", "words"),
+    [
+        (19, "vcan0", "ip link add vcan0 type vcan"),
+        (19, "can0", "ip link set can0 up type can bitrate 500000"),
+        (100, "vcan0", "is down"),
+        (97, "vcan0", "-i loopback"),
+        (93, "vcan0", "-i loopback"),
+        (1, "vcan0", "may not open"),
+        (13, "vcan0", "may not open"),
+        (5, "vcan0", "cannot be opened"),
+    ],
+)
+def test_a_kernel_error_becomes_what_to_do(code: int, channel: str, words: str) -> None:
+    settings = BusSettings(interface="socketcan", channel=channel, bitrate=500_000)
+    assert words in python_can._words(settings, OSError(code, "something"))
+
+
+def test_a_missing_device_or_kernel_support_is_a_bus_error() -> None:
+    with pytest.raises(BusError, match=r"no CAN device vcan97|has no CAN sockets"):
+        open_bus(BusSettings(interface="socketcan", channel="vcan97"))
+
+
+def test_a_missing_driver_is_named() -> None:
+    with pytest.raises(BusError, match="pcan"):
+        open_bus(BusSettings(interface="pcan", channel="PCAN_USBBUS1"))
+
+
+def test_receivers_in_one_process_share_the_data_of_a_frame_and_nothing_else() -> None:
+    near, *far = (open_bus(BusSettings(channel="shared")) for _ in range(3))
+    sent = Frame(arbitration_id=0x181, data=b"12345678", is_extended_id=False)
+    near.send(sent)
+    got = [bus.recv(0.0) for bus in far]
+    for message in got:
+        assert message is not None
+        assert message.equals(
+            sent, timestamp_delta=None, check_channel=False, check_direction=False
+        )
+        assert message.data is sent.data
+        message.timestamp = message.arbitration_id = 0
+    assert (sent.arbitration_id, sent.is_rx) == (0x181, True)
+    assert len({id(message) for message in (sent, *got)}) == 3
+    for bus in (near, *far):
+        bus.shutdown()
+
+
+def test_a_virtual_sender_leaves_the_channel_as_it_found_it() -> None:
+    settings = BusSettings(channel="sender-test")
+    bus, sender = open_bus(settings), open_sender(settings)
+    message = can.Message(arbitration_id=5, is_extended_id=False)
+    bus.send(message)
+    assert sender.recv(0.0) is None
+    sender.shutdown()
+    second = open_bus(settings)
+    second.send(message)
+    assert bus.recv(0.0) is not None
+    second.shutdown()
+    bus.shutdown()
+
+
+@pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])
+def test_an_adapter_without_its_driver_is_one_clear_error(interface: str) -> None:
+    with pytest.raises(BusError, match=interface):
+        open_bus(bus_settings(interface, "0", 1_000_000))
+
+
+@pytest.mark.parametrize("channel", ["a\0b", "\udc80", "\x1b[31mred", "x\ny"])
+def test_a_strange_channel_is_one_clear_error(channel: str) -> None:
+    with pytest.raises(BusError, match="channel name") as refused:
+        bus_settings("loopback", channel)
+    assert str(refused.value).isprintable()

@@ -1,0 +1,63 @@
+"""A recording: in the order of the stamps, whatever order frames were taken from the bus in."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import can
+import pytest
+
+from hardware.buses.recording import LATEST_S, Recording
+
+
+def frame(number: int, stamp: float) -> can.Message:
+    return can.Message(
+        arbitration_id=number & 0x7FF,
+        data=number.to_bytes(4, "little"),
+        is_extended_id=False,
+        timestamp=stamp,
+    )
+
+
+def recorded(path: Path) -> list[tuple[int, float]]:
+    with can.LogReader(path) as frames:
+        return [(int.from_bytes(f.data, "little"), f.timestamp) for f in frames]
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".log"])
+def test_frames_that_were_taken_late_are_written_in_their_place(
+    tmp_path: Path, suffix: str
+) -> None:
+    chance = random.Random(4)  # noqa: S311 - no secret
+    stamps = [1.7e9 + 0.001 * k for k in range(3000)]
+    taken = sorted(
+        range(len(stamps)), key=lambda k: stamps[k] + chance.uniform(0.0, 0.9 * LATEST_S)
+    )
+    assert taken != sorted(taken)
+    recording = Recording(tmp_path / f"bus{suffix}")
+    for number in taken:
+        (recording.note if number % 7 == 0 else recording.record)(frame(number, stamps[number]))
+    recording.close()
+    recording.close()
+    assert recording.failure is None
+    found = recorded(tmp_path / f"bus{suffix}")
+    assert [number for number, _ in found] == list(range(3000))
+    assert [stamp for _, stamp in found] == pytest.approx(stamps, abs=1e-5)
+
+
+def test_frames_of_one_moment_stay_in_the_order_they_came(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bus.log")
+    for number in range(100):
+        recording.record(frame(number, 1.7e9))
+    recording.close()
+    assert [number for number, _ in recorded(tmp_path / "bus.log")] == list(range(100))
+
+
+def test_a_clock_that_is_set_back_loses_and_holds_back_nothing(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bus.log")
+    stamps = [5000.0, 5000.1, 1000.0, 1000.2, 1000.1, 1000.3, 9000.0, 9000.1]
+    for number, stamp in enumerate(stamps):
+        recording.record(frame(number, stamp))
+    recording.close()
+    assert [number for number, _ in recorded(tmp_path / "bus.log")] == [0, 1, 2, 4, 3, 5, 6, 7]

@@ -1,0 +1,352 @@
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from hardware.arm import DriveState
+from hardware.canopen.cia402 import (
+    CONTROLWORD_DISABLE_VOLTAGE,
+    CONTROLWORD_ENABLE_OPERATION,
+    CONTROLWORD_FAULT_RESET,
+    CONTROLWORD_QUICK_STOP,
+    CONTROLWORD_SHUTDOWN,
+    CONTROLWORD_SWITCH_ON,
+    POWERED,
+    ControlBit,
+    Event,
+    StatusBit,
+    Wish,
+    after_controlword,
+    after_event,
+    drive_state,
+    next_controlword,
+    raises_power,
+    reached,
+    shows,
+    statusword,
+)
+
+S = DriveState
+DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET = (
+    CONTROLWORD_DISABLE_VOLTAGE,
+    CONTROLWORD_QUICK_STOP,
+    CONTROLWORD_SHUTDOWN,
+    CONTROLWORD_SWITCH_ON,
+    CONTROLWORD_ENABLE_OPERATION,
+    CONTROLWORD_FAULT_RESET,
+)
+ALL_FLAGS = sum(StatusBit)
+
+# Every state against every command, written out from the standard's figure.
+TABLE = {
+    S.NOT_READY_TO_SWITCH_ON: {},
+    S.SWITCH_ON_DISABLED: {SHUTDOWN: S.READY_TO_SWITCH_ON},
+    S.READY_TO_SWITCH_ON: {
+        ON: S.SWITCHED_ON,
+        ENABLE: S.OPERATION_ENABLED,
+        DISABLE: S.SWITCH_ON_DISABLED,
+        STOP: S.SWITCH_ON_DISABLED,
+    },
+    S.SWITCHED_ON: {
+        ENABLE: S.OPERATION_ENABLED,
+        SHUTDOWN: S.READY_TO_SWITCH_ON,
+        DISABLE: S.SWITCH_ON_DISABLED,
+        STOP: S.SWITCH_ON_DISABLED,
+    },
+    S.OPERATION_ENABLED: {
+        ON: S.SWITCHED_ON,
+        SHUTDOWN: S.READY_TO_SWITCH_ON,
+        DISABLE: S.SWITCH_ON_DISABLED,
+        STOP: S.QUICK_STOP_ACTIVE,
+    },
+    S.QUICK_STOP_ACTIVE: {DISABLE: S.SWITCH_ON_DISABLED},
+    S.FAULT_REACTION_ACTIVE: {},
+    S.FAULT: {RESET: S.SWITCH_ON_DISABLED},
+}
+
+
+def test_bits_and_commands_are_where_the_standard_has_them() -> None:
+    assert {bit.name: int(bit) for bit in ControlBit} == {
+        "SWITCH_ON": 0x0001,
+        "ENABLE_VOLTAGE": 0x0002,
+        "NO_QUICK_STOP": 0x0004,
+        "ENABLE_OPERATION": 0x0008,
+        "FAULT_RESET": 0x0080,
+    }
+    assert {bit.name: int(bit) for bit in StatusBit} == {
+        "VOLTAGE_ENABLED": 0x0010,
+        "WARNING": 0x0080,
+        "REMOTE": 0x0200,
+        "INTERNAL_LIMIT": 0x0800,
+        "FOLLOWS_COMMAND": 0x1000,
+        "FOLLOWING_ERROR": 0x2000,
+    }
+    assert (DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET) == (0x00, 0x02, 0x06, 0x07, 0x0F, 0x80)
+    assert frozenset({S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE}) == POWERED
+
+
+@pytest.mark.parametrize("state", S)
+def test_where_each_wish_is_reached(state: DriveState) -> None:
+    assert [wish for wish in Wish if reached(state, wish)] == {
+        S.NOT_READY_TO_SWITCH_ON: [Wish.STOPPED],
+        S.SWITCH_ON_DISABLED: [Wish.DISABLED, Wish.STOPPED, Wish.FAULT_CLEARED],
+        S.READY_TO_SWITCH_ON: [Wish.STOPPED],
+        S.SWITCHED_ON: [Wish.STOPPED],
+        S.OPERATION_ENABLED: [Wish.ENABLED],
+        S.QUICK_STOP_ACTIVE: [Wish.STOPPED],
+        S.FAULT_REACTION_ACTIVE: [],
+        S.FAULT: [Wish.STOPPED],
+    }[state]
+
+
+@pytest.mark.parametrize("previous", [0x0001, 0x000F, 0x007F, 0xFF7F])
+def test_the_other_bits_sent_before_do_not_hinder_a_reset(previous: int) -> None:
+    assert after_controlword(S.FAULT, RESET, previous) is S.SWITCH_ON_DISABLED
+    assert next_controlword(statusword(S.FAULT), Wish.FAULT_CLEARED, previous=previous) == RESET
+    again = previous | RESET
+    assert after_controlword(S.FAULT, RESET, again) is S.FAULT
+    assert next_controlword(statusword(S.FAULT), Wish.FAULT_CLEARED, previous=again) == DISABLE
+
+
+@pytest.mark.parametrize("word", [0x0017, 0x0107, 0xFF07])
+def test_only_bit_3_enables_operation(word: int) -> None:
+    assert after_controlword(S.READY_TO_SWITCH_ON, word, 0) is S.SWITCHED_ON
+
+
+def test_a_flag_that_the_state_shows_already_changes_nothing() -> None:
+    assert statusword(S.OPERATION_ENABLED, 0x27) == 0x27
+
+
+def test_the_word_sent_before_is_named() -> None:
+    with pytest.raises(TypeError, match="positional"):
+        next_controlword(0x40, Wish.ENABLED, 0)  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("word", [DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET], ids=hex)
+@pytest.mark.parametrize("state", S)
+def test_every_state_against_every_command(state: DriveState, word: int) -> None:
+    assert after_controlword(state, word, 0) is TABLE[state].get(word, state)
+
+
+@pytest.mark.parametrize("word", [0x0001, 0x0004, 0x000D, 0x0105, 0xFF01])
+def test_without_enable_voltage_any_other_bit_means_disable(word: int) -> None:
+    assert after_controlword(S.OPERATION_ENABLED, word, 0) is S.SWITCH_ON_DISABLED
+
+
+@pytest.mark.parametrize("word", [0x0002, 0x0003, 0x000A, 0x000B])
+def test_without_the_quick_stop_bit_any_other_bit_means_stop(word: int) -> None:
+    assert after_controlword(S.OPERATION_ENABLED, word, 0) is S.QUICK_STOP_ACTIVE
+
+
+@pytest.mark.parametrize("word", [0x001F, 0x010F, 0x800F])
+def test_higher_bits_change_nothing(word: int) -> None:
+    assert after_controlword(S.SWITCHED_ON, word, 0) is S.OPERATION_ENABLED
+
+
+def test_fault_reset_needs_an_edge() -> None:
+    assert after_controlword(S.FAULT, RESET, RESET) is S.FAULT
+    assert after_controlword(S.FAULT, RESET | ENABLE, 0) is S.SWITCH_ON_DISABLED
+    assert after_controlword(S.FAULT, RESET | ENABLE, RESET) is S.FAULT
+
+
+def test_a_late_enable_cannot_undo_a_stop() -> None:
+    assert after_controlword(S.QUICK_STOP_ACTIVE, ENABLE, STOP) is S.QUICK_STOP_ACTIVE
+    assert after_controlword(S.QUICK_STOP_ACTIVE, ENABLE, ENABLE) is S.QUICK_STOP_ACTIVE
+
+
+@pytest.mark.parametrize(
+    ("state", "event", "after"),
+    [
+        (S.NOT_READY_TO_SWITCH_ON, Event.INITIALISED, S.SWITCH_ON_DISABLED),
+        (S.OPERATION_ENABLED, Event.INITIALISED, S.OPERATION_ENABLED),
+        (S.FAULT_REACTION_ACTIVE, Event.FAULT_REACTION_DONE, S.FAULT),
+        (S.SWITCHED_ON, Event.FAULT_REACTION_DONE, S.SWITCHED_ON),
+        (S.OPERATION_ENABLED, Event.QUICK_STOP, S.QUICK_STOP_ACTIVE),
+        (S.SWITCHED_ON, Event.QUICK_STOP, S.SWITCHED_ON),
+        (S.FAULT, Event.QUICK_STOP, S.FAULT),
+    ],
+)
+def test_events(state: DriveState, event: Event, after: DriveState) -> None:
+    assert after_event(state, event) is after
+
+
+@pytest.mark.parametrize("state", S)
+def test_a_fault_is_taken_from_every_state(state: DriveState) -> None:
+    stays = state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
+    assert after_event(state, Event.FAULT) is (state if stays else S.FAULT_REACTION_ACTIVE)
+
+
+def test_power_is_raised_by_exactly_the_upward_transitions() -> None:
+    upward = {
+        (before, after)
+        for before in S
+        for after in S
+        if after in TABLE[before].values() and raises_power(before, after)
+    }
+    assert upward == {
+        (S.SWITCH_ON_DISABLED, S.READY_TO_SWITCH_ON),
+        (S.READY_TO_SWITCH_ON, S.SWITCHED_ON),
+        (S.READY_TO_SWITCH_ON, S.OPERATION_ENABLED),
+        (S.SWITCHED_ON, S.OPERATION_ENABLED),
+    }
+
+
+# Statuswords as CiA 402 prints them: x is 0 or 1.
+@pytest.mark.parametrize(
+    ("pattern", "state"),
+    [
+        ("x0xx0000", S.NOT_READY_TO_SWITCH_ON),
+        ("x1xx0000", S.SWITCH_ON_DISABLED),
+        ("x01x0001", S.READY_TO_SWITCH_ON),
+        ("x01x0011", S.SWITCHED_ON),
+        ("x01x0111", S.OPERATION_ENABLED),
+        ("x00x0111", S.QUICK_STOP_ACTIVE),
+        ("x0xx1111", S.FAULT_REACTION_ACTIVE),
+        ("x0xx1000", S.FAULT),
+    ],
+)
+def test_statuswords_of_the_standard(pattern: str, state: DriveState) -> None:
+    words = [
+        word
+        for word in range(256)
+        if all(bit in ("x", have) for bit, have in zip(pattern, f"{word:08b}", strict=True))
+    ]
+    assert words
+    for word in words:
+        assert drive_state(word) is state
+        assert drive_state(word | 0xFF00) is state
+    for high in (0x0000, 0xFF00):
+        assert [word for word in range(256) if shows(word | high, state)] == words
+
+
+def test_patterns_that_are_no_state_are_refused() -> None:
+    with pytest.raises(ValueError, match="0002h"):
+        drive_state(0x0002)
+    with pytest.raises(ValueError, match="0061h"):
+        drive_state(0x0061)
+
+
+@given(st.sampled_from(list(S)), st.sampled_from([0, ALL_FLAGS, *StatusBit]))
+def test_statusword_round_trip(state: DriveState, flags: int) -> None:
+    word = statusword(state, flags)
+    assert drive_state(word) is state
+    assert word & ALL_FLAGS == flags
+
+
+@pytest.mark.parametrize(
+    ("state", "wish", "word"),
+    [
+        (S.SWITCH_ON_DISABLED, Wish.ENABLED, SHUTDOWN),
+        (S.READY_TO_SWITCH_ON, Wish.ENABLED, ON),
+        (S.SWITCHED_ON, Wish.ENABLED, ENABLE),
+        (S.OPERATION_ENABLED, Wish.ENABLED, ENABLE),
+        (S.QUICK_STOP_ACTIVE, Wish.ENABLED, DISABLE),
+        (S.FAULT, Wish.ENABLED, DISABLE),
+        (S.FAULT, Wish.DISABLED, DISABLE),
+        (S.FAULT, Wish.FAULT_CLEARED, RESET),
+        (S.OPERATION_ENABLED, Wish.STOPPED, STOP),
+        (S.OPERATION_ENABLED, Wish.DISABLED, DISABLE),
+    ],
+)
+def test_next_controlword(state: DriveState, wish: Wish, word: int) -> None:
+    assert next_controlword(statusword(state), wish) == word
+
+
+@pytest.mark.parametrize("wish", Wish)
+@pytest.mark.parametrize("state", S)
+def test_an_operator_gets_there_in_a_few_steps(state: DriveState, wish: Wish) -> None:
+    word = CONTROLWORD_FAULT_RESET  # the worst word to have sent last
+    faulty = state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
+    state = after_event(after_event(state, Event.INITIALISED), Event.FAULT_REACTION_DONE)
+    for _ in range(6):
+        previous, word = word, next_controlword(statusword(state), wish, previous=word)
+        state = after_controlword(state, word, previous)
+    if faulty and wish in (Wish.DISABLED, Wish.ENABLED):
+        assert state is S.FAULT
+    else:
+        assert reached(state, wish)
+
+
+class DriveAndOperator(RuleBasedStateMachine):
+    """A drive under any frames at all, watched for what must never happen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.state = S.NOT_READY_TO_SWITCH_ON
+        self.previous = 0
+        self.path: list[DriveState] = [self.state]
+        self.stopped = False
+        self.disabled_since_stop = True
+
+    def _to(self, state: DriveState) -> None:
+        if state is not self.state:
+            self.path.append(state)
+        self.state = state
+        if state is S.SWITCH_ON_DISABLED:
+            self.disabled_since_stop = True
+
+    @rule(word=st.integers(0, 0xFFFF))
+    def any_controlword(self, word: int) -> None:
+        before = self.state
+        self._to(after_controlword(before, word, self.previous))
+        self.previous = word
+        if before is S.OPERATION_ENABLED and self.state is S.QUICK_STOP_ACTIVE:
+            self.disabled_since_stop = False
+
+    @rule(wish=st.sampled_from(Wish))
+    def operator_step(self, wish: Wish) -> None:
+        word = next_controlword(statusword(self.state), wish, previous=self.previous)
+        before = self.state
+        self._to(after_controlword(before, word, self.previous))
+        self.previous = word
+        if before is S.OPERATION_ENABLED and self.state is S.QUICK_STOP_ACTIVE:
+            self.disabled_since_stop = False
+        if wish is not Wish.ENABLED:
+            assert not raises_power(before, self.state)
+        if wish is Wish.STOPPED:
+            assert self.state is not S.OPERATION_ENABLED
+
+    @rule()
+    def fault(self) -> None:
+        self._to(after_event(self.state, Event.FAULT))
+        assert self.state in (S.FAULT_REACTION_ACTIVE, S.FAULT)
+
+    @rule()
+    def quick_stop_inside(self) -> None:
+        if self.state is S.OPERATION_ENABLED:
+            self.disabled_since_stop = False
+        self._to(after_event(self.state, Event.QUICK_STOP))
+
+    @precondition(lambda self: self.state is S.FAULT_REACTION_ACTIVE)
+    @rule()
+    def reaction_done(self) -> None:
+        self._to(after_event(self.state, Event.FAULT_REACTION_DONE))
+
+    @precondition(lambda self: self.state is S.NOT_READY_TO_SWITCH_ON)
+    @rule()
+    def initialised(self) -> None:
+        self._to(after_event(self.state, Event.INITIALISED))
+
+    @invariant()
+    def statusword_tells_the_state(self) -> None:
+        assert drive_state(statusword(self.state, ALL_FLAGS)) is self.state
+
+    @invariant()
+    def no_way_back_from_a_stop_but_through_disabled(self) -> None:
+        if self.state is S.OPERATION_ENABLED:
+            assert self.disabled_since_stop
+
+    @invariant()
+    def faults_are_left_through_disabled_only(self) -> None:
+        for before, after in itertools.pairwise(self.path):
+            if before is S.FAULT:
+                assert after is S.SWITCH_ON_DISABLED
+            if before is S.FAULT_REACTION_ACTIVE:
+                assert after is S.FAULT
+
+
+TestDriveAndOperator = DriveAndOperator.TestCase

@@ -1,0 +1,112 @@
+"""Every way an arm may differ from its description, one at a time, on a fake object dictionary."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hardware.arm import ArmIdentity
+from hardware.arm_description import (
+    ArmDescription,
+    EncoderDescription,
+    JointDescription,
+    RvdtDescription,
+)
+from hardware.canopen.identifying import check_arm
+from hardware.errors import WrongArm
+from oracles.profiles import sarcos
+
+Objects = dict[tuple[int, int, int], int | str]
+
+
+class FakeAccess:
+    """Object access to a dictionary."""
+
+    def __init__(self, objects: Objects) -> None:
+        self.objects = objects
+
+    def read_unsigned(self, node: int, index: int, subindex: int = 0) -> int:
+        return int(self.objects[node, index, subindex])
+
+    read_signed = read_unsigned
+
+
+@pytest.fixture
+def objects() -> Objects:
+    found: Objects = {(16, 0x2020, 3): 2}
+    for node, low, high in ((1, -50, 50), (2, -1024, 1024)):
+        found |= {
+            (node, 0x1000, 0): 0x00020192,
+            (node, 0x607D, 1): low,
+            (node, 0x607D, 2): high,
+            (node, 0x608F, 1): 400,
+            (node, 0x608F, 2): 2,
+            (node, 0x60C2, 1): 10,
+            (node, 0x60C2, 2): -3,
+            (node, 0x2100, 1): node,
+            (node, 0x2100, 2): 120_000_000,
+            (node, 0x2100, 3): 12,
+        }
+    return found
+
+
+DESCRIPTION = ArmDescription(
+    model="two joints",
+    joints=(
+        JointDescription(
+            name="shoulder",
+            lower_rad=-math.pi / 2,
+            upper_rad=math.pi / 2,
+            max_speed_rad_per_s=1.0,
+            max_torque_nm=1.0,
+            sensor=EncoderDescription(counts_per_rev=200),
+        ),
+        JointDescription(
+            name="wrist",
+            lower_rad=-math.radians(30),
+            upper_rad=math.radians(30),
+            max_speed_rad_per_s=1.0,
+            max_torque_nm=1.0,
+            sensor=RvdtDescription(bits=12, full_scale_rad=math.radians(120)),
+        ),
+    ),
+)
+
+
+def check(objects: Objects, model: str = "two joints") -> None:
+    identity = ArmIdentity(model=model, serial_number="X", nodes=())
+    access = FakeAccess(objects)
+    check_arm(access, identity, DESCRIPTION, sarcos(2), period_s=0.01)  # type: ignore[arg-type]
+
+
+def test_the_arm_described_is_accepted(objects: Objects) -> None:
+    check(objects)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        ((16, 0x2020, 3), 3, "3 joints, expected 2"),
+        ((1, 0x1000, 0), 0x00010192, "joint 1 is no CiA 402 servo drive"),
+        ((1, 0x2100, 1), 2, "joint 1 has sensor kind 2, expected an encoder"),
+        ((2, 0x2100, 1), 1, "joint 2 has sensor kind 1, expected an RVDT"),
+        ((1, 0x608F, 1), 401, "joint 1 has an encoder of 401 counts in 2 turn"),
+        ((2, 0x2100, 3), 14, "joint 2 has a converter of 14 bits, expected 12"),
+        ((2, 0x2100, 2), 119_999_998, "joint 2 has an RVDT of 119.999998 deg full scale"),
+        ((1, 0x607D, 1), -49, "joint 1 has the range -49 .. 50 counts, expected -50 .. 50"),
+        ((2, 0x60C2, 1), 20, "joint 2 has a control period of 0.02 s, expected 0.01 s"),
+    ],
+)
+def test_one_difference_is_named(
+    objects: Objects, place: tuple[int, int, int], value: int, words: str
+) -> None:
+    with pytest.raises(WrongArm) as wrong:
+        check({**objects, place: value})
+    assert words in str(wrong.value)
+    assert str(wrong.value).count(";") == 0
+
+
+def test_another_model_is_named(objects: Objects) -> None:
+    with pytest.raises(WrongArm, match="model is 'other', expected 'two joints'"):
+        check(objects, model="other")

@@ -1,0 +1,65 @@
+"""Sentences for frames, in the numbers of the standards."""
+
+from __future__ import annotations
+
+import struct
+
+from hardware.commissioning.bus_monitor import BusMonitor
+from oracles.profiles import sarcos
+
+
+def said(monitor: BusMonitor, identifier: int, data: bytes, now_s: float = 0.0) -> list[str]:
+    return list(monitor.take_in(identifier, data, now_s))
+
+
+def test_a_node_boots_works_falls_silent_and_is_back() -> None:
+    monitor = BusMonitor(sarcos())
+    assert said(monitor, 0x703, b"\x00", 0.0) == ["joint 3: has booted"]
+    assert said(monitor, 0x703, b"\x7f", 0.1) == ["joint 3: pre-operational"]
+    assert said(monitor, 0x703, b"\x05", 0.2) == ["joint 3: operational"]
+    assert said(monitor, 0x703, b"\x05", 0.3) == []
+    assert list(monitor.time_passes(1.0)) == []
+    assert list(monitor.time_passes(2.0)) == ["joint 3: no heartbeat for 1.7 s"]
+    assert list(monitor.time_passes(3.0)) == []
+    assert said(monitor, 0x703, b"\x05", 3.1) == ["joint 3: its heartbeat is back"]
+
+
+def test_emergencies_commands_and_writes_are_named() -> None:
+    monitor = BusMonitor(sarcos())
+    assert said(monitor, 0x084, struct.pack("<HB5x", 0x8311, 0x21)) == [
+        "joint 4: excess torque (8311h)"
+    ]
+    assert said(monitor, 0x084, bytes(8)) == ["joint 4: its error is over"]
+    assert said(monitor, 0x000, b"\x82\x00") == ["NMT command to all nodes: reset communication"]
+    assert said(monitor, 0x205, struct.pack("<Hib", 0x0F, 7, 10)) == [
+        "joint 5: told to be in free mode"
+    ]
+    assert said(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == ["joint 5: told to quick stop"]
+    assert said(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == []
+    assert said(monitor, 0x610, bytes.fromhex("2100200064000000")) == [
+        "node 16: 2000h sub 0 is written"
+    ]
+    assert said(monitor, 0x590, bytes.fromhex("8000200021000008")) == [
+        "node 16: refuses 2000h sub 0 (08000021h)"
+    ]
+
+
+def test_drives_and_positions_are_summed_up() -> None:
+    monitor = BusMonitor(sarcos())
+    said(monitor, 0x080, b"")
+    assert said(monitor, 0x181, struct.pack("<Hih", 0x0227, -5, 0)) == [
+        "joint 1: drive operation enabled"
+    ]
+    assert said(monitor, 0x181, struct.pack("<Hih", 0x0227, -6, 0)) == []
+    said(monitor, 0x77F, b"\x05")
+    found = monitor.summary()
+    assert (found["frames"], found["syncs"]) == (4, 1)
+    assert found["joints"] == {"1": {"drive": "operation enabled", "position_counts": -6}}
+    assert found["nodes"] == {"127": "operational"}
+
+
+def test_frames_of_others_are_counted_and_nothing_else() -> None:
+    monitor = BusMonitor(sarcos())
+    for identifier, data in ((0x7EE, b"babble"), (0x181, b"short"), (0x201, b""), (0x580, b"")):
+        assert said(monitor, identifier, data) == []
+    assert monitor.summary()["frames"] == 4

@@ -1,0 +1,157 @@
+"""Who is on a bus: asked of nobody where somebody works on it, and nothing is told to move."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+import can
+import pytest
+
+from hardware.buses.python_can import BusSettings
+from hardware.commissioning.probe import Probe, probe
+from oracles.profiles import sarcos
+from tests.hardware.fake_arm import FakeArmBus
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hardware.commissioning.probe.ANSWERS_S", 0.1)
+
+
+@pytest.fixture
+def bus() -> Iterator[FakeArmBus]:
+    fake = FakeArmBus()
+    fake.drives[7].counts = 100
+    yield fake
+    # Reads only: no NMT, no SYNC, no command.
+    assert {identifier & ~0x7F for identifier, _ in fake.sent} <= {0x600}
+    assert {data[0] for _, data in fake.sent} <= {0x40, 0x60, 0x70, 0x80}
+
+
+def look(bus: FakeArmBus) -> Probe:
+    return probe(BusSettings(channel="fake"), sarcos(), opener=lambda _: bus, listen_s=0.3)
+
+
+def test_every_node_is_found_with_its_name_and_where_it_stands(bus: FakeArmBus) -> None:
+    found = look(bus)
+    assert found.busy == ""
+    assert [node.node for node in found.nodes] == [1, 2, 3, 4, 5, 6, 7, 16]
+    assert [node.drive for node in found.nodes] == [True] * 7 + [False]
+    assert [node.position_counts for node in found.nodes] == [
+        1000, 2000, 3000, 4000, 5000, 6000, 100, None,
+    ]  # fmt: skip
+    assert [node.serial_number for node in found.nodes] == [*range(7001, 7008), 7016]
+    assert [node.problems for node in found.nodes] == [()] * 8
+
+
+def test_another_map_is_named(bus: FakeArmBus) -> None:
+    bus.objects[3, 0x1A00, 2] = struct.pack("<L", 0x606C0020)
+    found = {node.node: node.problems for node in look(bus).nodes}
+    (problem,) = found.pop(3)
+    assert "node 3, 1A00h: expected TPDO1 = " in problem
+    assert "606Ch(32)" in problem
+    assert set(found.values()) == {()}
+
+
+def test_two_devices_with_one_number_are_named(bus: FakeArmBus) -> None:
+    bus.twins = {5}
+    found = {node.node: node.problems for node in look(bus).nodes}
+    assert found[5] == ("two devices answer as node 5: give one of them another number",)
+
+
+def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:
+    bus.mute = {2}
+    found = {node.node: node.problems for node in look(bus).nodes}
+    assert "node 2: no heartbeat was heard" in found[2][0]
+
+
+def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> None:
+    """Wrong, it would be refused at connect; where a drive does not say, that is noted and nothing more."""
+    for node in (1, 2):
+        bus.objects[node, 0x1016, 0] = b"\x01"
+        bus.objects[node, 0x1016, 1] = struct.pack("<L", 127 << 16 | 500 * (2 - node))
+    found = {node.node: node for node in look(bus).nodes}
+    assert (found[1].problems, found[1].notes) == ((), ())
+    assert "node 2, 1016h: expected node 127's heartbeat watched" in found[2].problems[0]
+    assert found[3].problems == ()
+    assert found[3].notes[0].startswith("node 3: without 1016h nothing says that it notices")
+    assert found[16].notes == ()
+
+
+def test_where_an_operator_is_at_work_nobody_is_asked(bus: FakeArmBus) -> None:
+    bus.other_operator = True
+    found = look(bus)
+    assert (
+        "somebody else is at work on this bus: the heartbeat of an operator, node 127 (77Fh)"
+        in (found.busy)
+    )
+    assert found.nodes == ()
+    assert 127 in found.heard
+    assert bus.sent == []
+
+
+def test_where_somebody_sends_sync_nobody_is_asked(bus: FakeArmBus) -> None:
+    bus.say(0x080, b"")
+    found = look(bus)
+    assert "SYNC" in found.busy
+    assert bus.sent == []
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data", "words"),
+    [
+        (0x000, "0100", "NMT, start to all nodes (000h)"),
+        (0x000, "8203", "NMT, reset communication to node 3 (000h)"),
+        (0x000, "", "an NMT command (000h)"),
+        (0x603, "4064600000000000", "a read of 6064h of node 3 (603h)"),
+        (0x62A, "2b4060000f000000", "a write to 6040h of node 42 (62Ah)"),
+        (0x603, "a006100000000000", "a read of 1006h of node 3 (603h)"),
+        (0x603, "c206100000000000", "a write to 1006h of node 3 (603h)"),
+        (0x603, "6000000000000000", "an SDO transfer with node 3 (603h)"),
+        (0x205, "0f000000000008", "a command to joint 5 (205h)"),
+        (0x30C, "00", "a command to node 12, RPDO2 (30Ch)"),
+    ],
+)
+def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(
+    bus: FakeArmBus, identifier: int, data: str, words: str
+) -> None:
+    for _ in range(2):
+        bus.say(identifier, bytes.fromhex(data))
+    found = look(bus)
+    assert found.busy == f"somebody else is at work on this bus: {words}, 2 times"
+    assert bus.sent == []
+
+
+@pytest.mark.parametrize("identifier", [0x081, 0x100, 0x185, 0x283, 0x586, 0x703, 0x7E4])
+def test_what_nodes_say_by_themselves_makes_no_bus_busy(bus: FakeArmBus, identifier: int) -> None:
+    bus.say(identifier, bytes(8))
+    found = look(bus)
+    assert (found.busy, found.meanwhile) == ("", "")
+    assert found.nodes
+
+
+def test_who_comes_while_the_nodes_are_asked_is_named(bus: FakeArmBus) -> None:
+    send = bus.send
+
+    def and_another(message: can.Message, timeout: float | None = None) -> None:
+        send(message, timeout)
+        if message.arbitration_id == 0x601:
+            bus.say(0x608, bytes.fromhex("4064600000000000"))
+
+    bus.send = and_another  # type: ignore[method-assign]
+    found = look(bus)
+    assert len(found.nodes) == 8
+    assert "came to work on this bus meanwhile: a read of 6064h of node 8 (608h)" in found.meanwhile
+
+
+def test_many_kinds_of_frames_are_told_in_a_sentence(bus: FakeArmBus) -> None:
+    for node in range(1, 10):
+        bus.say(0x600 + node, bytes.fromhex("4064600000000000"))
+    found = look(bus)
+    assert found.busy.endswith("of node 6 (606h); and 3 more")
+
+
+def test_an_empty_bus_is_empty(bus: FakeArmBus) -> None:
+    bus.dead = {*range(1, 8), 16}
+    assert look(bus) == Probe(busy="", heard=(), nodes=())

@@ -1,0 +1,115 @@
+"""STOP's latch and frames: every drive gets its quick stop, whatever happens to the others'."""
+
+from __future__ import annotations
+
+import itertools
+import struct
+from collections.abc import Mapping
+
+import can
+import pytest
+
+from hardware.buses.shared_bus import Wire
+from hardware.canopen.cyclic import Setpoint, frames_of
+from hardware.control.stop_line import StopLatch, StopLine
+from hardware.errors import BusError
+from oracles.profiles import sarcos
+
+COUNTS = (11, -22, 33)
+ALL = [0x201, 0x202, 0x203]
+
+
+class FakeBus(can.BusABC):
+    """Takes every frame but those it has an exception for."""
+
+    def __init__(self, failing: Mapping[int, Exception] | None = None) -> None:
+        self.failing = failing or {}
+        self.sent: list[tuple[int, bytes]] = []
+        super().__init__(channel="fake")
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        assert timeout == 0.0, "STOP waits for nothing"
+        if msg.arbitration_id in self.failing:
+            raise self.failing[msg.arbitration_id]
+        self.sent.append((msg.arbitration_id, bytes(msg.data)))
+
+
+CLOSED = ValueError("file descriptor cannot be a negative integer (-1)")
+FAILURES = [CLOSED, OSError("network is down"), can.CanOperationError("full"), TypeError("closed")]
+
+
+@pytest.fixture
+def own() -> FakeBus:
+    return FakeBus()
+
+
+@pytest.fixture
+def spare() -> FakeBus:
+    return FakeBus()
+
+
+def line(own: FakeBus, spare: FakeBus) -> StopLine:
+    return StopLine(own, Wire(spare), frames_of(sarcos(3)))
+
+
+def test_every_drive_gets_quick_stop_with_the_target_and_mode_it_had(
+    own: FakeBus, spare: FakeBus
+) -> None:
+    given = tuple(Setpoint(0x0F, target, mode) for target, mode in ((1, 8), (2, 10), (3, 8)))
+    line(own, spare).send(given, COUNTS)
+    frames = [(i, struct.unpack("<Hib", data)) for i, data in own.sent]
+    assert frames == [(0x201, (2, 1, 8)), (0x202, (2, 2, 10)), (0x203, (2, 3, 8))]
+    assert spare.sent == []
+
+
+def test_before_the_first_command_the_target_is_where_each_joint_is(
+    own: FakeBus, spare: FakeBus
+) -> None:
+    line(own, spare).send(None, COUNTS)
+    assert [struct.unpack("<Hib", data) for _, data in own.sent] == [(2, c, 8) for c in COUNTS]
+
+
+@pytest.mark.parametrize("failure", FAILURES, ids=lambda failure: type(failure).__name__)
+def test_a_frame_that_one_handle_does_not_take_goes_to_the_other(
+    own: FakeBus, spare: FakeBus, failure: Exception
+) -> None:
+    own.failing = {0x202: failure}
+    line(own, spare).send(None, COUNTS)
+    assert [i for i, _ in own.sent] == [0x201, 0x203]
+    assert [i for i, _ in spare.sent] == [0x202]
+
+
+@pytest.mark.parametrize("failure", FAILURES, ids=lambda failure: type(failure).__name__)
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_a_frame_that_nobody_takes_keeps_no_other_from_going_out(
+    own: FakeBus, spare: FakeBus, joint: int, failure: Exception
+) -> None:
+    own.failing = dict.fromkeys(ALL, CLOSED)
+    spare.failing = {0x200 + joint: failure}
+    with pytest.raises(
+        BusError, match=r"could not be sent: .*[^.]\. Use the emergency stop"
+    ) as said:
+        line(own, spare).send(None, COUNTS)
+    assert str(failure) in str(said.value)
+    assert [i for i, _ in spare.sent] == [i for i in ALL if i != 0x200 + joint]
+
+
+def test_a_latch_is_lifted_only_for_the_latest_press() -> None:
+    latch = StopLatch()
+    assert not latch.latched
+    assert latch.release(latch.last)
+    seen = []
+    for _ in range(3):
+        latch.press()
+        seen.append(latch.last)
+        assert latch.latched
+    for earlier in (None, *seen[:-1]):
+        assert not latch.release(earlier)
+        assert latch.latched
+    assert latch.release(seen[-1])
+    assert not latch.latched
+    assert latch.release(seen[-1])
+    for press in seen:
+        latch.press()
+        assert not latch.release(press), "what was released before lifts nothing new"
+    assert all(a is not b for a, b in itertools.combinations(seen, 2))

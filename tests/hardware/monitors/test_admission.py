@@ -1,0 +1,240 @@
+"""What the operator side lets out: boundary by boundary, in counts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hardware.arm import JointMode
+from hardware.canopen.cyclic import Sample, Setpoint
+from hardware.errors import CommandRefused, StopLatched
+from hardware.limits import JointLimits
+from hardware.monitors.admission import admit, admit_modes, admit_move
+from hardware.scale import JointScale
+
+LIMITS = (
+    JointLimits(
+        joint=1, lower_counts=-500, upper_counts=500, max_speed_rad_per_s=1.0, max_step_counts=10
+    ),
+)
+ENABLED, QUICK_STOPPED = 0x0627, 0x0607
+GO, OFF = 0x000F, 0x0000
+CSP, CST = 8, 10
+
+
+def try_to_send(
+    before: Setpoint | None,
+    command: Setpoint,
+    *,
+    measured: int = 100,
+    status: int = ENABLED,
+    mode: JointMode | None = JointMode.POSITION,
+    **situation: Any,
+) -> None:
+    situation = {"in_control": True, "stopped": False, **situation}
+    sample = Sample(sync_count=7, statuswords=(status,), counts=(measured,), torques_per_mille=(0,))
+    admit(
+        LIMITS,
+        (mode,),
+        sample=sample,
+        before=None if before is None else (before,),
+        commands=(command,),
+        **situation,
+    )
+
+
+@pytest.mark.parametrize("step", [-10, -1, 0, 1, 10])
+def test_a_step_within_the_limit_passes(step: int) -> None:
+    try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 100 + step, CSP))
+
+
+@pytest.mark.parametrize("step", [-11, 11, 100_000])
+def test_a_larger_step_is_refused(step: int) -> None:
+    with pytest.raises(CommandRefused, match="step"):
+        try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 100 + step, CSP))
+
+
+def test_the_range_ends_at_its_ends() -> None:
+    try_to_send(Setpoint(GO, 495, CSP), Setpoint(GO, 500, CSP))
+    with pytest.raises(CommandRefused, match="outside"):
+        try_to_send(Setpoint(GO, 495, CSP), Setpoint(GO, 501, CSP))
+
+
+@pytest.mark.parametrize(
+    ("situation", "words"),
+    [
+        ({"in_control": False}, "control"),
+        ({"status": QUICK_STOPPED}, "quick stop active"),
+        ({"mode": None, "measured": 400}, "no known mode"),
+        ({"mode": JointMode.FREE, "measured": 400}, "free mode"),
+    ],
+)
+def test_a_new_target_needs_the_right_situation(situation: dict[str, Any], words: str) -> None:
+    with pytest.raises(CommandRefused, match=words):
+        try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), **situation)
+
+
+def test_stop_is_said_as_stop() -> None:
+    with pytest.raises(StopLatched):
+        try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), stopped=True)
+
+
+@pytest.mark.parametrize("before", [None, Setpoint(GO, -400, CST)])
+def test_entering_position_mode_is_only_allowed_where_the_joint_is(before: Setpoint | None) -> None:
+    try_to_send(before, Setpoint(GO, 110, CSP), mode=JointMode.FREE)
+    with pytest.raises(CommandRefused, match="step"):
+        try_to_send(before, Setpoint(GO, 111, CSP), mode=JointMode.FREE)
+
+
+def test_a_joint_beyond_its_range_may_be_held_there() -> None:
+    try_to_send(Setpoint(GO, 0, CST), Setpoint(GO, 600, CSP), measured=600, mode=JointMode.FREE)
+
+
+def test_a_stale_target_of_a_free_joint_is_no_excuse() -> None:
+    with pytest.raises(CommandRefused, match="step"):
+        try_to_send(Setpoint(GO, -400, CST), Setpoint(GO, -400, CSP), mode=JointMode.FREE)
+
+
+def test_what_cannot_move_a_drive_always_passes() -> None:
+    for command in (Setpoint(OFF, 9999, CSP), Setpoint(0x0002, 9999, CSP), Setpoint(GO, 9999, CST)):
+        try_to_send(Setpoint(GO, 100, CSP), command)
+
+
+def test_modes_need_every_drive_enabled() -> None:
+    sample = Sample(
+        sync_count=1, statuswords=(ENABLED, 0x0218), counts=(0, 0), torques_per_mille=(0, 0)
+    )
+    with pytest.raises(CommandRefused, match=r"joint 2: the drive is in fault"):
+        admit_modes(sample)
+
+
+def test_whatever_enables_a_drive_is_looked_at() -> None:
+    for word in (0x001F, 0x010F, 0x800F):
+        with pytest.raises(CommandRefused, match="step"):
+            try_to_send(Setpoint(GO, 100, CSP), Setpoint(word, 9999, CSP))
+
+
+def test_a_target_given_before_may_be_given_again_wherever_it_is() -> None:
+    try_to_send(Setpoint(0x07, 600, CSP), Setpoint(GO, int("600"), CSP), measured=600)
+
+
+def test_a_drive_that_has_not_switched_yet_may_be_given_what_is_near_it() -> None:
+    try_to_send(Setpoint(GO, 0, CSP), Setpoint(GO, 129, CSP), measured=127, mode=JointMode.FREE)
+    try_to_send(Setpoint(GO, 0, CST), Setpoint(GO, 610, CSP), measured=600, mode=JointMode.FREE)
+
+
+def test_a_target_of_another_mode_is_no_excuse() -> None:
+    with pytest.raises(CommandRefused, match="step"):
+        try_to_send(Setpoint(GO, 300, 1), Setpoint(GO, 300, CSP), measured=100)
+
+
+TWO = (
+    *LIMITS,
+    JointLimits(
+        joint=2, lower_counts=-50, upper_counts=50, max_speed_rad_per_s=2.0, max_step_counts=10
+    ),
+)
+SCALES = (JointScale(counts_per_rad=100.0), JointScale(counts_per_rad=1000.0))
+BOTH = (JointMode.POSITION, JointMode.POSITION)
+
+
+def sample_of(*statuses: int) -> Sample:
+    zeros = (0,) * len(statuses)
+    return Sample(sync_count=1, statuswords=statuses, counts=zeros, torques_per_mille=zeros)
+
+
+def try_to_send_both(before: tuple[Setpoint, ...] | None, *commands: Setpoint) -> None:
+    admit(
+        TWO,
+        BOTH,
+        in_control=True,
+        stopped=False,
+        sample=sample_of(ENABLED, ENABLED),
+        before=before,
+        commands=commands,
+    )
+
+
+@pytest.mark.parametrize("harmless", [Setpoint(OFF, 0, CSP), Setpoint(GO, 0, CST)])
+def test_every_joint_is_looked_at(harmless: Setpoint) -> None:
+    with pytest.raises(CommandRefused, match="joint 2"):
+        try_to_send_both(
+            (Setpoint(GO, 0, CSP), Setpoint(GO, 0, CSP)), harmless, Setpoint(GO, 40, CSP)
+        )
+    with pytest.raises(ValueError, match="argument"):
+        try_to_send_both(None, harmless)
+
+
+def try_to_move(
+    targets_rad: dict[int, float],
+    *,
+    speed: float = 1.0,
+    statuses: tuple[int, int] = (ENABLED, ENABLED),
+    modes: tuple[JointMode | None, JointMode | None] = BOTH,
+    in_control: bool = True,
+) -> None:
+    admit_move(
+        TWO,
+        SCALES,
+        modes,
+        targets_rad,
+        speed_rad_per_s=speed,
+        in_control=in_control,
+        sample=sample_of(*statuses),
+    )
+
+
+def test_a_move_inside_all_limits_begins() -> None:
+    try_to_move({})
+    try_to_move({1: 5.0})
+    try_to_move({2: -0.05})
+    try_to_move({1: -5.0, 2: 0.05})
+    try_to_move({1: 1.0}, statuses=(ENABLED, 0x0218), modes=(JointMode.POSITION, None))
+    try_to_move({2: 0.01}, speed=2.0, statuses=(0x0218, ENABLED), modes=(None, JointMode.POSITION))
+
+
+@pytest.mark.parametrize(
+    ("targets_rad", "situation", "words"),
+    [
+        ({1: 5.02}, {}, "joint 1: .*outside"),
+        ({1: 0.0, 2: 0.052}, {}, "joint 2: .*outside"),
+        ({1: 0.0, 2: 0.0}, {"speed": 1.1}, "joint 1: .*rad/s"),
+        ({2: 0.0}, {"in_control": False}, "in control"),
+        ({1: 0.0}, {"statuses": (0x0218, ENABLED)}, "joint 1: the drive is in fault"),
+        ({1: 0.0, 2: 0.0}, {"statuses": (ENABLED, 0x0218)}, "joint 2: the drive is in fault"),
+        ({2: 0.0}, {"modes": (JointMode.POSITION, JointMode.FREE)}, "joint 2: .*free mode"),
+    ],
+)
+def test_a_move_that_may_not_begin(
+    targets_rad: dict[int, float], situation: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(CommandRefused, match=words):
+        try_to_move(targets_rad, **situation)
+
+
+def test_every_joint_moves_within_its_own_limits() -> None:
+    wide = replace(TWO[1], joint=3, lower_counts=-5000, upper_counts=5000)
+    admit_move(
+        (*TWO, wide),
+        (*SCALES, SCALES[1]),
+        (*BOTH, JointMode.POSITION),
+        {3: 4.0},
+        speed_rad_per_s=1.0,
+        in_control=True,
+        sample=sample_of(ENABLED, ENABLED, ENABLED),
+    )
+
+
+@pytest.mark.parametrize("joint", [-1, 0, 3])
+def test_a_move_of_a_joint_that_is_not_there(joint: int) -> None:
+    with pytest.raises(ValueError, match=f"no joint {joint}"):
+        try_to_move({joint: 0.0})
+
+
+def test_what_decides_is_named() -> None:
+    with pytest.raises(TypeError, match="positional"):
+        admit(TWO, BOTH, True, False, sample_of(ENABLED, ENABLED), None, ())  # type: ignore[misc]
+    with pytest.raises(TypeError, match="positional"):
+        admit_move(TWO, SCALES, BOTH, {}, 1.0, True, sample_of(ENABLED, ENABLED))  # type: ignore[misc]

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import pytest
+
+from hardware.canopen.cyclic import LATE_SYNCS, Sample, Setpoint
+from hardware.monitors.following import AWAY_SYNCS, Astray, Following
+
+FOLLOWS, NO_ANSWER_BIT, STOPPED, FAULT = 0x1627, 0x0627, 0x1607, 0x1608
+CSP, CST = 8, 10
+WINDOW = 100
+
+
+def watched(
+    *away: int, status: int = FOLLOWS, mode: int = CSP, missing: tuple[int, ...] = ()
+) -> list[Astray | None]:
+    """What is said as joint 2 is `away` from its target, SYNC by SYNC."""
+    following = Following([WINDOW, WINDOW])
+    commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode))
+    return [
+        following.see(
+            Sample(
+                sync_count=sync,
+                statuswords=(FOLLOWS, status),
+                counts=(7, 1000 + counts),
+                torques_per_mille=(0, 0),
+                missing=missing,
+            ),
+            commands,
+        )
+        for sync, counts in enumerate(away, 50)
+    ]
+
+
+@pytest.mark.parametrize("away", [WINDOW + 1, -WINDOW - 1])
+def test_a_joint_that_stays_away_is_named_with_how_far_and_since_when(away: int) -> None:
+    said = watched(*[away] * (AWAY_SYNCS + 1))
+    found = Astray(joint=2, counts=away, sync_count=50)
+    assert said == [*[None] * (AWAY_SYNCS - 1), found, found]
+
+
+def test_on_the_edge_of_its_window_it_is_where_it_should_be() -> None:
+    assert set(watched(*[WINDOW, -WINDOW] * AWAY_SYNCS)) == {None}
+
+
+def test_once_back_in_its_window_it_begins_anew() -> None:
+    almost = [WINDOW + 50] * (AWAY_SYNCS - 1)
+    assert set(watched(*almost, WINDOW, *almost)) == {None}
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"status": NO_ANSWER_BIT},
+        {"status": STOPPED},
+        {"status": FAULT},
+        {"mode": CST},
+        {"missing": (1,)},
+    ],
+)
+def test_only_a_drive_that_says_that_it_follows_is_taken_at_its_word(other: dict[str, int]) -> None:
+    assert set(watched(*[5 * WINDOW] * 40, **other)) == {None}  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("shown", [1, 5])
+def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(shown: int) -> None:
+    following = Following([WINDOW])
+    told = (Setpoint(0x0F, 0, CSP),)
+
+    def see(sync: int, status: int, counts: int) -> Astray | None:
+        sample = Sample(
+            sync_count=sync, statuswords=(status,), counts=(counts,), torques_per_mille=(0,)
+        )
+        return following.see(sample, told)
+
+    for sync in range(shown):
+        assert see(sync, FOLLOWS, 0) is None
+    said = [see(100 + sync, NO_ANSWER_BIT, 5 * WINDOW) for sync in range(AWAY_SYNCS)]
+    assert said == [
+        *[None] * (AWAY_SYNCS - 1),
+        Astray(joint=1, counts=5 * WINDOW, sync_count=100),
+    ]
+    # Stopped, and enabled anew: until it says that it follows it goes by no target.
+    assert see(200, STOPPED, 5 * WINDOW) is None
+    assert {see(201 + k, NO_ANSWER_BIT, 5 * WINDOW) for k in range(3 * AWAY_SYNCS)} == {None}
+
+
+def test_nobody_is_astray_before_anything_was_commanded_or_without_windows() -> None:
+    sample = Sample(sync_count=1, statuswords=(FOLLOWS,), counts=(9000,), torques_per_mille=(0,))
+    for _ in range(3 * AWAY_SYNCS):
+        assert Following([WINDOW]).see(sample, None) is None
+        assert Following().see(sample, (Setpoint(0x0F, 0, CSP),)) is None
+
+
+def moving(lag: int, *, astray: int = 0) -> list[Astray | None]:
+    """What is said of a joint that runs 30 counts a SYNC to and fro, seen `lag` SYNCs late."""
+    following = Following([WINDOW])
+    way = [*range(0, 6000, 30), *range(6000, 0, -30), *[0] * 200]
+    return [
+        following.see(
+            Sample(
+                sync_count=sync,
+                statuswords=(FOLLOWS,),
+                counts=(way[max(sync - lag, 0)] + astray,),
+                torques_per_mille=(0,),
+            ),
+            (Setpoint(0x0F, target, CSP),),
+        )
+        for sync, target in enumerate(way)
+    ]
+
+
+@pytest.mark.parametrize("lag", [0, 1, 23, LATE_SYNCS])
+def test_a_joint_seen_late_on_a_busy_machine_is_not_astray(lag: int) -> None:
+    assert set(moving(lag)) == {None}
+
+
+@pytest.mark.parametrize("lag", [0, 23])
+def test_a_joint_led_astray_while_it_moves_is_found_when_it_rests_at_the_latest(lag: int) -> None:
+    found = next(said for said in moving(lag, astray=-WINDOW - 1) if said is not None)
+    assert found.sync_count <= 400 + 2 * LATE_SYNCS
+
+
+def test_a_joint_that_was_free_meanwhile_has_been_told_nothing() -> None:
+    following = Following([WINDOW])
+
+    def see(sync: int, target: int, mode: int) -> Astray | None:
+        sample = Sample(
+            sync_count=sync, statuswords=(FOLLOWS,), counts=(0,), torques_per_mille=(0,)
+        )
+        return following.see(sample, (Setpoint(0x0F, target, mode),))
+
+    assert see(1, 0, CSP) is None
+    assert see(2, 0, CST) is None
+    said = [see(sync, 5 * WINDOW, CSP) for sync in range(3, 3 + AWAY_SYNCS)]
+    assert said[-1] == Astray(joint=1, counts=-5 * WINDOW, sync_count=3)

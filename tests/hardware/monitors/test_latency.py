@@ -1,0 +1,296 @@
+"""One's own lateness is not the arm's silence: on a machine so busy that the loop is not run for seconds."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Generator
+from dataclasses import dataclass, field
+
+import can
+import pytest
+
+from hardware.arm import Lateness
+from hardware.buses.python_can import BusSettings, stamping_clock
+from hardware.canopen.cyclic import Sample
+from hardware.canopen.objects import COB_HEARTBEAT, COB_SYNC, COB_TPDO1, NmtState
+from hardware.control.control_loop import ControlLoop
+from hardware.control.tasks import Task
+from hardware.errors import BusError
+from hardware.monitors.latency import LONGEST_LOOK_S, TOLD_S, Attention
+from hardware.timing import Pace, Timing
+from oracles.profiles import sarcos
+
+JOINTS = 2
+TIME_OF_DAY_S = 1.7e9
+"""What the clock that stamps frames shows when the monotonic one shows 0."""
+NODES = (1, 2, 16)
+
+
+@dataclass
+class Clock:
+    now_s: float = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@dataclass
+class Bus:
+    """Frames that wait; an empty bus lets the time pass that the receiver is ready to wait."""
+
+    clock: Clock
+    waiting: deque[can.Message] = field(default_factory=deque)
+    kept_from_running_s: float = 0.0
+    kept_from_answering_s: float = 0.0
+    sent: list[tuple[int, bytes]] = field(default_factory=list)
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """Every SYNC is answered at once, while somebody computes for a while, or nobody does."""
+        self.sent.append((identifier, data))
+        if identifier == COB_SYNC:
+            self.waiting.extend(
+                can.Message(
+                    arbitration_id=COB_TPDO1 + joint, data=bytes(8), timestamp=self.stamps()
+                )
+                for joint in range(1, JOINTS + 1)
+            )
+            self.clock.now_s += self.kept_from_answering_s
+            self.kept_from_answering_s = 0.0
+
+    def stamps(self) -> float:
+        return self.clock.now_s + TIME_OF_DAY_S
+
+    def receive(self, timeout_s: float) -> can.Message | None:
+        self.clock.now_s += self.kept_from_running_s
+        self.kept_from_running_s = 0.0
+        if self.waiting:
+            return self.waiting.popleft()
+        self.clock.now_s += timeout_s
+        return None
+
+    def beat(self) -> None:
+        self.waiting.extend(
+            can.Message(arbitration_id=COB_HEARTBEAT + node, data=[NmtState.OPERATIONAL])
+            for node in NODES
+        )
+
+
+@pytest.fixture
+def bus() -> Bus:
+    return Bus(Clock())
+
+
+@pytest.fixture
+def loop(bus: Bus) -> ControlLoop:
+    made = ControlLoop(
+        bus,
+        profile=sarcos(JOINTS),
+        pace=Pace.REAL_TIME,
+        on_sdo=lambda *_: None,
+        allow=lambda *_: None,
+        quick_stop=lambda: None,
+        timing=Timing(heartbeat_timeout_s=1.0),
+        clock=bus.clock,
+        stamps=bus.stamps,
+    )
+    bus.beat()
+    listen(made, looks=4)
+    return made
+
+
+def listen(loop: ControlLoop, *, looks: int) -> None:
+    for _ in range(looks):
+        loop._receive_one(0.05)
+
+
+def test_a_loop_that_was_kept_from_running_does_not_call_the_arm_silent(bus, loop) -> None:
+    bus.kept_from_running_s = 5.0
+    loop._receive_one(0.05)
+    assert loop.alarm() is None
+    bus.beat()
+    listen(loop, looks=4)
+    assert loop.alarm() is None
+    assert loop.attention.late_s == pytest.approx(5.0 - LONGEST_LOOK_S + 0.05)
+
+
+def test_a_loop_that_only_ever_gets_short_turns_still_hears_who_speaks(bus, loop) -> None:
+    for _ in range(50):
+        bus.kept_from_running_s = 0.7
+        bus.beat()
+        listen(loop, looks=4)
+        assert loop.alarm() is None
+
+
+def test_a_silent_arm_is_found_however_late_we_are(bus, loop) -> None:
+    bus.kept_from_running_s = 5.0
+    listen(loop, looks=25)
+    alarm = loop.alarm()
+    assert isinstance(alarm, BusError)
+    assert "no heartbeat from node 1, 2, 16" in str(alarm)
+
+
+def test_listening_never_counts_for_more_than_the_time_that_passed() -> None:
+    clock = Clock()
+    attention = Attention(clock)
+    for gap_s in (0.01, LONGEST_LOOK_S, 0.3, 2.0, 0.0):
+        clock.now_s += gap_s
+        attention.look()
+    assert attention.late_s == pytest.approx(0.2 + 1.9)
+    clock.now_s += 1.0  # nobody has looked since
+    assert attention.late_s == pytest.approx(3.0)
+    assert clock.now_s - attention.listened_s == pytest.approx(3.0)
+
+
+# ---- how old what we look at is ------------------------------------------------------------------------
+
+
+def ages(bus: Bus, loop: ControlLoop) -> list[float]:
+    return [bus.clock.now_s - at for at in loop.view.answered_at_s]
+
+
+def test_an_answer_that_waited_for_us_is_as_old_as_its_stamp(bus, loop) -> None:
+    for _ in range(3):
+        loop._cycle()
+        assert max(ages(bus, loop)) < 0.001
+    bus.kept_from_answering_s = 0.7
+    loop._cycle()
+    assert ages(bus, loop) == pytest.approx([0.7, 0.7], abs=1e-6)
+    # All of it is our own lateness, none of it the arm's silence.
+    late = [loop.attention.late_s - at for at in loop.view.late_at_s]
+    assert late == pytest.approx(ages(bus, loop), abs=LONGEST_LOOK_S + 1e-6)
+    assert loop.attention.lateness == Lateness(
+        times=1, last_s=pytest.approx(0.7, abs=1e-6), longest_s=pytest.approx(0.7, abs=1e-6)
+    )
+    loop._cycle()
+    assert max(ages(bus, loop)) < 0.001
+    assert loop.attention.lateness.times == 1
+
+
+@pytest.mark.parametrize("set_by_s", [-3600.0, -0.5, -0.02, 0.02, 0.5, 3600.0])
+def test_a_clock_set_anew_makes_no_frame_older_than_it_can_be(set_by_s: float) -> None:
+    clock, set_to_s = Clock(), 0.0
+
+    def stamps() -> float:
+        return clock.now_s + TIME_OF_DAY_S + set_to_s
+
+    attention = Attention(clock, stamps)
+    for cycle in range(30):
+        attention.nothing(clock.now_s)
+        stamp_s = stamps()
+        if cycle == 10:  # while the frame is in the queue
+            set_to_s = set_by_s
+        clock.now_s += 0.010
+        waited_s = attention.look(stamp_s)
+        # The one that was in the queue is as old as it may be, or new; all others are as old as they are.
+        expected_s = min(max(0.010 + set_by_s, 0.0), 0.010) if cycle == 10 else 0.010
+        assert waited_s == pytest.approx(expected_s, abs=1e-6)
+    assert attention.lateness == Lateness()
+
+
+def test_a_queue_that_never_empties_says_by_its_stamps_how_far_behind_we_are() -> None:
+    """A frame every millisecond, and 1.2 ms for each: nothing is ever not waiting, and nobody fails to look."""
+    clock = Clock()
+    attention = Attention(clock, lambda: clock.now_s + TIME_OF_DAY_S)
+    attention.nothing(clock.now_s)
+    came_s = clock.now_s
+    for _ in range(3000):
+        came_s += 0.001
+        clock.now_s = max(clock.now_s + 0.0012, came_s)
+        assert attention.look(came_s + TIME_OF_DAY_S) == pytest.approx(
+            clock.now_s - came_s, abs=1e-6
+        )
+    assert attention.late_s == 0.0
+    assert attention.lateness.times == 1
+    assert attention.lateness.last_s == pytest.approx(0.6, abs=1e-3)
+
+
+@pytest.mark.parametrize("stamp_s", [0.0, 12.5, TIME_OF_DAY_S])
+def test_a_frame_without_a_stamp_of_ours_came_when_it_was_read(stamp_s: float) -> None:
+    clock = Clock()
+    attention = Attention(clock, None)
+    attention.nothing(clock.now_s)
+    clock.now_s += 5.0
+    assert attention.look(stamp_s) == 0.0
+
+
+def test_a_stamp_of_zero_is_none() -> None:
+    clock = Clock()
+    attention = Attention(clock, clock)
+    clock.now_s += 5.0
+    assert attention.look(0.0) == 0.0
+
+
+@pytest.mark.parametrize("interface", ["socketcan", "loopback", "udp_multicast", "virtual"])
+def test_this_computer_stamps_by_the_time_of_day(interface: str) -> None:
+    clock = stamping_clock(BusSettings(interface=interface))
+    assert clock is not None
+    assert clock() == pytest.approx(time.time(), abs=1.0)
+
+
+@pytest.mark.parametrize("interface", ["slcan", "kvaser", "pcan", "gs_usb", "socketcand", "vector"])
+def test_other_stamps_are_of_other_clocks_or_of_reading(interface: str) -> None:
+    assert stamping_clock(BusSettings(interface=interface)) is None
+
+
+# ---- what is told, and what is commanded -----------------------------------------------------------------
+
+
+def test_nobody_is_late_for_an_arm_whose_time_stands_meanwhile() -> None:
+    clock = Clock()
+    for arm_waits, times in ((False, 1), (True, 0)):
+        attention = Attention(clock, arm_waits=arm_waits)
+        clock.now_s += 2.0
+        attention.look()
+        assert attention.lateness.times == times
+
+
+def test_each_lateness_is_counted_once() -> None:
+    clock = Clock()
+    attention = Attention(clock)
+    clock.now_s += 5.0  # before anything is to be heard
+    attention.begin()
+    for gap_s in (0.1, TOLD_S - 0.01, 0.8, 0.05, 0.4, *[0.05] * 50, 0.5):
+        clock.now_s += gap_s
+        attention.look()
+        attention.nothing(clock.now_s)
+    assert attention.lateness == Lateness(
+        times=3, last_s=pytest.approx(0.5), longest_s=pytest.approx(0.8)
+    )
+
+
+def test_nothing_new_is_commanded_by_a_sample_that_is_old_as_we_were_late(bus, loop) -> None:
+    """Steps that count up with every sample they are given: the one after a lateness is given to nobody."""
+    asked: list[int] = []
+
+    def steps() -> Generator[None, Sample, None]:
+        for _ in range(6):
+            asked.append((yield None).sync_count)
+
+    loop.begin_sync()
+    loop._cycle()
+    task = Task(steps())
+    loop._tasks._tasks.append(task)
+    bus.clock.now_s += 0.02
+    while loop._tasks.first is not None:
+        if loop.sample.sync_count == 4:
+            bus.kept_from_answering_s = 0.4
+        loop._work()
+    assert asked == [2, 3, 4, 6, 7, 8]
+
+
+def test_steps_are_asked_in_turn_however_late_we_always_are(bus, loop) -> None:
+    """So that an alarm, or Ctrl-C, still ends them."""
+    asked: list[int] = []
+
+    def steps() -> Generator[None, Sample, None]:
+        for _ in range(3):
+            asked.append((yield None).sync_count)
+
+    loop.begin_sync()
+    loop._tasks._tasks.append(Task(steps()))
+    while loop._tasks.first is not None:
+        bus.kept_from_answering_s = 0.4
+        loop._work()
+        assert loop.sample.sync_count < 20
+    assert len(asked) == 3

@@ -1,0 +1,164 @@
+"""An operator that takes in the frames of the arm in its own process."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Iterator
+
+import can
+import pytest
+
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.canopen.objects import COB_SYNC, COB_TPDO1
+from hardware.virtual.axis import arm_axes
+from hardware.virtual.controller import VirtualController
+from hardware.virtual.embedded_bus import attending
+from hardware.virtual.port import PlantReading
+from hardware.virtual.scenarios import scenario
+from hardware.virtual.supervisor_node import ArmLabel
+from operator_app.config.arm_file import load_arm
+
+ARM = scenario("exact").arm(load_arm("sarcos_dextrous"))
+
+
+class CountingPlant:
+    """Says in which threads it was stepped; breaks when told to."""
+
+    def __init__(self) -> None:
+        self.joint_count = ARM.joint_count
+        self.threads: list[str] = []
+        self.broken = False
+
+    def step(self, _: object) -> PlantReading:
+        self.threads.append(threading.current_thread().name)
+        if self.broken:
+            raise ArithmeticError("no pose closes the loop")
+        still = (0.0,) * self.joint_count
+        return PlantReading(
+            position_counts=(0,) * self.joint_count, torque_nm=still, speed_rad_per_s=still
+        )
+
+
+@pytest.fixture
+def plant() -> CountingPlant:
+    return CountingPlant()
+
+
+@pytest.fixture
+def settings(request: pytest.FixtureRequest) -> BusSettings:
+    return BusSettings(channel=f"attending-{request.node.name}")
+
+
+@pytest.fixture
+def controller(plant: CountingPlant, settings: BusSettings) -> Iterator[VirtualController]:
+    bus = open_bus(settings)
+    made = VirtualController(
+        bus,
+        plant,
+        axes=arm_axes(ARM),
+        arm=ArmLabel(model=ARM.name, serial_number="SDA-0001"),
+        attended=True,
+    )
+    made.start()
+    yield made
+    made.close()
+    bus.shutdown()
+
+
+@pytest.fixture
+def bus(controller: VirtualController, settings: BusSettings) -> Iterator[can.BusABC]:
+    made = attending(controller).main(settings)
+    start_all(made)
+    yield made
+    made.shutdown()
+
+
+def start_all(bus: can.BusABC) -> None:
+    bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
+
+
+def sync(bus: can.BusABC) -> None:
+    bus.send(can.Message(arbitration_id=COB_SYNC, is_extended_id=False))
+
+
+def answers(bus: can.BusABC, wait_s: float) -> int:
+    """How many joints answer before nothing comes for `wait_s`."""
+    count = 0
+    while (message := bus.recv(wait_s)) is not None:
+        count += COB_TPDO1 < message.arbitration_id < COB_TPDO1 + 0x80
+    return count
+
+
+def test_who_waits_for_the_answer_steps_the_plant(bus: can.BusABC, plant: CountingPlant) -> None:
+    plant.threads.clear()
+    mine = 0
+    for _ in range(50):
+        sync(bus)
+        assert answers(bus, 0.001) == ARM.joint_count
+    mine = plant.threads.count(threading.current_thread().name)
+    assert len(plant.threads) == 50
+    assert mine >= 45, "the arm's own thread looks now and then as well"
+
+
+def test_a_reader_that_sleeps_is_woken_by_what_another_thread_sends(
+    bus: can.BusABC, plant: CountingPlant
+) -> None:
+    """As an object is read: one thread asks, the other one waits for whatever comes."""
+    heard: queue.Queue[int] = queue.Queue()
+    ended = threading.Event()
+
+    def listen() -> None:
+        while not ended.is_set():
+            if bus.recv(0.5) is not None:
+                heard.put(1)
+
+    reader = threading.Thread(target=listen, name="reader")
+    reader.start()
+    for _ in range(50):
+        sync(bus)
+        for _ in range(ARM.joint_count):
+            heard.get(timeout=30.0)
+    ended.set()
+    reader.join()
+    assert plant.threads.count("reader") >= 25, (
+        "else the arm's own thread looks first, when its time comes"
+    )
+
+
+def test_what_others_send_is_answered_while_nobody_waits(
+    bus: can.BusABC, controller: VirtualController
+) -> None:
+    """STOP goes out from another thread, whatever the operator's loop does."""
+    before = controller.sync_count
+    sync(bus)
+    deadline = time.monotonic() + 30.0
+    while controller.sync_count == before and time.monotonic() < deadline:
+        time.sleep(0.005)
+    assert controller.sync_count == before + 1
+
+
+def test_an_arm_that_hangs_does_not_hang_its_operator(
+    bus: can.BusABC, controller: VirtualController
+) -> None:
+    controller.hang()
+    sync(bus)
+    assert answers(bus, 0.05) == 0
+    controller.unhang()
+    deadline = time.monotonic() + 30.0
+    while not (found := answers(bus, 0.05)) and time.monotonic() < deadline:
+        pass
+    assert found == ARM.joint_count
+
+
+def test_an_arm_that_breaks_is_silent_and_its_operator_lives(
+    bus: can.BusABC, controller: VirtualController, plant: CountingPlant
+) -> None:
+    plant.broken = True
+    sync(bus)
+    assert answers(bus, 0.05) == 0
+    assert isinstance(controller.failure, ArithmeticError)
+    plant.broken = False
+    sync(bus)
+    assert answers(bus, 0.05) == 0

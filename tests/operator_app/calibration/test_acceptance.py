@@ -1,0 +1,253 @@
+"""The three classes and the causes: faults of the shop floor, done to sessions that were sound."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fixtures.base import Tolerance
+from operator_app.calibration.acceptance import Verdict
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.failure_analysis import why_blind
+from operator_app.calibration.result import Solution
+from operator_app.config.poses_file import parse_poses
+from operator_app.report.facts import facts_of
+from operator_app.report.text import facts_text, unidentifiable_text, verdict_text
+from solver.diagnostics.range_checks import ReadingsOutOfRangeError
+from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
+from solver.estimators.paper import estimate_paper
+from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of, solved
+from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
+from tests.oracles.shop_floor_case import Case
+from tests.oracles.shop_floor_faults import CASES
+
+
+def fault(name: str, seed: int = SEED) -> Case:
+    return CASES[name](seed)
+
+
+def test_a_sound_session_is_accepted_and_every_test_says_how_often_it_would_not_be(
+    sound: Solution,
+) -> None:
+    assert sound.verdict is Verdict.ACCEPTED
+    assert sound.causes == ()
+    codes = [t.code for t in sound.judgement.tests]
+    assert {"CHI2_STATED", "STEP", "POSE", "PULL", "PULLS", "PREDICTION"} <= set(codes)
+    for test in sound.judgement.tests:
+        assert not test.fires
+        assert 0.0 < test.false_alarm < 0.01
+    assert sound.judgement.stated_chi2_per_dof is not None
+
+
+def test_no_sigma_exceeds_what_the_fixtures_file_states_without_a_word(sound: Solution) -> None:
+    """The file of a fixture measured to 0.5 mm and 5 deg knows some lengths better than 40 poses do."""
+    names = [p.name for p in sound.estimate.parameters]
+    sigma = dict(zip(names, sound.estimate.standard_deviation, strict=True))
+    wide = {n for n in ("a_0", "s_0", "s_1", "a_7", "s_7") if sigma[n] > 0.5e-3}
+    assert 0 < len(wide) < 5
+    found = calibrate(
+        ARM,
+        replace(HINGE, tolerance=Tolerance(position_m=0.5e-3, orientation_rad=np.deg2rad(5.0))),
+        poses_of(session(SEED)),
+    )
+    assert found.verdict is Verdict.WITH_WARNINGS
+    (cause,) = found.causes
+    assert cause.code == "LITTLE_MOTION"
+    assert "no better than was known before" in cause.text
+    assert set(re.findall(r"(\w+) \(", cause.text)) == wide
+    # What may be off is said before any figure, and once.
+    head, *rest = facts_text(facts_of(found)).split("\n\n")
+    assert " ".join(head.split()).endswith(f"- {cause.text}: {cause.remedy}")
+    assert "no better than was known before" not in " ".join(" ".join(rest).split())
+    # Where new poses contradict it, the causes still follow the words that lead to them.
+    failed = " ".join(verdict_text(facts_of(found), failed="new.csv").split())
+    assert failed.startswith(
+        "ACCEPTED, WITH WARNINGS, BUT DOES NOT HOLD for new.csv (the test is at"
+    )
+    assert f"What may be off: - {cause.text}" in failed
+
+
+def test_poses_that_can_show_nothing_blame_nothing() -> None:
+    found = session(SEED, poses=3)
+    readings = found.readings.copy()
+    readings[1, 3] += np.deg2rad(3.0)
+    causes = solved(replace(found, readings=readings)).causes
+    assert {c.code for c in causes} <= {"TOO_FEW_POSES", "LITTLE_MOTION", "NOT_CONVERGED"}
+    assert "1 degree of freedom is too few" in causes[0].text
+
+
+def test_the_scatter_of_a_mean_is_held_against_what_is_stated_of_a_mean() -> None:
+    """Joint 6 scatters ten times as much as 32 readings of 2 LSB leave in their mean."""
+    found = session(SEED, poses=40)
+    stated = np.sqrt(ARM.joints[5].sensor.variance_of_mean_rad2(32))
+    noise = 10.0 * stated * np.random.default_rng(5).standard_normal(40)
+    readings = found.readings.copy()
+    readings[:, 5] += noise
+    (said,) = [
+        c.text for c in solved(replace(found, readings=readings)).causes if "scatters by" in c.text
+    ]
+    times = re.search(r"(\d+) times its specification", said)
+    assert times is not None
+    assert 6 <= int(times[1]) <= 14
+
+
+def campaign(*values: str):
+    return pytest.param(*values, marks=pytest.mark.campaign)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("hinge slips 5 mm", r"slipped on the (table|hand) by about [345]\.\d mm"),
+        (
+            "joint slips 1 deg",
+            r"joint \d shifted by [+-](0\.9|1\.0)\d* deg \([+-]\d+ (LSB|counts)\)",
+        ),
+        campaign("1 outlier 0.5 deg", r"pose p\d+ does not fit the others"),
+        campaign("RVDT 5 %", r"joint [67] (strays|scatters) .*deg"),
+        campaign("12 flipped", r"12 of 40\) close only with the hand upside down"),
+    ],
+)
+def test_the_fault_is_the_first_cause_with_its_size_and_a_remedy(name: str, words: str) -> None:
+    case = fault(name)
+    found = solved(case.taken)
+    assert found.verdict is not Verdict.ACCEPTED
+    first = found.causes[0]
+    assert any(re.fullmatch(pattern, first.code) for pattern in case.causes), first
+    assert re.search(words, first.text), first.text
+    assert first.remedy
+    assert first.probability > 0.5
+
+
+def test_a_slip_is_found_between_the_poses_where_it_happened() -> None:
+    specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
+    slip = np.array([0.0, 0.0, 0.0, 2e-3, 2e-3, 1e-3])
+    walk = closed_walk(specimen, 40, slipped=(23, slip, np.zeros(6)))
+    found = solved(taken(specimen, *walk))
+    assert found.causes[0].code == "SLIP_FIXTURE"
+    assert "between pose p023 and pose p024" in found.causes[0].text
+
+
+def test_a_slip_of_the_hands_half_is_no_length_and_no_outliers() -> None:
+    """It has five directions: along the hinge's own axis it used to have none and was called a length."""
+    found = solved(fault("hinge slips 5 mm", 3002).taken)
+    assert [c.code for c in found.causes] == ["SLIP_FIXTURE"]
+    assert "slipped on the hand by about 5.0 mm" in found.causes[0].text
+
+
+def test_a_length_that_no_test_is_sure_of_is_doubted_in_words_and_refuses_nothing() -> None:
+    """It was ACCEPTED without a word, with an offset 4.2 of its sigmas off."""
+    found = solved(fault("elbow 5 mm", 3005).taken)
+    assert not any(test.fires for test in found.judgement.tests)
+    assert found.verdict is Verdict.WITH_WARNINGS
+    assert {c.code for c in found.causes} == {"LENGTH_s_3", "LENGTH_s_5"}
+    assert all("may be off the arm file by about" in c.text for c in found.causes)
+
+
+def test_so_few_poses_that_sigmas_do_not_hold_are_refused_and_more_are_warned_of() -> None:
+    four, seven = (solved(session(3006, poses=n)) for n in (4, 7))
+    assert four.verdict is Verdict.NOT_ACCEPTED
+    assert four.causes[0].code == seven.causes[0].code == "TOO_FEW_POSES"
+    assert not seven.causes[0].refuses
+
+
+def test_a_sensor_is_not_called_out_of_specification_within_three_of_its_sigmas(
+    sound: Solution,
+) -> None:
+    for verdict in sound.rvdt:
+        figures = verdict.figures
+        if figures is not None and verdict.verdict.value == "out of specification":
+            assert figures.linearity - 3.0 * figures.linearity_sd > 0.02
+
+
+def test_single_readings_at_stated_noise_show_no_step_where_all_else_is_quieter() -> None:
+    """Every other error of this set is far below its statement; its RVDTs' noise is as stated."""
+    data = Path(__file__).resolve().parents[2] / "data" / "hinge" / "hinge_quantised.csv"
+    poses = parse_poses(data.read_bytes(), data.name).poses
+    found = calibrate(ARM, HINGE, poses)
+    assert found.causes == ()
+
+
+def test_mistakes_of_the_file_are_refused_by_name() -> None:
+    with pytest.raises(ReadingsOutOfRangeError) as error:
+        solved(fault("radians").taken)
+    assert error.value.code == "RADIANS"
+    with pytest.raises(ReadingsOutOfRangeError) as error:
+        solved(fault("columns exchanged").taken)
+    assert error.value.code.startswith("EXCHANGED_")
+
+
+def test_a_stuck_sensor_is_told_from_a_joint_that_stands_still() -> None:
+    case = fault("RVDT stuck")
+    with pytest.raises(UnidentifiableError, match="its sensor is stuck") as error:
+        solved(case.taken)
+    assert any(re.fullmatch(pattern, error.value.code) for pattern in case.causes)
+
+
+def test_the_paper_is_judged_by_its_distance_from_what_the_noise_says() -> None:
+    found = solved(session(SEED), estimator="paper")
+    test = next(t for t in found.judgement.tests if t.code == "PAPER_DISTANCE")
+    assert (found.verdict is Verdict.NOT_ACCEPTED) == test.fires
+
+
+def test_the_order_of_the_poses_is_the_time_that_a_step_is_found_in() -> None:
+    """Shuffled, the same readings are no step but odd poses or noise."""
+    case = fault("joint slips 1 deg")
+    shuffled = case.taken.picked(np.random.default_rng(0).permutation(40))
+    first = solved(shuffled).causes[0]
+    assert not first.code.startswith("STEP")
+
+
+def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_hold() -> None:
+    """One reading of 13 poses off by 3 degrees: the variances grew until everything fitted."""
+    found = session(SEED, poses=13)
+    readings = found.readings.copy()
+    readings[3, 3] += np.deg2rad(3.0)
+    judgement = solved(replace(found, readings=readings)).judgement
+    assert judgement is not None
+    assert judgement.stated_chi2_per_dof is not None
+    assert judgement.stated_chi2_per_dof > 20.0
+    assert judgement.causes[0].code == "OUTLIERS"
+    assert judgement.verdict is Verdict.NOT_ACCEPTED
+
+
+def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_unseen() -> None:
+    """Readings that scatter by 2 degrees: what an estimate that ended nowhere cannot see says nothing."""
+    found = session(8001)
+    noise = np.random.default_rng(5)
+    for _ in range(2):
+        # The third draw is the one that came out as parameters that cannot be seen.
+        noise.normal(size=found.readings.shape)
+    readings = found.readings + np.deg2rad(2.0) * noise.normal(size=found.readings.shape)
+    taken = replace(found, readings=readings)
+    judgement = solved(taken).judgement
+    assert judgement is not None
+    assert judgement.verdict is Verdict.NOT_ACCEPTED
+    poses = poses_of(taken)
+    blind = UnidentifiableError(
+        (UnidentifiableDirection(parameters=("theta_off_1",), weights=(1.0,)),)
+    )
+    paper = estimate_paper(HINGE.model(ARM), poses.q_rad)
+    why = why_blind(blind, ARM, HINGE, poses, (), paper, None)
+    assert isinstance(why, PosesDoNotFitError)
+    assert "the loops stay open by 10.53 mm and" in str(why)
+
+
+@pytest.mark.parametrize(("joints", "leave"), [((4,), "leave it out"), ((4, 5), "leave them out")])
+def test_of_a_joint_that_stands_still_the_option_that_holds_its_offset_is_named(
+    joints: tuple[int, ...], leave: str
+) -> None:
+    """The poses of `sarcal run rigid` again through `sarcal solve`: the elbow stands still."""
+    still = tuple(
+        UnidentifiableDirection(
+            parameters=(f"theta_off_{j}",), weights=(1.0,), immobile_joints=(j,)
+        )
+        for j in joints
+    )
+    said = " ".join(unidentifiable_text(UnidentifiableError(still)).split())
+    assert "--drop-unidentifiable of solve and import" in said
+    assert leave in said

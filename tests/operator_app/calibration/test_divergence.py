@@ -1,0 +1,120 @@
+"""Where what refuses a calibration has led it astray, nothing is advised from there; and sigmas name their source."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.acceptance import of_the_fit
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.error_model import error_model, soften
+from operator_app.calibration.failure_analysis import why_blind
+from operator_app.calibration.result import Solution
+from operator_app.calibration.sensitivity import remedy_beside_poses
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import parse_poses
+from operator_app.report.facts import facts_of
+from operator_app.report.text import facts_text
+from solver.chain.poses import PoseSet
+from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
+from solver.estimators.paper import estimate_paper
+from solver.estimators.variance_components import estimate_with_errors
+from tests.oracles.shop_floor import Session, session
+from tests.oracles.shop_floor_faults import CASES
+
+ARM, HINGE = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+
+
+def hysteresis(found: Session, joint: int, deg: float) -> Session:
+    """A sensor that reads so much more on the way up, and less on the way down."""
+    read = found.readings.copy()
+    moved = np.diff(np.concatenate((read[:1, joint - 1], read[:, joint - 1])))
+    read[:, joint - 1] += np.deg2rad(deg) * np.where(moved < 0.0, -1.0, 1.0)
+    return replace(found, readings=read)
+
+
+def poses_of(found: Session) -> PoseSet:
+    return parse_poses(found.csv().encode(), "poses.csv").poses
+
+
+@pytest.fixture(scope="module")
+def led_astray() -> Solution:
+    return calibrate(ARM, HINGE, poses_of(hysteresis(session(7), 6, 4.0)))
+
+
+@pytest.mark.parametrize(
+    "advice",
+    [
+        "Believe implicit",
+        "remount the hinge",
+        "poses that differ more",
+        "To halve it",
+    ],
+)
+def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
+    led_astray: Solution, advice: str
+) -> None:
+    assert led_astray.judgement.astray
+    assert led_astray.causes[0].code == "RVDT_6"
+    assert led_astray.causes[0].refuses
+    said = " ".join(facts_text(facts_of(led_astray)).split())
+    assert advice not in said
+    assert "Believe neither" in said
+    assert facts_of(led_astray).json["halved"] == {}
+
+
+def test_a_sound_solution_is_not_astray() -> None:
+    found = calibrate(ARM, HINGE, poses_of(session(7)))
+    assert not found.judgement.astray
+    assert "Believe implicit" in facts_text(facts_of(found))
+
+
+def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart() -> None:
+    """Said was that s_7 cannot be told from s_0: at the values of the files these poses see every parameter."""
+    poses = poses_of(hysteresis(session(41), 6, 4.0))
+    blind = UnidentifiableError(
+        (UnidentifiableDirection(parameters=("s_0", "s_7"), weights=(0.7, 0.7)),)
+    )
+    paper = estimate_paper(HINGE.model(ARM), poses.q_rad)
+    why = why_blind(blind, ARM, HINGE, poses, (), paper, None)
+    assert isinstance(why, PosesDoNotFitError)
+    assert "the reading of joint 6 does not follow" in str(why)
+
+
+def test_poses_that_tell_little_are_said_to_once() -> None:
+    found = calibrate(ARM, HINGE, poses_of(session(1)), length_tolerance_m=0.1)
+    assert Counter(cause.code for cause in found.causes)["LITTLE_MOTION"] == 1
+
+
+@pytest.mark.parametrize(
+    ("deg", "remedy"), [(0.0, "take more poses"), (0.05, "centre the encoders")]
+)
+def test_what_narrows_a_sigma_follows_its_largest_source(deg: float, remedy: str) -> None:
+    """Encoders that err ten times a turn, by five times what their file states: no pose helps."""
+    found = session(2)
+    read = found.readings.copy()
+    read[:, :5] += np.deg2rad(deg) * np.sin(10.0 * read[:, :5] + 2.0)
+    assert remedy in remedy_for("theta_off_4", replace(found, readings=read))
+
+
+def test_what_narrows_a_sigma_is_told_of_the_rvdt_that_is_worse_than_stated() -> None:
+    """Taken for one that is as stated: the curve of joint 7, five times its specification, is most of this sigma."""
+    remedy = remedy_for("theta_off_7", CASES["RVDT 5 %"](3).taken)
+    assert remedy.startswith("replace the RVDT of joint 7")
+
+
+def remedy_for(name: str, found: Session) -> str:
+    """What to do about a parameter, were it one that its file states better than any pose can tell."""
+    poses = poses_of(found)
+    model, tolerance = soften(loop_of_poses(ARM, HINGE, poses), ARM)
+    errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
+    fit = estimate_with_errors(model, poses.q_rad, errors)
+    (cause,) = of_the_fit(fit.estimate, (name,), {name: 1e-9}, partial(remedy_beside_poses, fit))
+    assert cause.code == "LITTLE_MOTION"
+    return cause.remedy

@@ -1,0 +1,104 @@
+"""From which side joints came is told by the times in a file, and by nothing else of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fixtures.base import NO_GIVE
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.closed_loops import pick
+from operator_app.calibration.error_model import approach_of, error_model
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import parse_poses
+from solver.chain.poses import PoseSet
+from tests.oracles.shop_floor import Sizes, session
+
+ARM = load_arm("sarcos_dextrous")
+HINGE = load_fixture("hinge").fixture
+
+
+@pytest.fixture(scope="module")
+def poses() -> PoseSet:
+    return parse_poses(session(1, Sizes.everything()).csv().encode(), "p.csv").poses
+
+
+def everything(poses: PoseSet) -> np.ndarray:
+    return np.arange(len(poses))
+
+
+def _picked(poses: PoseSet, rows: np.ndarray) -> PoseSet:
+    """Poses by index, of which some may come again under another name."""
+    return PoseSet(
+        placement=poses.placement[rows],
+        label=tuple(f"{poses.label[k]}.{n}" for n, k in enumerate(rows)),
+        q_rad=poses.q_rad[rows],
+        utc=tuple(poses.utc[k] for k in rows),
+    )
+
+
+def without_times(poses: PoseSet) -> PoseSet:
+    return replace(poses, utc=None)
+
+
+def test_sides_are_those_of_the_motion_between_poses(poses):
+    side = approach_of(ARM, poses, everything(poses))
+    assert side is not None
+    moved = np.diff(poses.q_rad, axis=0)
+    far = np.abs(moved) > np.deg2rad(1.0)
+    np.testing.assert_array_equal(side[1:][far], np.sign(moved)[far])
+    # Where a joint first stood still nobody knows; later it stays where it was left.
+    assert not side[0].any()
+    still = np.abs(moved) < np.deg2rad(0.01)
+    np.testing.assert_array_equal(side[1:][still], side[:-1][still])
+
+
+def test_the_order_of_the_file_does_not_matter_and_a_left_out_pose_was_there(poses):
+    side = approach_of(ARM, poses, everything(poses))
+    shuffle = np.random.default_rng(0).permutation(len(poses))
+    shuffled = pick(poses, shuffle)
+    np.testing.assert_array_equal(approach_of(ARM, shuffled, everything(poses)), side[shuffle])
+    some = np.array([3, 4, 9])
+    np.testing.assert_array_equal(approach_of(ARM, poses, some), side[some])
+
+
+@pytest.mark.parametrize("spoilt", ["", "yesterday", "2026-05-04T09:00:00"])
+def test_without_times_of_every_pose_nothing_is_known(poses, spoilt):
+    assert approach_of(ARM, without_times(poses), everything(poses)) is None
+    utc = (spoilt, *poses.utc[1:])
+    assert approach_of(ARM, replace(poses, utc=utc), everything(poses)) is None
+
+
+def test_a_clock_that_stands_still_tells_no_order_and_a_pose_pasted_again_is_no_harm(poses):
+    m = len(poses)
+    assert approach_of(ARM, replace(poses, utc=(poses.utc[0],) * m), everything(poses)) is None
+    rows = np.array([*range(m), 5])
+    twice = _picked(poses, rows)
+    side = approach_of(ARM, poses, everything(poses))
+    np.testing.assert_array_equal(approach_of(ARM, twice, everything(poses)), side)
+
+
+def test_another_placement_starts_anew(poses):
+    placed = replace(poses, placement=np.repeat([1, 2], len(poses) // 2))
+    side = approach_of(ARM, placed, everything(poses))
+    assert not side[len(poses) // 2].any()
+
+
+def test_loads_are_there_where_the_arm_weighs_something(poses):
+    kept = np.ones(len(poses), dtype=bool)
+    loaded = error_model(ARM, HINGE, poses, kept)
+    assert loaded.loads is not None
+    assert loaded.loads.give.any()
+    assert error_model(replace(ARM, masses=None), HINGE, poses, kept).loads is None
+    rigid = replace(HINGE, give=NO_GIVE)
+    assert not error_model(ARM, rigid, poses, kept).loads.give.any()
+
+
+def test_the_order_of_the_poses_changes_nothing(poses):
+    shuffle = np.random.default_rng(1).permutation(len(poses))
+    one, other = (calibrate(ARM, HINGE, p).estimate for p in (poses, pick(poses, shuffle)))
+    np.testing.assert_allclose(other.x, one.x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-6, atol=1e-18)

@@ -1,0 +1,49 @@
+"""Rows of a file that are wrong by themselves: named as what they are, and not as a hand upside down."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from operator_app.calibration.excluded_poses import left_out_in_words
+from operator_app.config.arm_file import load_arm
+from operator_app.config.poses_file import parse_poses
+from solver.diagnostics.range_checks import range_findings
+from tests.benchmarks.shop_floor_outcome import outcome
+from tests.oracles.shop_floor import session
+
+
+def test_a_row_in_radians_is_named_as_such() -> None:
+    found = session(21)
+    read = found.readings.copy()
+    read[7] = np.deg2rad(read[7])
+    said = outcome(replace(found, readings=read))
+    assert said.causes == ("RANGE_RADIANS",), said.said
+    assert "upside" not in said.said
+    assert not {"FLIPPED_BRANCH", "RANGE"} & set(said.warnings)
+
+
+def test_half_a_file_in_radians_is_named_as_such() -> None:
+    found = session(21)
+    read = found.readings.copy()
+    read[20:] = np.deg2rad(read[20:])
+    assert "20 of 40 poses, number 21 the first of them, taken as radians" in (
+        outcome(replace(found, readings=read)).said
+    )
+
+
+def test_each_pose_that_was_left_out_says_why() -> None:
+    arm = load_arm("sarcos_dextrous")
+    poses = parse_poses(session(21).csv().encode(), "poses.csv").poses
+    q = np.array(poses.q_rad)
+    q[3, 1:4] -= 3.0
+    wrong = replace(poses, q_rad=q)
+    range_pose, flipped = left_out_in_words((3, 5), range_findings(arm, wrong), arm, wrong)
+    assert (range_pose.code, flipped.code) == ("RANGE_POSE", "FLIPPED_BRANCH")
+    assert "joints 2, 3 and 4 are outside their ranges" in range_pose.text
+    assert "closes only with the hand upside down" in flipped.text
+    assert "was left out" in flipped.text
+    assert "take it again" in flipped.remedy
+    (both,) = left_out_in_words((4, 5), (), arm, poses)
+    assert "close only with the hand upside down on the hinge and were left out" in both.text

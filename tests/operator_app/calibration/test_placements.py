@@ -1,0 +1,100 @@
+"""Two placements that are one are said to be; those of a fixture that was mounted anew never are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.closed_loops import pick_placements
+from operator_app.calibration.placements import alike
+from operator_app.calibration.result import Solution
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from operator_app.report.facts import facts_of
+from operator_app.report.text import facts_text
+from tests.benchmarks.shop_floor_files import read
+from tests.oracles.panda import FOLDER
+from tests.oracles.shop_floor import Sizes, Specimen, closed_walk, taken
+
+CODE = "SAME_PLACEMENT"
+
+
+@pytest.fixture(scope="module")
+def two_sockets() -> Solution:
+    """A real arm: its ball in two sockets, but every third pose in the first is said to be of another."""
+    whole = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
+    poses = pick_placements(whole, (1, 2))
+    said = np.where(poses.placement == 1, np.arange(len(poses.label)) % 3 + 1, 4)
+    return calibrate(
+        load_arm("franka_panda"), load_fixture("ball").fixture, replace(poses, placement=said),
+        drop=True,
+    )  # fmt: skip
+
+
+def mounted(seed: int, *, turned_deg: float, shifted_m: float, folder: Path) -> Solution:
+    """An arm of the shop floor in one hinge and another, 20 poses in each, as a file of them is solved."""
+    first, lines = Specimen.drawn(seed, Sizes()), list[str]()
+    rng = np.random.default_rng([seed, 2])
+    changes = {n: shifted_m * rng.choice([-1, 1]) for n in ("a_0", "s_0", "a_7", "s_7")}
+    changes |= {n: np.deg2rad(turned_deg) * rng.choice([-1, 1]) for n in ("alpha_0", "alpha_7")}
+    chain = first.chain
+    second = replace(
+        first, chain=chain.changed(**{n: chain.value(n) + d for n, d in changes.items()})
+    )
+    for k, specimen in enumerate((first, second)):
+        rows = taken(specimen, *closed_walk(specimen, 20, walk=k), samples=32, walk=k).csv()
+        heading, *poses = rows.splitlines()
+        lines += [heading] * (k == 0) + [f"{k + 1},{row.partition(',')[2]}" for row in poses]
+    file = folder / f"{seed}.csv"
+    file.write_text("\n".join(lines) + "\n")
+    arm, fixture = read({}, Sizes())
+    return calibrate(arm, fixture, load_poses(str(file), joint_count=7).poses)
+
+
+def codes(solution: Solution) -> list[str]:
+    return [n.code for n in solution.warnings if n.code == CODE]
+
+
+def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(
+    two_sockets: Solution,
+) -> None:
+    (said,) = [n.text for n in two_sockets.warnings if n.code == CODE]
+    assert "placements 1, 2 and 3 of the fixture are the same within their sigmas" in said
+    assert "Mount it elsewhere within its tolerance and take another placement" in said
+    assert two_sockets.accepted
+    facts = facts_of(two_sockets)
+    assert {"code": CODE, "text": said} in facts.data["warnings"]
+    assert "the same within their sigmas" in " ".join(facts_text(facts).split())
+
+
+@pytest.mark.parametrize("seed", [1100, 1101])
+@pytest.mark.parametrize(
+    ("turned_deg", "shifted_m", "warned"), [(0.0, 0.0, True), (0.5, 1e-3, False)]
+)
+def test_a_hinge_is_mounted_anew_from_a_millimetre_on(
+    tmp_path: Path, seed: int, turned_deg: float, shifted_m: float, warned: bool
+) -> None:
+    found = mounted(seed, turned_deg=turned_deg, shifted_m=shifted_m, folder=tmp_path)
+    assert codes(found) == [CODE] * warned
+    assert found.accepted
+
+
+def test_without_uncertainty_the_smallest_difference_is_one(two_sockets: Solution) -> None:
+    model, estimate = two_sockets.model, two_sockets.estimate
+    exact = np.zeros_like(estimate.covariance)
+    assert alike(model, replace(estimate, covariance=exact)) == ()
+    own = model.columns(1) != model.columns(2)
+    same = estimate.x.copy()
+    same[model.columns(2)[own]] = same[model.columns(1)[own]]
+    (found,) = alike(model, replace(estimate, x=same, covariance=exact))
+    assert (found.numbers, found.difference, found.sigmas) == ((1, 2), 0.0, 0.0)
+
+
+def test_one_placement_is_compared_with_none(two_sockets: Solution) -> None:
+    model, _ = two_sockets.model.of(1)
+    assert alike(model, two_sockets.estimate) == ()

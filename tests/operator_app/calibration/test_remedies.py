@@ -1,0 +1,131 @@
+"""What the loop brings for sensors: corrections and offsets, held against planted truth and exact readings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.remedies import (
+    corrected_poses,
+    measured_offsets,
+    reading_tables,
+    tables_of,
+)
+from operator_app.calibration.result import Solution
+from operator_app.cli import main
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.parameter_records import Correction, RvdtRemedy
+from operator_app.config.parameters_file import save_parameters
+from operator_app.config.poses_file import load_poses
+from oracles.parameter_documents import VALUES, make_document
+
+DATA = Path(__file__).parents[2] / "data" / "hinge"
+CURVED, EXACT = DATA / "hinge_rvdt1pct.csv", DATA / "hinge_exact.csv"
+RVDTS = (6, 7)
+
+
+@pytest.fixture(scope="module")
+def curved() -> Solution:
+    """Readings bent by 1 % of full scale, solved as they are."""
+    poses = load_poses(CURVED).poses
+    return calibrate(load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses)
+
+
+def test_corrected_readings_are_the_exact_ones(curved: Solution) -> None:
+    read, exact = load_poses(CURVED).poses, load_poses(EXACT).poses
+    tables = reading_tables(curved)
+    assert tuple(t.joint for t in tables) == RVDTS
+    better = corrected_poses(read, tables)
+    for table in tables:
+        k = table.joint - 1
+        true = exact.q_rad[:, k] + np.deg2rad(VALUES[f"theta_off_{table.joint}"])
+        before = read.q_rad[:, k] + table.theta_off_rad - true
+        after = better.q_rad[:, k] + table.theta_off_rad - true
+        # What is left is the noise of 2 LSB (0.06 deg) and what the loop does not know.
+        assert np.rad2deg(np.abs(before).max()) > 0.8
+        assert np.rad2deg(np.std(after)) < 0.1
+        assert np.std(after) < 0.2 * np.std(before)
+        assert abs(np.mean(after)) < 4.0 * np.max(table.sigma_rad)
+    others = [0, 1, 2, 3, 4]
+    np.testing.assert_array_equal(better.q_rad[:, others], read.q_rad[:, others])
+
+
+def test_beyond_the_table_its_end_counts_and_is_counted(curved: Solution) -> None:
+    (table, _) = reading_tables(curved)
+    low, high = table.reading_rad[[0, -1]]
+    asked = np.array([low - 0.2, low, high, high + 0.1])
+    np.testing.assert_allclose(
+        table.corrected(asked) - asked, table.add_rad[[0, 0, -1, -1]], atol=1e-15
+    )
+    assert table.beyond(asked) == 2
+
+
+def test_unsensed_joints_have_the_offsets_that_the_loop_measured() -> None:
+    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    poses = load_poses(DATA / "hinge_quantised.csv").poses
+    solution = calibrate(arm, fixture, poses, unsensed_joints=RVDTS)
+    assert not {"theta_off_6", "theta_off_7"} & {p.name for p in solution.estimate.parameters}
+    found = measured_offsets(solution, arm, poses)
+    assert set(found) == set(RVDTS)
+    for joint, offset in found.items():
+        # The file says 120 and 90 deg; the truth is 116.3 and 89.3.
+        assert np.rad2deg(offset) == pytest.approx(VALUES[f"theta_off_{joint}"], abs=0.2)
+
+
+def test_a_table_is_applied_to_readings_from_the_command_line(
+    curved: Solution, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "p.yaml"
+    remedies = tuple(
+        RvdtRemedy(
+            joint=t.joint,
+            theta_off_deg=float(np.rad2deg(t.theta_off_rad)),
+            gain=t.gain,
+            table=tuple(
+                Correction(reading_deg=r, add_deg=a, sigma_deg=s)
+                for r, a, s in np.rad2deg((t.reading_rad, t.add_rad, t.sigma_rad)).T.tolist()
+            ),
+        )
+        for t in reading_tables(curved)
+    )
+    save_parameters(file, replace(make_document(), rvdt=remedies))
+    for kept, read in zip(
+        tables_of(replace(make_document(), rvdt=remedies)), reading_tables(curved), strict=True
+    ):
+        np.testing.assert_allclose(kept.add_rad, read.add_rad, rtol=0, atol=1e-15)
+    assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
+    said = capsys.readouterr()
+    assert "Readings of joint 6 corrected by up to " in said.err
+    found = json.loads(said.out)
+    assert [r["verdict"] for r in found["rvdt"]] == ["sound", "sound"]
+    for verdict in found["rvdt"]:
+        assert verdict["gain"] == pytest.approx(1.0, abs=0.002)
+        assert verdict["linearity_percent_of_full_scale"] < 0.1
+    assert found["side"]["theta_off_1"] == "ground"
+    assert found["side"]["theta_off_2"] == "arm"
+    assert found["side"]["theta_off_7"] == "hand"
+    assert "CIRCULAR_TABLE" not in {w["code"] for w in found["warnings"]}
+    itself = load_poses(CURVED).poses.sha256()
+    save_parameters(file, replace(make_document(), rvdt=remedies, pose_set_sha256=itself))
+    assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
+    (circular,) = (
+        w for w in json.loads(capsys.readouterr().out)["warnings"] if w["code"] == "CIRCULAR_TABLE"
+    )
+    assert "came from these very poses" in circular["text"]
+
+
+def test_a_file_without_a_table_or_of_another_arm_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "p.yaml"
+    save_parameters(file, make_document())
+    assert main(["solve", str(CURVED), "--rvdt-table", str(file)]) == 2
+    assert "holds no table of an RVDT" in capsys.readouterr().err
+    assert main(["solve", str(CURVED), "--arm", "franka_panda", "--rvdt-table", str(file)]) == 2
+    assert "is of sarcos_dextrous, these poses are of franka_panda" in capsys.readouterr().err

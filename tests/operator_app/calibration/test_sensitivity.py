@@ -1,0 +1,53 @@
+"""What would narrow a sigma: the source said to bring most of it, held against a calibration without it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from fixtures.hinge import Hinge
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.sensitivity import REMEDIES, WORST, halvings, remedy_of
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import parse_poses
+from tests.oracles.shop_floor import Sizes, session
+
+
+def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said() -> None:
+    poses = parse_poses(session(3001).csv().encode(), "poses.csv").poses
+    arm, hinge = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    assert isinstance(hinge, Hinge)
+    found = calibrate(arm, hinge, poses)
+    said = halvings(found)
+    assert len(said) == WORST
+    give = hinge.give
+    stiffer = replace(
+        hinge,
+        give=replace(
+            give, position_m=0.5 * give.position_m, orientation_rad=0.5 * give.orientation_rad
+        ),
+    )
+    mounted = session(3001, Sizes(give_m=0.1e-3, give_rad=0.1e-3))
+    half = calibrate(arm, stiffer, parse_poses(mounted.csv().encode(), "poses.csv").poses)
+    sigma = dict(
+        zip(
+            (p.name for p in half.estimate.parameters),
+            half.estimate.standard_deviation,
+            strict=True,
+        )
+    )
+    assert "fixture_give" in {h.source for h in said}
+    for h in said:
+        assert 0.5 * h.sigma <= h.then < h.sigma
+        assert h.remedy
+        if h.source == "fixture_give":
+            assert sigma[h.parameter.name] < 1.05 * h.then
+
+
+def test_every_source_has_a_remedy_of_its_own() -> None:
+    sources = (*REMEDIES, "rvdt_curve_6", "rvdt_gain_6", "rvdt_noise_7")
+    assert len({remedy_of(source) for source in sources}) == len(sources)
+
+
+def test_a_joint_beyond_nine_keeps_its_number() -> None:
+    assert "joint 10 " in remedy_of("rvdt_curve_10")

@@ -1,0 +1,143 @@
+"""A recorded calibration read back is the same one, bit by bit, whatever it was of."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fixtures.measured import Measured
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.cross_validation import Checks, check
+from operator_app.calibration.result import Solution
+from operator_app.calibration.serialization import RecordError, from_dict, to_dict
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from solver.chain.poses import PoseSet
+from solver.loops.closure import ClosureModel
+
+
+def same(one: object, other: object) -> bool:
+    """Equality that looks into arrays, without asking any class for its own idea of it."""
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray):
+        return (
+            one.shape == other.shape
+            and one.dtype == other.dtype
+            and one.tobytes() == other.tobytes()
+        )
+    if dataclasses.is_dataclass(one):
+        return all(
+            same(getattr(one, f.name), getattr(other, f.name)) for f in dataclasses.fields(one)
+        )
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, Mapping):
+        return list(one) == list(other) and all(same(one[k], other[k]) for k in one)
+    return one == other or (one != one and other != other)
+
+
+def there_and_back(found: object) -> object:
+    return from_dict(type(found), json.loads(json.dumps(to_dict(found), allow_nan=False)))
+
+
+def first(poses: PoseSet, count: int) -> PoseSet:
+    here = slice(0, count)
+    return dataclasses.replace(
+        poses,
+        placement=poses.placement[here],
+        label=poses.label[here],
+        q_rad=poses.q_rad[here],
+        sd_rad=None if poses.sd_rad is None else poses.sd_rad[here],
+        samples=None if poses.samples is None else poses.samples[here],
+        utc=None,
+        notes=None,
+    )
+
+
+@pytest.fixture(scope="module")
+def hinge_poses(reference_data: Path) -> PoseSet:
+    return first(load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses, 24)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"estimator": "paper"},
+        {"unsensed_joints": (6,), "length_tolerance_m": 1e-3},
+        {"search": True},
+    ],
+)
+def test_a_solution_is_read_back_exactly(hinge_poses: PoseSet, options: dict[str, object]) -> None:
+    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    found = calibrate(arm, fixture, hinge_poses, **options)  # type: ignore[arg-type]
+    again = there_and_back(found)
+    assert isinstance(again, Solution)
+    assert same(found, again)
+    assert not again.estimate.x.flags.writeable
+
+
+def test_second_opinions_are_read_back_exactly(hinge_poses: PoseSet) -> None:
+    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    found = check(calibrate(arm, fixture, hinge_poses), arm, fixture, hinge_poses)
+    assert found.held_out is not None
+    assert same(found, there_and_back(found))
+    assert same(Checks(), there_and_back(Checks()))
+
+
+def test_the_loops_of_several_placements_and_of_measured_poses_are_read_back(
+    hinge_poses: PoseSet,
+) -> None:
+    arm, ball = load_arm("sarcos_dextrous"), load_fixture("ball").fixture
+    three = dataclasses.replace(hinge_poses, placement=np.arange(24) % 3 + 1)
+    measured = dataclasses.replace(hinge_poses, endpoint=np.tile(np.linspace(0, 1, 6), (24, 1)))
+    for model in (
+        loop_of_poses(arm, ball, hinge_poses),
+        loop_of_poses(arm, ball, three, unsensed_joints=(7,)),
+        loop_of_poses(arm, Measured.example(arm), measured),
+    ):
+        assert same(OfLoop(model), there_and_back(OfLoop(model)))
+
+
+@dataclass(frozen=True)
+class OfLoop:
+    model: ClosureModel
+
+
+@dataclass(frozen=True)
+class Figure:
+    value: float
+    note: str = "none"
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True))
+def test_any_double_is_read_back(value: float) -> None:
+    assert np.float64(there_and_back(Figure(value)).value).tobytes() == np.float64(  # type: ignore[attr-defined]
+        value
+    ).tobytes() or np.isnan(value)
+
+
+def test_a_field_more_or_one_with_a_default_less_does_no_harm() -> None:
+    data = to_dict(Figure(1.5, "some"))
+    assert from_dict(Figure, {**data, "later": 3}) == Figure(1.5, "some")
+    del data["note"]
+    assert from_dict(Figure, data) == Figure(1.5)
+
+
+@pytest.mark.parametrize(
+    "data", [{}, {"version": 0, "value": 1.0}, {"version": 1}, {"version": 1, "value": [1.0]}]
+)
+def test_what_is_no_record_is_refused_as_one(data: dict[str, object]) -> None:
+    with pytest.raises(RecordError, match="no record of a Figure"):
+        from_dict(Figure, data)

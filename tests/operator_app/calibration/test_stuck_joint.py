@@ -1,0 +1,121 @@
+"""A sensor that reads no change while its joint turned, told from long moves in which the joint stood."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fixtures.ball import Ball
+from fixtures.base import Fixture
+from fixtures.hinge import Hinge
+from operator_app.calibration.stuck_joint import turned_unread
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.messages.errors import words
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.closing import close_loops
+from solver.errors import UnidentifiableError
+
+
+def set_up(kind: str) -> tuple[ArmModel, Fixture]:
+    if kind == "hinge":
+        return load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+    return load_arm("franka_panda"), Ball.example(load_arm("franka_panda"))
+
+
+def moved(
+    arm: ArmModel, fixture: Fixture, drives: dict[int, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Closed poses at home and after drives have gone by some degrees each; drives stand where told."""
+    model = fixture.model(arm)
+    x = nominal_vector(model.parameters)
+    home = close_loops(model, x, arm.home_rad[None]).q
+    sigma = np.ones(arm.joint_count)
+    sigma[[j - 1 for j in drives]] = 0.0
+    here = home.copy()
+    for _ in range(10):
+        for j, degrees in drives.items():
+            here[0, j - 1] += np.deg2rad(degrees) / 10.0
+        closed = close_loops(model, x, here, sigma_rad=sigma)
+        assert closed.closed.all()
+        here = closed.q
+    return home[0], here[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "drives"),
+    [
+        ("ball", {1: 0.0, 5: 0.0, 6: -14.0, 7: 0.0}),
+        ("ball", {1: 20.0, 5: -20.0, 6: 25.0, 7: 0.0}),
+        ("ball", {1: -25.0, 5: 20.0, 6: -25.0, 7: 0.0}),
+        ("hinge", {1: 0.0, 5: -40.0}),
+        ("hinge", {1: 25.0, 5: 0.0}),
+    ],
+)
+def test_a_drive_that_stood_is_not_said_to_have_turned(kind: str, drives: dict[int, float]) -> None:
+    """Whatever the placement is nominally off by: here 25 mm, as a tape measure leaves it."""
+    arm, fixture = set_up(kind)
+    before, after = moved(arm, fixture, drives)
+    if isinstance(fixture, Ball):
+        fixture = replace(fixture, tip_m=(0.055, 0.0, 0.03))
+    elif isinstance(fixture, Hinge):
+        fixture = replace(fixture, a_0_m=fixture.a_0_m + 0.025)
+    model = fixture.model(arm)
+    x = nominal_vector(model.parameters)
+    still = [j for j, degrees in drives.items() if degrees == 0.0]
+    found = turned_unread(model, x, before, after, still)
+    assert found is None or abs(found[1]) < np.deg2rad(2.0), found
+
+
+@pytest.mark.parametrize(
+    ("kind", "drives", "stuck"),
+    [
+        ("ball", {1: 0.0, 5: 8.0, 6: 4.0, 7: 0.0}, 5),
+        ("ball", {1: 3.0, 5: 0.0, 6: 8.0, 7: 0.0}, 6),
+        ("hinge", {1: 0.0, 5: 12.0}, 5),
+        ("hinge", {1: 8.0, 5: 4.0}, 6),
+        ("hinge", {1: 8.0, 5: 4.0}, 3),
+        # Far apart: as tangents have it nothing turned.
+        ("hinge", {1: 30.0, 5: -25.0}, 4),
+        ("hinge", {1: -25.0, 5: 30.0}, 6),
+        ("ball", {1: 20.0, 5: -20.0, 6: 25.0, 7: 0.0}, 4),
+    ],
+)
+def test_a_joint_that_turned_unread_is_told_with_its_angle(
+    kind: str, drives: dict[int, float], stuck: int
+) -> None:
+    arm, fixture = set_up(kind)
+    before, after = moved(arm, fixture, drives)
+    true = after[stuck - 1] - before[stuck - 1]
+    after[stuck - 1] = before[stuck - 1]
+    if isinstance(fixture, Hinge):
+        fixture = replace(fixture, a_0_m=fixture.a_0_m + 0.01)
+    model = fixture.model(arm)
+    x = nominal_vector(model.parameters)
+    still = [j + 1 for j in np.flatnonzero(np.abs(after - before) < 1e-9)]
+    found = turned_unread(model, x, before, after, still)
+    assert found is not None
+    assert found[0] == stuck
+    assert found[1] == pytest.approx(true, rel=0.3), np.rad2deg((found[1], true))
+
+
+def test_a_drive_between_two_explored_poses_of_a_ball_is_not_stuck() -> None:
+    """Readings of a virtual Panda in a ball: joints 1, 5 and 7 were held while joint 6 went by 12 deg."""
+    arm = load_arm("franka_panda")
+    ball = Ball(tip_m=(0.06, -0.03, 0.08), ground_m=(0.37053, -0.02121, 0.51028))
+    before = np.deg2rad([-0.546, -38.605, -0.228, -127.102, -0.232, 75.992, 45.145])
+    after = np.deg2rad([-0.544, -29.708, -0.013, -117.735, -0.232, 64.04, 45.145])
+    model = ball.model(arm)
+    x = nominal_vector(model.parameters)
+    found = turned_unread(model, x, before, after, [5, 7])
+    assert found is None or abs(found[1]) < np.deg2rad(2.0), found
+
+
+def test_what_to_do_about_a_stuck_sensor_is_not_more_poses() -> None:
+    said = words(UnidentifiableError((), code="FROZEN_JOINT_3", note="its sensor is stuck"))
+    assert "Mend that sensor" in said.remedy
+    assert "differ" in words(UnidentifiableError(())).remedy

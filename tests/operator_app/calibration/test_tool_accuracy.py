@@ -1,0 +1,146 @@
+"""The hand's sigma against hands that were placed by parameters drawn from the covariance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.calibrated_arm import calibrated_arm
+from operator_app.calibration.closed_loops import pick_placements
+from operator_app.calibration.result import Solution
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from operator_app.planning.simulated import simulated_poses
+from operator_app.report.facts import facts_of
+from operator_app.report.text import facts_text
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry
+from solver.loops.point import PointClosure
+from tests.oracles.panda import FOLDER
+from tests.oracles.pinocchio_chain import PinocchioChain
+
+
+def test_it_is_the_scatter_of_hands_drawn_from_the_covariance() -> None:
+    poses = pick_placements(
+        load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses, placements=(3,)
+    )
+    solution = calibrate(load_arm("franka_panda"), load_fixture("ball").fixture, poses, drop=True)
+    estimate, model = solution.estimate, solution.model
+    assert isinstance(model, PointClosure)
+    drawn = np.random.default_rng(1).multivariate_normal(
+        estimate.x, estimate.covariance, size=1500, method="eigh"
+    )
+    hands = np.array([model.tip_position(x, poses.q_rad) for x in drawn])
+    each = np.sqrt(((hands - model.tip_position(estimate.x, poses.q_rad)) ** 2).sum(-1).mean(0))
+    assert solution.hand is not None
+    assert solution.hand.rms == pytest.approx(float(np.sqrt((each**2).mean())), rel=0.06)
+    assert solution.hand.worst == pytest.approx(float(each.max()), rel=0.08)
+    said = facts_of(solution).json["tip_sigma_mm"]
+    assert said == pytest.approx(
+        {"rms": 1e3 * solution.hand.rms, "worst": 1e3 * solution.hand.worst}
+    )
+    assert 0.2 < said["rms"] <= said["worst"] < 10.0
+
+
+def test_before_and_after_are_distances_of_hands_that_pinocchio_places() -> None:
+    """Before: offsets planted and found again move the hand as an independent chain says; after: less."""
+    made = simulated_poses(load_arm("sarcos_dextrous"), load_fixture("hinge"), poses=40, seed=5)
+    arm = load_arm("sarcos_dextrous")
+    solution = calibrate(arm, load_fixture("hinge").fixture, made.poses)
+    found = solution.accuracy
+    assert found is not None
+    hand = calibrated_arm(solution, arm)
+    truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
+    # The arm's own entries nominal and true, the hand's as they truly are.
+    rows = {name: arm.table.stacked().copy() for name in ("believed", "true")}
+    for name, value in truth.items():
+        entry = DhEntry.parse(name)
+        if entry.row and (entry.row == 7 or name in hand.identified):
+            rows["true"][entry.kind, entry.row - 1] = value
+            if entry.row == 7:
+                rows["believed"][entry.kind, entry.row - 1] = value
+    chain, rng, off = PinocchioChain(7), np.random.default_rng(0), []
+    for _ in range(400):
+        q = rng.uniform(arm.lower_rad, arm.upper_rad)
+        ends = [chain.frames(q + r[0], *r[1:])[1][-1] for r in rows.values()]
+        off.append(np.linalg.norm(ends[0] - ends[1]))
+    assert found.before.rms == pytest.approx(float(np.sqrt(np.mean(np.square(off)))), rel=0.1)
+    assert found.before.most == pytest.approx(float(np.quantile(off, 0.95)), rel=0.1)
+    assert found.after.worst < 0.1 * found.before.rms
+    said = facts_of(solution).json["hand_accuracy_mm"]
+    assert said["before"]["rms"] == pytest.approx(1e3 * found.before.rms)
+    assert said["after"] == pytest.approx(
+        {
+            "rms": 1e3 * found.after.rms,
+            "p95": 1e3 * found.after.most,
+            "worst": 1e3 * found.after.worst,
+        }
+    )
+
+
+def test_the_truth_is_as_far_from_the_calibrated_hand_as_its_sigma_says() -> None:
+    """Eight arms, each looked at over its whole range: errors over sigma come to 1, not to 2 or a half."""
+    ratios = []
+    for seed in range(8):
+        arm = load_arm("sarcos_dextrous")
+        made = simulated_poses(arm, load_fixture("hinge"), poses=24, seed=20 + seed)
+        solution = calibrate(arm, load_fixture("hinge").fixture, made.poses)
+        hand = calibrated_arm(solution, arm)
+        truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
+        rows = arm.table.stacked().copy()
+        for name, value in truth.items():
+            entry = DhEntry.parse(name)
+            if entry.row and name not in ("theta_off_1", "s_1"):
+                rows[entry.kind, entry.row - 1] = value
+        chain, rng = PinocchioChain(7), np.random.default_rng(seed)
+        q = rng.uniform(arm.lower_rad, arm.upper_rad, (60, 7))
+        true = np.array([chain.frames(one + rows[0], *rows[1:])[1][-1] for one in q])
+        error = np.linalg.norm(hand.T_base(q)[:, :3, 3] - true, axis=1)
+        ratios.append(float(np.mean(error**2) / np.mean(hand.tip_sigma_m(q) ** 2)))
+    assert 0.3 < np.mean(ratios) < 1.5
+
+
+def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right() -> None:
+    """How far the hand moves with it is what a second calibration says, made with it held elsewhere."""
+    fixture, packaged = load_fixture("hinge"), load_arm("sarcos_dextrous")
+    made = simulated_poses(packaged, fixture, poses=30, seed=5)
+    truth = {p.name: float(v) for p, v in zip(made.parameters, made.x, strict=True)}
+    rows, off = packaged.table.stacked().copy(), np.deg2rad(0.005)
+    free = tuple(entry for entry in packaged.free if entry.name != "theta_off_4")
+
+    def held_at(value: float, tolerance_rad: float | None = None) -> tuple[Solution, ArmModel]:
+        rows[0, 3] = value
+        table = DhTable(theta_off_rad=rows[0].copy(), s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])
+        arm = replace(packaged, table=table, free=free, offset_tolerance_rad=tolerance_rad)
+        return calibrate(arm, fixture.fixture, made.poses), arm
+
+    at = truth["theta_off_4"]
+    (right, arm), other = held_at(at), held_at(at + off)
+    assert right.accuracy is not None
+    (said,) = right.accuracy.holds_for
+    assert (said.name, said.value_rad) == ("theta_off_4", pytest.approx(at))
+    q = np.random.default_rng(0).uniform(arm.lower_rad, arm.upper_rad, size=(300, 7))
+    hands = [calibrated_arm(*found).T_base(q)[:, :3, 3] for found in ((right, arm), other)]
+    moved = float(np.sqrt(np.mean(np.square(np.linalg.norm(hands[1] - hands[0], axis=-1)))))
+    assert said.rate_m_per_rad * off == pytest.approx(moved, rel=0.15)
+
+    (notice,) = [w for w in right.warnings if w.code == "HELD"]
+    assert "theta_off_4 at " in notice.text
+    assert "holds only if the value held is right" in notice.text
+    told = " ".join(facts_text(facts_of(right)).split())
+    assert told.count("holds only if the value held is right") == 1, "told once, and pointed to"
+    assert "holds only if theta_off_4 is held at what it is: see the warnings." in told
+    document = facts_of(right).json
+    assert document["hand_accuracy_holds_for"] == {"theta_off_4": pytest.approx(np.rad2deg(at))}
+    # Where the file states how well it is known, that is counted in.
+    known, _ = held_at(at, np.deg2rad(2.0))
+    assert known.accuracy is not None
+    assert known.accuracy.holds_for == ()
+    assert known.accuracy.after.rms == pytest.approx(
+        float(np.hypot(right.accuracy.after.rms, said.rate_m_per_rad * np.deg2rad(2.0))), rel=0.01
+    )

@@ -1,0 +1,164 @@
+"""A report says what the session measured and what was found, in a page that is whole and harmless."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from operator_app.report.html.page import report_html
+from operator_app.report.subject import Subject
+from operator_app.session.store.journal import read_journal
+from oracles.reported_session import HOSTILE, subject_of
+
+DIMENSIONLESS = {"/ stated", "gain, reading per angle", "gain", "chi2"}
+
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
+LOOK = """
+<iframe id="f"></iframe><pre id="r"></pre><script>
+const frame = document.getElementById('f'), said = [];
+frame.srcdoc = PAGE;
+frame.onload = () => {
+  for (const width of [1280, 1920]) {
+    frame.style.width = width + 'px';
+    for (const region of frame.contentDocument.querySelectorAll('.scroll'))
+      said.push([width, region.firstElementChild.className, region.scrollWidth - region.clientWidth]);
+  }
+  frame.style.width = '390px';
+  const whole = frame.contentDocument.documentElement;
+  said.push([390, 'page', whole.scrollWidth - whole.clientWidth]);
+  document.getElementById('r').textContent = said.map(s => s.join(' ')).join(';');
+};
+</script>
+"""
+
+
+def test_the_page_is_whole_and_loads_nothing(page: object, subject: Subject) -> None:
+    source = report_html(subject).decode()
+    assert page.errors == []
+    assert not {"script", "img", "link", "iframe", "object", "form", "input"} & set(page.tags)
+    assert "http:" not in source
+    assert "https:" not in source
+    assert "url(" not in source
+    links = [value for _, name, value in page.attributes if name in ("href", "src", "action")]
+    anchors = {value for _, name, value in page.attributes if name == "id"}
+    assert all(link.startswith("#") and link[1:] in anchors for link in links)
+    assert not [name for _, name, _ in page.attributes if name.startswith("on") or name == "style"]
+    assert ("html", "lang", "en") in page.attributes
+    identifiers = [value for _, name, value in page.attributes if name == "id"]
+    assert len(set(identifiers)) == len(identifiers)
+    policy = [v for _, name, v in page.attributes if name == "content" and "default-src" in v]
+    assert policy == [
+        "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+    ]
+
+
+def test_notes_stay_text(page: object, subject: Subject) -> None:
+    source = report_html(subject).decode()
+    assert "alert(" in page.text
+    assert "<script" not in source
+    poses = page.rows("Captured poses")
+    assert poses[6][-1].startswith('<script>alert("1")</script></td></table>')
+    assert "\x07" not in source
+    assert poses[3][-1] == "✕ excluded: bumped the table <b>"
+
+
+def test_a_note_that_no_text_can_hold_is_marked(subject: Subject) -> None:
+    poses = tuple(replace(p, note=HOSTILE) for p in subject.poses)
+    other = replace(subject, state=replace(subject.state, poses=poses))
+    assert "\ufffd" in report_html(other).decode()
+
+
+def test_the_same_journal_gives_the_same_page(folder: Path, subject: Subject) -> None:
+    again = subject_of(read_journal(folder).events)
+    assert report_html(again) == report_html(subject)
+
+
+def test_every_column_of_numbers_has_a_unit(
+    page: object, find_missing_units: Callable[..., list[str]]
+) -> None:
+    assert find_missing_units(page, DIMENSIONLESS) == []
+
+
+def test_pictures_are_named_and_headers_scoped(page: object) -> None:
+    pictures = [i for i, tag in enumerate(page.tags) if tag == "svg"]
+    assert len(pictures) >= 4
+    named = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "role")]
+    assert named == ["img"] * len(pictures)
+    assert page.tags.count("desc") == len(pictures)
+    headers = page.tags.count("th")
+    scopes = [value for tag, name, value in page.attributes if (tag, name) == ("th", "scope")]
+    assert len(scopes) == headers
+    assert set(scopes) == {"col", "row", "colgroup"}
+    assert page.tags.count("caption") == page.tags.count("table")
+
+
+def test_the_verdict_comes_first_with_arm_serial_fixture_and_time(
+    page: object, subject: Subject
+) -> None:
+    assert page.tags.index("h1") < page.tags.index("h2")
+    for words in (
+        "Accepted",
+        "sarcos_dextrous, serial SDA-0001, in fixture hinge, 2026-01-31 12:00 UTC",
+        subject.state.pose_set().sha256(),
+        f"sarcal {subject.software_version}",
+    ):
+        assert words in page.text
+
+
+def test_a_solution_that_is_not_the_journals_is_said(subject: Subject, take_apart: type) -> None:
+    assert subject.solved_again == ""
+    assert "its solution was read, not made again" in take_apart(report_html(subject).decode()).text
+    other = take_apart(report_html(replace(subject, solved_again="it is of old")).decode())
+    assert "Solved again for this report: it is of old." in other.text
+    assert "not made again" not in other.text
+
+
+def test_second_opinions_that_nobody_asked_for_are_said_to_be_missing(
+    subject: Subject, take_apart: type
+) -> None:
+    assert "hold-out" not in take_apart(report_html(subject).decode()).text
+    other = take_apart(report_html(replace(subject, checks=None)).decode())
+    assert "sarcal run --resume session asks it." in other.text
+    assert "held out" not in " ".join(row[0] for row in other.rows("Closure at"))
+
+
+def test_simulated_is_said_and_real_is_not(subject: Subject, take_apart: type) -> None:
+    assert "SIMULATED" not in take_apart(report_html(subject).decode()).text
+    state = replace(subject.state, settings={"scenario": "wild"})
+    told = report_html(replace(subject, simulated=True, state=state)).decode()
+    text = take_apart(told).text
+    assert text.index("SIMULATED") < text.index("Accepted")
+    assert "scenario wild" in text
+
+
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+def test_no_table_is_cut_on_a_laptop_or_a_screen_and_no_page_on_a_phone(
+    subject: Subject, tmp_path: Path
+) -> None:
+    page = report_html(subject).decode()
+    page = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page)
+    page = page.replace("</html>", "").replace("</script>", "")
+    html = "<!DOCTYPE html>" + LOOK.replace("PAGE", json.dumps(page).replace("</", "<\\/"))
+    (tmp_path / "look.html").write_text(html)
+    found = subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=2000",
+         f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", f"file://{tmp_path}/look.html"],
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    said = re.search(r'<pre id="r">([^<]+)</pre>', found)
+    assert said is not None, found[-2000:]
+    regions = [entry.split() for entry in said[1].split(";")]
+    seen = {(width, name) for width, name, _ in regions}
+    for name in ("parameters", "budget", "pose-table", "estimators", "correlations"):
+        assert {("1280", name), ("1920", name)} <= seen
+    # On a phone wide tables scroll, each by itself; the page does not.
+    assert ("390", "page") in seen
+    assert [r for r in regions if int(r[-1]) > 0] == []

@@ -1,0 +1,81 @@
+"""Before and after stand side by side, drawn to scale and in agreement with the page's tables."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sarcal
+
+from operator_app.report.plots.before_after import arm_pair, hand_pair
+from operator_app.report.subject import Subject
+from oracles.open_arm import measured_csv
+from oracles.reported_session import number
+
+
+def test_before_and_after_stand_side_by_side(page: object, subject: Subject) -> None:
+    assert subject.solution is not None
+    assert subject.solution.accuracy is not None
+    hand = hand_pair(subject.solution, subject.procedure.arm)
+    arm = arm_pair(subject)
+    assert hand is not None
+    assert arm is not None
+    for pair in (hand, arm):
+        assert (pair.before.x, pair.before.y) == (pair.after.x, pair.after.y)
+        for picture in (pair.before, pair.after):
+            assert picture.title in page.text
+            assert picture.x.high - picture.x.low == pytest.approx(
+                picture.aspect * (picture.y.high - picture.y.low)
+            )
+    # The largest mark is of area 1, all others in proportion to what the table sums up.
+    worst = subject.solution.accuracy.before.worst
+    for picture, spread in (
+        (hand.before, subject.solution.accuracy.before),
+        (hand.after, subject.solution.accuracy.after),
+    ):
+        (marks,) = picture.layers
+        assert max(marks.sizes) * worst == pytest.approx(spread.worst)
+        assert np.sqrt(np.mean(np.square(marks.sizes))) * worst == pytest.approx(spread.rms)
+        said = re.search(r", rms ([\d.]+) mm$", picture.title)
+        assert said is not None
+        assert float(said[1]) == pytest.approx(1e3 * spread.rms, rel=5e-3)
+    # The gap is that of the pose's loop, from the table of poses.
+    number_, size = re.fullmatch(
+        r"After: the loop of pose (\d+) stays open by ([\d.]+) mm", arm.after.title
+    ).groups()
+    (row,) = (row for row in page.rows("Captured poses") if row[0] == number_)
+    assert number(size) == pytest.approx(number(row[10]), rel=5e-3)
+    before = float(arm.before.title.split()[-2])
+    assert before > 3.0 * number(size)
+    # Chain and gap are drawn to scale.
+    factor = re.search(r"drawn (\d+) times", arm.after.description + arm.before.title + arm.note)
+    times = 1.0 if factor is None else float(factor[1])
+    (gap,) = (layer for layer in arm.before.layers if layer.label == "gap")
+    assert np.hypot(np.ptp(gap.x), np.ptp(gap.y)) <= 1.01 * times * before
+
+
+def test_the_open_arm_is_drawn_with_where_it_was_measured(tmp_path: Path) -> None:
+    """By the triangle of base, hand and endpoint the gap is what these lengths leave, and it is small after."""
+    poses = sarcal.load_poses(measured_csv(tmp_path / "open.csv"))
+    result = sarcal.calibrate(
+        arm="sarcos_dextrous", fixture="tracker", poses=poses, drop_unidentifiable=True
+    )
+    pair = arm_pair(result._subject)
+    assert pair is not None
+    said = re.fullmatch(
+        r"After: the hand of pose (\d+) is ([\d.]+) mm from where it was measured", pair.after.title
+    )
+    assert said is not None
+    k = int(said[1]) - 1
+    assert poses._set.endpoint is not None
+    measured = poses._set.endpoint[k, :3]
+    base = [result.values.get(f"base_{axis}_mm", 0.0) / 1e3 for axis in "xyz"]
+    # Distances are the same in the instrument's frame and in the base.
+    away = np.linalg.norm(measured - base)
+    there = np.linalg.norm(result.fk(poses.q_rad[k])[:3, 3])
+    assert 1e3 * abs(there - away) <= 1.01 * float(said[2]) < 1.0
+    before = re.search(r" is ([\d.]+) mm from", pair.before.title)
+    assert before is not None
+    assert float(before[1]) > 10.0

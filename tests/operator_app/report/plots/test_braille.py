@@ -1,0 +1,49 @@
+"""The braille canvas: which dot is where, and that rounding errors move none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from operator_app.report.plots.braille import Canvas
+
+
+def text(canvas: Canvas) -> list[str]:
+    return ["".join(span for span, _ in row) for row in canvas.lines()]
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "character"),
+    [(0, 0, "⠁"), (0, 3, "⡀"), (1, 0, "⠈"), (1, 3, "⢀"), (0.9, 2.9, "⠄")],
+)
+def test_a_dot_is_the_unicode_character_with_that_dot(x, y, character):
+    canvas = Canvas(1, 1, ascii_only=False)
+    canvas.dot(x, y)
+    assert text(canvas) == [character]
+
+
+def test_dots_outside_are_not_drawn():
+    canvas = Canvas(2, 2, ascii_only=False)
+    for x, y in [(-0.5, 1), (1, -0.5), (4, 1), (1, 8), (-3, -3)]:
+        canvas.dot(x, y)
+    assert text(canvas) == ["  ", "  "]
+
+
+@pytest.mark.parametrize("ascii_only", [False, True])
+def test_what_differs_by_rounding_errors_looks_the_same(ascii_only):
+    pictures = []
+    for off in (-1e-12, 0.0, 1e-12):
+        canvas = Canvas(12, 4, ascii_only=ascii_only)
+        canvas.segment(off, 8 + off, 23 + off, 8 + off, every=3)
+        canvas.segment(2 + off, off, 20 - off, 15 + off)
+        canvas.blob(6 + off, 3 + off)
+        canvas.letter(10 + off, 12 + off, "B")
+        pictures.append(text(canvas))
+    assert pictures[0] == pictures[1] == pictures[2]
+
+
+def test_a_segment_has_a_dot_in_every_column_it_crosses():
+    canvas = Canvas(10, 5, ascii_only=True)
+    canvas.segment(0, 0, 19, 9)
+    marked = np.array([[c != " " for c in row] for row in text(canvas)])
+    assert marked.any(axis=0).all()

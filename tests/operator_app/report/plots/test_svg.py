@@ -1,0 +1,152 @@
+"""Plots are well-formed, named, ticked at round values, and put every value where it belongs."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+
+import pytest
+from hypothesis import example as such_as
+from hypothesis import given
+from hypothesis import strategies as st
+
+from operator_app.report.plots.plot import Band, Line, Marks, Picture, axis
+from operator_app.report.plots.strips import Range, Strip, ranges, strips
+from operator_app.report.plots.svg import plot
+
+NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda v: v == 0.0 or abs(v) > 1e-9)
+
+
+@given(st.lists(NUMBERS, max_size=12), st.booleans())
+@such_as([199164480.0, 176843063.0], False)
+def test_an_axis_holds_its_values_and_has_a_few_round_ticks(
+    values: list[float], symmetric: bool
+) -> None:
+    found = axis("x", values, unit="mm", symmetric=symmetric)
+    assert found.low < found.high
+    assert all(found.low <= v <= found.high for v in values)
+    assert 2 <= len(found.ticks) <= 8
+    assert all(found.low <= t <= found.high + 1e-9 * abs(found.high) for t in found.ticks)
+    step = found.ticks[1] - found.ticks[0]
+    leading = f"{step:.3e}"[0]
+    assert leading in "125"
+    assert len(set(found.tick_texts)) == len(found.ticks)
+
+
+def test_whole_axes_have_whole_ticks() -> None:
+    assert axis("pose", [1.0, 2.0, 3.0], whole=True).tick_texts == ("1", "2", "3")
+    assert axis("pose", [7.0], whole=True).tick_texts == ("7",)
+
+
+def test_ticks_share_their_places() -> None:
+    assert axis("x", [0.0, 1.0]).tick_texts == ("0.0", "0.5", "1.0")
+    assert axis("x", [math.nan]).low < 1.0
+
+
+def parse(drawn: str) -> ET.Element:
+    return ET.fromstring(drawn)  # noqa: S314 - our own output
+
+
+def example(**changes: object) -> ET.Element:
+    settings: dict[str, object] = {
+        "ident": "p",
+        "title": "Title <1>",
+        "description": "What it shows",
+        "x": axis("pose", [1.0, 3.0], whole=True),
+        "y": axis("error", [-2.0, 2.0], unit="mm"),
+        "layers": [
+            Band(low=-1.0, high=1.0, label="rms"),
+            Line(x=[1.0, 3.0], y=[-2.0, 2.0], label="fit"),
+            Marks(x=[1.0, 2.0, 3.0], y=[-2.0, math.nan, 2.0], label="x", tips=["a", "b", "<c>"]),
+        ],
+    }
+    return parse(plot(Picture(**(settings | changes))))  # type: ignore[arg-type]
+
+
+def test_a_plot_is_named_and_described() -> None:
+    svg = example()
+    assert svg.get("role") == "img"
+    named = [svg.find(tag) for tag in ("title", "desc")]
+    assert [part.text for part in named if part is not None] == ["Title <1>", "What it shows"]
+    assert svg.get("aria-labelledby") == "p-t p-d"
+    assert [part.get("id") for part in named if part is not None] == ["p-t", "p-d"]
+    words = [part.text for part in svg.iter("text")]
+    assert "error [mm]" in words
+    assert "pose" in words
+    assert {"rms", "fit", "x"} <= set(words)
+
+
+def test_values_are_where_the_ticks_say() -> None:
+    svg = example()
+    marks = [c for c in svg.iter("circle") if c.find("title") is not None]
+    assert [m.findtext("title") for m in marks] == ["a", "<c>"]
+    y_of = {}
+    lines = [e for e in svg.iter("line") if e.get("class") in ("grid", "zero")]
+    labels = [e.text for e in svg.iter("text") if e.get("text-anchor") == "end"]
+    for line, words in zip(lines, labels, strict=False):
+        y_of[words] = float(line.get("y1", "nan"))
+    assert float(marks[0].get("cy", "nan")) == pytest.approx(y_of["\u22122"], abs=0.02)
+    assert float(marks[1].get("cy", "nan")) == pytest.approx(y_of["2"], abs=0.02)
+    band = next(e for e in svg.iter("rect") if float(e.get("width", "0")) > 100.0)
+    assert float(band.get("y", "nan")) == pytest.approx(y_of["1"], abs=0.02)
+    height = y_of["\u22121"] - y_of["1"]
+    assert float(band.get("height", "nan")) == pytest.approx(height, abs=0.03)
+
+
+def test_a_band_wider_than_the_frame_fills_it_and_no_more() -> None:
+    svg = example(layers=[Band(low=-50.0, high=50.0)])
+    band = next(e for e in svg.iter("rect"))
+    top, height = float(band.get("y", "nan")), float(band.get("height", "nan"))
+    frame = next(e for e in svg.iter("line") if e.get("class") == "frame")
+    assert top >= 0.0
+    assert top + height == pytest.approx(float(frame.get("y1", "nan")), abs=0.02)
+
+
+def test_strips_scale_each_row_by_its_largest() -> None:
+    svg = parse(
+        strips(
+            ident="s",
+            title="T",
+            description="D",
+            unit="mrad",
+            x=axis("pose", [1.0, 2.0], whole=True),
+            at=[1.0, 2.0],
+            rows=[
+                Strip(name="joint 1", values=[0.0, 0.0], band=0.5),
+                Strip(name="joint 2", values=[-8.0, 4.0], band=0.5, odd=True),
+            ],
+        )
+    )
+    words = [e.text for e in svg.iter("text")]
+    assert "0.50" in words
+    assert "8.0" in words
+    dots = [(float(c.get("cy", "nan")), c.get("class")) for c in svg.iter("circle")]
+    assert dots[0][0] == dots[1][0]
+    zero = [e for e in svg.iter("line") if e.get("class") == "zero"]
+    middle = next(float(e.get("y1", "nan")) for e in reversed(zero))
+    # -8 lies below zero twice as far as 4 lies above it.
+    assert dots[2][0] - middle == pytest.approx(2.0 * (middle - dots[3][0]), abs=0.05)
+    assert dots[2][0] > middle
+    assert {class_ for _, class_ in dots[2:]} == {"mark c"}
+
+
+def test_ranges_say_what_is_covered() -> None:
+    row = Range(name="joint 1", low=-10.0, high=30.0, values=[0.0, 10.0])
+    assert row.covered == 0.25
+    svg = parse(ranges(ident="r", title="T", description="D", unit="deg", rows=[row]))
+    words = [e.text for e in svg.iter("text")]
+    assert words[:2] == ["end of range [deg]", "covered [%]"]
+    assert "\u221210" in words
+    assert "25" in words
+    covered, whole = (float(b.get("width", "nan")) for b in svg.iter("rect"))
+    assert covered == pytest.approx(0.25 * whole, abs=0.02)
+
+
+def test_values_beyond_a_range_stay_in_the_picture() -> None:
+    row = Range(name="joint 2", low=-10.0, high=10.0, values=[-30.0, 5.0])
+    svg = parse(ranges(ident="r", title="T", description="D", unit="deg", rows=[row]))
+    covered, frame = list(svg.iter("rect"))
+    left, width = float(covered.get("x", "nan")), float(covered.get("width", "nan"))
+    assert left == 74.0
+    # From -30 the range begins half of the way to 10.
+    assert float(frame.get("x", "nan")) == pytest.approx(74.0 + 20.0 * width / 35.0, abs=0.02)

@@ -1,0 +1,206 @@
+"""A session that goes on asks whether arm and fixture are the same, before its drives are enabled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.arm import ArmIdentity, ArmSnapshot, NodeIdentity, Reading
+from hardware.virtual.scenarios import scenario
+from operator_app.config.procedure import Procedure
+from operator_app.errors import Cancelled, GuardError
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.session import Session
+from oracles.opened import opened
+from oracles.plant_arm import PlantArm
+from oracles.short_procedure import short_procedure
+
+
+class Changed(PlantArm):
+    """The plant with something done to it between two runs; counts what enables drives."""
+
+    def __init__(self, procedure: Procedure, name: str) -> None:
+        super().__init__(procedure, scenario(name, seed=3))
+        self.slip_rad = np.zeros(self.model.joint_count)
+        self.zeroed = 0
+        self.sagged_rad = 0.0
+        self.serials = {j: 100 + j for j in range(1, 8)}
+        self.enabled = 0
+
+    def connect(self) -> ArmIdentity:
+        nodes = tuple(
+            NodeIdentity(
+                node=j,
+                role=f"joint {j}",
+                device_name="drive",
+                vendor_id=0,
+                product_code=1,
+                revision=1,
+                serial_number=serial,
+            )
+            for j, serial in self.serials.items()
+        )
+        return replace(super().connect(), nodes=nodes)
+
+    def _off(self, q_rad: np.ndarray) -> np.ndarray:
+        found = q_rad + self.slip_rad
+        if self.zeroed:
+            found[self.zeroed - 1] = self.sagged_rad
+        return found
+
+    def snapshot(self) -> ArmSnapshot:
+        found = super().snapshot()
+        positions = self._off(found.positions_rad)
+        joints = tuple(
+            replace(j, position_rad=float(q)) for j, q in zip(found.joints, positions, strict=True)
+        )
+        return replace(found, joints=joints)
+
+    def capture(self, samples: int) -> Reading:
+        found = super().capture(samples)
+        mean = self._off(found.mean_rad)
+        return replace(found, mean_rad=mean, mean_counts=mean / self._resolution)
+
+    def take_control(self) -> None:
+        self.enabled += 1
+        super().take_control()
+
+
+MakeArm = Callable[[], Changed]
+
+
+def left_after(folder: Path, poses: int, name: str = "datasheet") -> Procedure:
+    """A session of which so many poses were taken."""
+    procedure = short_procedure(40, name, seed=3)
+    session = opened(folder, Changed(procedure, name), procedure)
+    session.connect()
+    session.cancelled = lambda: len(session.state.poses) == poses
+    with pytest.raises(Cancelled):
+        take_poses(session, Listener(), (1, 5))
+    session.close("left")
+    return procedure
+
+
+def resumed(folder: Path, procedure: Procedure, arm: Changed) -> Session:
+    return opened(folder, arm, procedure, resumed=True)
+
+
+@pytest.fixture(scope="module")
+def half_done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Procedure]:
+    folder = tmp_path_factory.mktemp("half") / "session"
+    return folder, left_after(folder, 20)
+
+
+@pytest.fixture
+def left(half_done: tuple[Path, Procedure], tmp_path: Path) -> tuple[Path, Procedure]:
+    """A copy of that session of the test's own."""
+    folder = tmp_path / "session"
+    folder.mkdir()
+    (folder / "journal.jsonl").write_bytes((half_done[0] / "journal.jsonl").read_bytes())
+    return folder, half_done[1]
+
+
+def test_the_same_arm_goes_on(left: tuple[Path, Procedure]) -> None:
+    folder, procedure = left
+    arm = Changed(procedure, "datasheet")
+    session = resumed(folder, procedure, arm)
+    session.connect()
+    session.cancelled = lambda: len(session.state.poses) == 22
+    with pytest.raises(Cancelled):
+        take_poses(session, Listener(), (1, 5))
+    assert arm.enabled > 0
+    assert len(session.state.poses) == 22
+    session.close("done")
+
+
+@pytest.mark.parametrize(("joint", "degrees"), [(1, 5.0), (2, -3.0), (3, 1.5), (4, 0.9)])
+def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(
+    left: tuple[Path, Procedure], joint: int, degrees: float
+) -> None:
+    folder, procedure = left
+    arm = Changed(procedure, "datasheet")
+    arm.slip_rad[joint - 1] = np.deg2rad(degrees)
+    session = resumed(folder, procedure, arm)
+    session.connect()
+    before = len(session.state.poses)
+    with pytest.raises(GuardError) as refused:
+        take_poses(session, Listener(), (1, 5))
+    said = str(refused.value)
+    # Before anything is enabled; or, where the loop alone cannot see it, by the pose read again.
+    assert "does not close where the arm stands" in said or f"joint {joint} has shifted" in said
+    if abs(degrees) > 1.0:
+        assert arm.enabled == 0
+    assert len(session.state.poses) == before
+    session.close("failed")
+
+
+@pytest.mark.parametrize(("counts", "where"), [(0, "at zero"), (36, "near zero")])
+def test_a_counter_at_zero_is_named(left: tuple[Path, Procedure], counts: int, where: str) -> None:
+    folder, procedure = left
+    arm = Changed(procedure, "datasheet")
+    arm.zeroed, arm.sagged_rad = 1, counts * 2.0 * np.pi / 400_000
+    session = resumed(folder, procedure, arm)
+    session.connect()
+    with pytest.raises(GuardError, match=f"counter of joint 1 stands {where}"):
+        session.set_modes((1, 5))
+    assert arm.enabled == 0
+    session.close("failed")
+
+
+@pytest.mark.parametrize(
+    ("counts", "reads"), [(0, r"0\.000"), (36, r"\+0\.032"), (-600, r"-0\.540")]
+)
+def test_a_counter_near_zero_out_of_range_is_named_in_a_new_session_too(
+    tmp_path: Path, counts: int, reads: str
+) -> None:
+    """The arm sags after its counter began anew, until somebody connects."""
+    procedure = short_procedure(6, "datasheet", seed=3)
+    arm = Changed(procedure, "datasheet")
+    arm.zeroed, arm.sagged_rad = 2, counts * 2.0 * np.pi / 400_000
+    session = opened(tmp_path / "s", arm, procedure)
+    session.connect()
+    with pytest.raises(GuardError, match=rf"joint 2 reads {reads} deg, outside its range"):
+        session.set_modes((1, 5))
+    assert arm.enabled == 0
+    session.close("failed")
+
+
+def test_another_drive_is_named(left: tuple[Path, Procedure]) -> None:
+    folder, procedure = left
+    arm = Changed(procedure, "datasheet")
+    arm.serials[3] = 903
+    session = resumed(folder, procedure, arm)
+    with pytest.raises(GuardError, match=r"node 3 .* serial number 903, it had 103"):
+        session.connect()
+    assert arm.closed == 1
+    session.close("failed")
+
+
+def test_an_arm_without_nodes_is_refused_and_not_simulated(tmp_path: Path) -> None:
+    procedure = short_procedure(6, "datasheet", seed=3)
+    arm = Changed(procedure, "datasheet")
+    arm.serials = {}
+    assert not arm.connect().simulated
+    session = opened(tmp_path / "s", arm, procedure)
+    with pytest.raises(GuardError, match="has no nodes"):
+        session.connect()
+    assert session.identity is None
+    session.close("failed")
+
+
+@pytest.mark.parametrize("joint", [2, 5, 7])
+def test_with_few_poses_the_pose_read_again_tells(tmp_path: Path, joint: int) -> None:
+    procedure = left_after(tmp_path / "s", 2)
+    arm = Changed(procedure, "datasheet")
+    arm.slip_rad[joint - 1] = np.deg2rad(2.0)
+    session = resumed(tmp_path / "s", procedure, arm)
+    session.connect()
+    with pytest.raises(GuardError, match="pose 1 does not read as it did"):
+        take_poses(session, Listener(), (1, 5))
+    assert len(session.state.poses) == 2
+    session.close("failed")

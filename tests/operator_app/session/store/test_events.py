@@ -1,0 +1,216 @@
+"""What a journal says is looked at before it counts: a state, or one error that names the line and the key."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+
+from operator_app.cli import main
+from operator_app.config.errors import ConfigError
+from operator_app.errors import JournalDamagedError, SessionError
+from operator_app.session.store import replay as replay_module
+from operator_app.session.store.events import EVENTS
+from operator_app.session.store.folders import list_sessions, read_session
+from operator_app.session.store.journal import JOURNAL_NAME, read_journal
+from operator_app.session.store.replay import session_state
+from operator_app.session.store.state import SessionState
+from operator_app.session.workflow.opening import Choices, resume
+from oracles.journals import events, mutated_journal, written
+
+Q = [0.1] * 7
+
+
+def at(name: str, which: int = 0) -> int:
+    """Index of an event."""
+    return [k for k, (found, _) in enumerate(events()) if found == name][which]
+
+
+def changed(name: str, **keys: Any) -> bytes:
+    found = events()
+    found[at(name)][1].update(keys)
+    return written(found)
+
+
+def without(name: str, key: str) -> bytes:
+    found = events()
+    del found[at(name)][1][key]
+    return written(found)
+
+
+def swapped() -> bytes:
+    found = events()
+    first, second = at("pose", 0), at("pose", 1)
+    found[first], found[second] = found[second], found[first]
+    return written(found)
+
+
+WRONG: dict[str, tuple[Callable[[], bytes], str, str]] = {
+    "sources missing": (lambda: without("opened", "sources"), "opened.sources", "is missing"),
+    "sources a list": (
+        lambda: changed("opened", sources=[]),
+        "opened.sources",
+        "must be an object",
+    ),
+    "source a number": (lambda: changed("opened", sources={"arm": 3}), "opened.sources", "text"),
+    "settings missing": (lambda: without("resumed", "settings"), "resumed.settings", "is missing"),
+    "poses text": (lambda: changed("opened", settings={"poses": "x"}), "settings", "whole number"),
+    "poses true": (lambda: changed("opened", settings={"poses": True}), "settings", "whole number"),
+    "plan": (lambda: changed("opened", settings={"plan": "later"}), "settings", "none of explore"),
+    "scenario": (lambda: changed("opened", settings={"scenario": "q"}), "settings", "none of"),
+    "seed": (lambda: changed("opened", settings={"seed": -1}), "settings", "0 or more"),
+    "serial a number": (lambda: changed("connected", serial_number=5), "serial_number", "text"),
+    "nodes": (lambda: changed("connected", nodes=[5]), "connected.nodes", "item 1: must be an"),
+    "node": (
+        lambda: changed("connected", nodes=[{"node": 1}]),
+        "nodes",
+        "serial_number is missing",
+    ),
+    "start of 6": (
+        lambda: changed("modes", modes=["free"] * 6),
+        "modes.modes",
+        "one for each of 7",
+    ),
+    "mode": (lambda: changed("modes", modes=["up"] * 7), "modes.modes", "none of position, free"),
+    "mean missing": (lambda: without("pose", "mean_rad"), "pose.mean_rad", "is missing"),
+    "mean of 6": (lambda: changed("pose", mean_rad=Q[:6]), "pose.mean_rad", "each of 7 joints"),
+    "mean of text": (lambda: changed("pose", mean_rad=["a"] * 7), "mean_rad", "must be a number"),
+    "mean nested": (lambda: changed("pose", mean_rad=[Q] * 7), "mean_rad", "must be a number"),
+    "mean null": (lambda: changed("pose", mean_rad=None), "mean_rad", "must be a list, not null"),
+    "counts": (lambda: changed("pose", mean_rad=[4e5] * 7), "pose.mean_rad", "not a number that"),
+    "negative spread": (lambda: changed("pose", sd_rad=[-0.1] * 7), "pose.sd_rad", "item 1"),
+    "no samples": (lambda: changed("pose", samples=0), "pose.samples", "is not 1 or more"),
+    "many samples": (lambda: changed("pose", samples=10**30), "pose.samples", "too many digits"),
+    "half a sample": (lambda: changed("pose", samples=1.5), "pose.samples", "whole number"),
+    "note a list": (lambda: changed("pose", note=[]), "pose.note", "must be text, not a list"),
+    "number negative": (lambda: changed("pose", number=-1), "pose.number", "is not 1 or more"),
+    "pose twice": (swapped, "pose.number", "pose 1 comes after pose 2"),
+    "exclusion": (lambda: without("pose_excluded", "text"), "pose_excluded.text", "is missing"),
+    "drives": (lambda: changed("drives_chosen", drives=[1, 9]), "drives", "there is no joint 9"),
+    "sets": (lambda: changed("drives_chosen", sets=3), "drives_chosen.sets", "must be a list"),
+    "requested": (lambda: changed("campaign", requested=[]), "campaign.requested", "an object"),
+    "targets": (lambda: changed("campaign_move", targets_rad={"x": 1}), "targets_rad", "no joint"),
+    "end": (lambda: changed("campaign_ended", weak=[{}]), "campaign_ended.weak", "name is missing"),
+    "accepted": (lambda: changed("solved", accepted="yes"), "solved.accepted", "true or false"),
+    "record": (lambda: changed("solved", record=[]), "solved.record", "must be an object"),
+    "upload": (lambda: changed("exported", uploaded={}), "exported.uploaded", "slot is missing"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_wrong_content_is_one_error_that_names_file_line_and_key(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make, key, words = WRONG[kind]
+    folder = tmp_path / "sessions" / "one"
+    folder.mkdir(parents=True)
+    path = folder / JOURNAL_NAME
+    path.write_bytes(make())
+    contents = read_journal(folder)
+    with pytest.raises(JournalDamagedError, match=r"line \d+: ") as refused:
+        session_state(contents)
+    assert key in refused.value.problem
+    assert words in refused.value.problem
+    assert refused.value.path == path
+    assert contents.events[refused.value.line - 1].name in refused.value.problem
+    root = ["--sessions", str(folder.parent)]
+    for command in (["report", "one"], ["export", "one"], ["run", "--resume", "one"]):
+        assert main([*command, *root]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(f"sarcal: {path} is damaged at line {refused.value.line}")
+        assert "sarcal session repair" in said
+    assert main(["session", "list", *root]) == 0
+    row = capsys.readouterr().out.splitlines()[-1]
+    assert "  journal.jsonl is damaged at line" in row
+    assert row.count(str(folder)) == 1
+
+
+def test_a_sound_journal_is_a_state(tmp_path: Path) -> None:
+    (tmp_path / JOURNAL_NAME).write_bytes(written(events()))
+    entry = read_session(tmp_path)
+    assert entry.problem == ""
+    assert entry.state is not None
+    assert [p.number for p in entry.state.used_poses] == [1, 2, 4]
+
+
+def test_poses_of_another_arm_are_refused_when_the_arm_is_known(tmp_path: Path) -> None:
+    found = [
+        (name, {k: v[:5] if isinstance(v, list) and len(v) == 7 else v for k, v in data.items()})
+        for name, data in events()
+    ]
+    (tmp_path / JOURNAL_NAME).write_bytes(written(found))
+    assert read_session(tmp_path).problem == ""
+    with pytest.raises(JournalDamagedError, match=r"line 4: control.start_rad has 5 items"):
+        resume(str(tmp_path), Choices(), root=tmp_path)
+
+
+def outcome(folder: Path, raw: bytes) -> str:
+    """What becomes of a journal: a state, or the class of the one error; anything else is raised."""
+    (folder / JOURNAL_NAME).write_bytes(raw)
+    entry = read_session(folder)
+    assert isinstance(entry.state, SessionState) or entry.problem
+    try:
+        resume(str(folder), Choices(), root=folder)
+    except (SessionError, ConfigError) as error:
+        return type(error).__name__
+    return "state"
+
+
+def test_random_contents_with_right_checksums_are_a_state_or_one_error(tmp_path: Path) -> None:
+    seen = {outcome(tmp_path, mutated_journal(Random(seed))) for seed in range(400)}  # noqa: S311
+    assert {"state", "JournalDamagedError"} <= seen
+
+
+def test_one_unreadable_session_hides_no_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, raw in (("a", written(events())), ("b", b"Dear diary\n"), ("c", b"")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / JOURNAL_NAME).write_bytes(raw)
+    (tmp_path / "d" / JOURNAL_NAME).mkdir(parents=True)
+    found = {entry.folder.name: entry.problem for entry in list_sessions(tmp_path)}
+    assert found["a"] == ""
+    assert "another program's file" in found["b"]
+    assert "is empty" in found["c"]
+    assert "a folder" in found["d"]
+    root = ["--sessions", str(tmp_path)]
+    assert main(["session", "list", *root]) == 0
+    assert main(["session", "show", "latest", *root]) == 0
+    assert str(tmp_path / "a") in capsys.readouterr().out
+
+
+def read_keys(source: str) -> dict[str, set[str]]:
+    """Keys of `data` that the fold of events reads, by the event in whose case that is."""
+    found: dict[str, set[str]] = {}
+    for case in (n for n in ast.walk(ast.parse(source)) if isinstance(n, ast.match_case)):
+        names = [
+            n.value.value
+            for n in ast.walk(case.pattern)
+            if isinstance(n, ast.MatchValue) and isinstance(n.value, ast.Constant)
+        ]
+        keys = set()
+        for part in [*case.body, case.guard]:
+            for node in ast.walk(part) if part is not None else ():
+                match node:
+                    case ast.Subscript(value=ast.Name(id="data"), slice=ast.Constant(value=str(k))):
+                        keys.add(k)
+                    case ast.Call(
+                        func=ast.Attribute(value=ast.Name(id="data"), attr="get"),
+                        args=[ast.Constant(value=str(k)), *_],
+                    ):
+                        keys.add(k)
+        for name in names:
+            found.setdefault(name, set()).update(keys)
+    return found
+
+
+def test_no_key_is_read_that_was_not_looked_at() -> None:
+    read = read_keys(Path(replay_module.__file__).read_text(encoding="utf-8"))
+    assert {"opened", "pose", "solved", "campaign", "repaired"} <= set(read)
+    for name, keys in read.items():
+        known = {key.rstrip("?") for key in EVENTS.get(name, {})}
+        assert keys <= known, name

@@ -1,0 +1,311 @@
+"""The journal survives every cut, notices every change, and belongs to one process."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from operator_app.errors import JournalDamagedError, JournalError
+from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
+
+EVENTS = (("opened", {"a": 1.25}), ("pose", {"mean_rad": [0.1, -2e-17]}), ("note", {"t": "µ\n"}))
+
+
+class FailingDisk:
+    """`os` on a disk whose n-th call of a kind fails, n counted from 1; `short` writes cut a line."""
+
+    def __init__(self, failing: Mapping[str, tuple[int, ...]], *, short: bool = False) -> None:
+        self._failing, self._short = failing, short
+        self._calls: Counter[str] = Counter()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(os, name)
+
+    def _fails(self, name: str) -> bool:
+        self._calls[name] += 1
+        return self._calls[name] in self._failing.get(name, ())
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        if not self._fails("write"):
+            return os.write(descriptor, data)
+        written = os.write(descriptor, data[: len(data) // 2])
+        if self._short:
+            return written
+        raise OSError(errno.EIO, "the disk failed")
+
+    def fsync(self, descriptor: int) -> None:
+        if self._fails("fsync"):
+            raise OSError(errno.EIO, "the disk failed")
+        os.fsync(descriptor)
+
+    def ftruncate(self, descriptor: int, size: int) -> None:
+        if self._fails("ftruncate"):
+            raise OSError(errno.EIO, "the disk failed")
+        os.ftruncate(descriptor, size)
+
+
+def fail(monkeypatch: pytest.MonkeyPatch, disk: FailingDisk) -> None:
+    monkeypatch.setattr("operator_app.session.store.journal.os", disk)
+
+
+def write(folder: Path) -> bytes:
+    journal = Journal.create(folder)
+    for name, data in EVENTS:
+        journal.append(name, data)
+    journal.close()
+    return (folder / JOURNAL_NAME).read_bytes()
+
+
+def test_what_is_written_is_read_bit_for_bit(tmp_path: Path) -> None:
+    write(tmp_path)
+    contents = read_journal(tmp_path)
+    assert [(e.name, e.data) for e in contents.events] == list(EVENTS)
+    assert contents.torn == ""
+
+
+def test_every_cut_keeps_all_whole_lines_and_says_what_was_dropped(tmp_path: Path) -> None:
+    raw = write(tmp_path)
+    path = tmp_path / JOURNAL_NAME
+    for cut in range(1, len(raw) + 1):
+        path.write_bytes(raw[:cut])
+        whole = raw[:cut].count(b"\n")
+        contents = read_journal(tmp_path)
+        assert len(contents.events) == whole
+        assert bool(contents.torn) == (not raw[:cut].endswith(b"\n"))
+
+
+def test_resuming_cuts_the_torn_line_off_and_goes_on(tmp_path: Path) -> None:
+    raw = write(tmp_path)
+    path = tmp_path / JOURNAL_NAME
+    path.write_bytes(raw[:-5])
+    journal = Journal.resume(tmp_path)
+    assert "line 3" in journal.contents.torn
+    (kept,) = tmp_path.glob("journal.jsonl.torn-*")
+    assert kept.read_bytes() == raw[:-5].splitlines()[-1]
+    journal.append("note", {"t": "after"})
+    journal.close()
+    assert [e.name for e in read_journal(tmp_path).events] == ["opened", "pose", "note"]
+    assert read_journal(tmp_path).events[-1].data == {"t": "after"}
+
+
+@given(position=st.integers(min_value=0), value=st.integers(min_value=0, max_value=255))
+def test_no_changed_byte_goes_unnoticed(
+    tmp_path_factory: pytest.TempPathFactory, position: int, value: int
+) -> None:
+    folder = tmp_path_factory.mktemp("journal")
+    raw = bytearray(write(folder))
+    position %= len(raw)
+    if raw[position] == value:
+        return
+    raw[position] = value
+    (folder / JOURNAL_NAME).write_bytes(raw)
+    if position == len(raw) - 1:
+        # Only a line that does not end can be mistaken for one that was torn in the writing.
+        contents = read_journal(folder)
+        assert contents.torn
+        assert [(e.name, e.data) for e in contents.events] == list(EVENTS)[:-1]
+        return
+    with pytest.raises(JournalError, match=str(folder)):
+        read_journal(folder)
+
+
+def test_a_line_from_another_journal_does_not_fit(tmp_path: Path) -> None:
+    first = write(tmp_path / "one").splitlines(keepends=True)
+    journal = Journal.create(tmp_path / "two")
+    journal.append("opened", {"a": 2})
+    journal.close()
+    path = tmp_path / "two" / JOURNAL_NAME
+    path.write_bytes(path.read_bytes() + first[1] + first[2])
+    with pytest.raises(JournalError, match="line 2"):
+        read_journal(tmp_path / "two")
+
+
+def test_one_session_has_one_operator(tmp_path: Path) -> None:
+    journal = Journal.create(tmp_path)
+    journal.append("opened", {})
+    with pytest.raises(JournalError, match="in use"):
+        Journal.resume(tmp_path)
+    journal.close()
+    Journal.resume(tmp_path).close()
+
+
+def test_an_existing_session_is_not_overwritten(tmp_path: Path) -> None:
+    write(tmp_path)
+    with pytest.raises(JournalError, match="exists already"):
+        Journal.create(tmp_path)
+
+
+def test_non_finite_numbers_never_reach_the_file(tmp_path: Path) -> None:
+    journal = Journal.create(tmp_path)
+    with pytest.raises(ValueError, match="JSON"):
+        journal.append("pose", {"x": float("nan")})
+    journal.close()
+    assert (tmp_path / JOURNAL_NAME).read_bytes() == b""
+
+
+def test_lines_are_plain_json_with_a_checksum(tmp_path: Path) -> None:
+    first, *others = write(tmp_path).splitlines()
+    assert set(json.loads(first)) == {"schema", "seq", "utc", "event", "data", "sum"}
+    assert json.loads(first)["schema"] == "sarcal/journal/1"
+    assert first.startswith(b'{"schema":')
+    for line in others:
+        assert set(json.loads(line)) == {"seq", "utc", "event", "data", "sum"}
+
+
+@pytest.mark.parametrize(
+    "disk",
+    [
+        FailingDisk({"fsync": (1,)}),
+        FailingDisk({"write": (1,)}),
+        FailingDisk({"write": (1,)}, short=True),
+    ],
+    ids=["fsync", "write", "short write"],
+)
+def test_a_line_that_failed_is_taken_back_and_the_next_one_fits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, disk: FailingDisk
+) -> None:
+    journal = Journal.create(tmp_path)
+    for name, data in EVENTS:
+        journal.append(name, data)
+    whole = (tmp_path / JOURNAL_NAME).read_bytes()
+    fail(monkeypatch, disk)
+    with pytest.raises(JournalError, match=r"cannot write .*resume this session"):
+        journal.append("refused", {})
+    assert (tmp_path / JOURNAL_NAME).read_bytes() == whole
+    assert journal.append("first after", {}).seq == len(EVENTS) + 1
+    assert journal.append("second after", {}).seq == len(EVENTS) + 2
+    journal.close()
+    names = [*(name for name, _ in EVENTS), "first after", "second after"]
+    assert [event.name for event in read_journal(tmp_path).events] == names
+    resumed = Journal.resume(tmp_path)
+    assert resumed.contents.torn == ""
+    assert [event.name for event in resumed.contents.events] == names
+    resumed.close()
+
+
+@pytest.mark.parametrize(
+    "failing",
+    [{"fsync": (1,), "ftruncate": (1,)}, {"write": (1,), "ftruncate": (1,)}, {"fsync": (1, 2)}],
+    ids=["fsync and truncate", "write and truncate", "both fsyncs"],
+)
+def test_a_journal_that_cannot_take_a_line_back_takes_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: dict[str, tuple[int, ...]]
+) -> None:
+    journal = Journal.create(tmp_path)
+    for name, data in EVENTS:
+        journal.append(name, data)
+    fail(monkeypatch, FailingDisk(failing))
+    with pytest.raises(JournalError, match="cannot write"):
+        journal.append("refused", {})
+    left = (tmp_path / JOURNAL_NAME).read_bytes()
+    for _ in range(2):
+        with pytest.raises(JournalError, match=r"takes no more lines.*the disk failed.*resume"):
+            journal.append("after", {})
+    assert (tmp_path / JOURNAL_NAME).read_bytes() == left
+    journal.close()
+    resumed = Journal.resume(tmp_path)
+    kept = [(event.name, event.data) for event in resumed.contents.events]
+    assert kept[: len(EVENTS)] == list(EVENTS)
+    resumed.append("goes on", {})
+    resumed.close()
+    assert read_journal(tmp_path).events[-1].name == "goes on"
+
+
+def without_version(raw: bytes) -> bytes:
+    """The same lines as written before the first one stated a version."""
+    chain, lines = "", []
+    for line in raw.splitlines():
+        record = json.loads(line)
+        record.pop("schema", None)
+        record.pop("sum")
+        body = json.dumps(record, ensure_ascii=False, separators=(",", ":"))
+        chain = hashlib.sha256((chain + body).encode()).hexdigest()[:16]
+        lines.append(f'{body[:-1]},"sum":"{chain}"}}\n')
+    return "".join(lines).encode()
+
+
+def test_journals_from_before_the_version_stay_readable_and_go_on(tmp_path: Path) -> None:
+    path = tmp_path / JOURNAL_NAME
+    path.write_bytes(without_version(write(tmp_path)))
+    assert b"schema" not in path.read_bytes()
+    journal = Journal.resume(tmp_path)
+    journal.append("after", {})
+    journal.close()
+    assert [e.name for e in read_journal(tmp_path).events] == ["opened", "pose", "note", "after"]
+
+
+SHAPES: Mapping[str, tuple[Any, str]] = {
+    "newer": (
+        lambda p: p.write_bytes(newer(p.read_bytes())),
+        "is of the format sarcal/journal/2; this program reads sarcal/journal/1",
+    ),
+    "another program's": (lambda p: p.write_text('{"level": "info"}\n' * 3), "another program's"),
+    "text": (lambda p: p.write_text("Dear diary,\n"), "another program's"),
+    "lines of nothing": (lambda p: p.write_text("\n\n\n"), "another program's"),
+    "empty": (lambda p: p.write_bytes(b""), "is empty"),
+    "binary": (lambda p: p.write_bytes(bytes(range(256)) * 9), "binary"),
+    "folder": (lambda p: (p.unlink(), p.mkdir()), "a folder"),
+    "pipe": (lambda p: (p.unlink(), os.mkfifo(p)), "is a pipe"),
+    "device": (lambda p: (p.unlink(), p.symlink_to("/dev/zero")), "is a device"),
+    "list": (lambda p: p.write_text("[1, 2]\n"), "another program's"),
+    "deep": (lambda p: p.write_text('{"seq":1,"utc":"' + "[" * 100_000 + "\n"), "line 1"),
+}
+
+
+def newer(raw: bytes) -> bytes:
+    """The same journal with the version of tomorrow, its checksums right."""
+    first, rest = raw.split(b"\n", 1)
+    body = first.replace(b"journal/1", b"journal/2")[:-26] + b"}"
+    found = hashlib.sha256(body).hexdigest()[:16]
+    return body[:-1] + f',"sum":"{found}"}}\n'.encode() + rest
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_is_no_journal_is_one_error_that_names_the_file(tmp_path: Path, shape: str) -> None:
+    write(tmp_path)
+    change, words = SHAPES[shape]
+    change(tmp_path / JOURNAL_NAME)
+    for opened in (read_journal, Journal.resume):
+        with pytest.raises(JournalError) as refused:
+            opened(tmp_path)
+        assert words in refused.value.happened
+        assert str(tmp_path / JOURNAL_NAME) in refused.value.happened
+        assert refused.value.remedy
+
+
+def test_a_version_that_a_flipped_bit_made_is_damage_and_not_another_version(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / JOURNAL_NAME
+    path.write_bytes(write(tmp_path).replace(b"journal/1", b"journal/3"))
+    with pytest.raises(JournalDamagedError, match="line 1"):
+        read_journal(tmp_path)
+
+
+def test_a_damaged_last_line_is_not_cut_away(tmp_path: Path) -> None:
+    raw = write(tmp_path).replace(b'"t":"', b'"u":"')
+    path = tmp_path / JOURNAL_NAME
+    path.write_bytes(raw)
+    for opened in (read_journal, Journal.resume):
+        with pytest.raises(JournalDamagedError, match=r"line 3.*sarcal session repair"):
+            opened(tmp_path)
+    assert path.read_bytes() == raw
+
+
+def test_half_a_character_is_kept(tmp_path: Path) -> None:
+    """As in a reason typed in a terminal that does not speak UTF-8."""
+    journal = Journal.create(tmp_path)
+    journal.append("exported", {"forced": "caf\udce9"})
+    journal.close()
+    (tmp_path / JOURNAL_NAME).read_bytes().decode()
+    assert read_journal(tmp_path).events[0].data == {"forced": "caf\udce9"}

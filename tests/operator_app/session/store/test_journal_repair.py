@@ -1,0 +1,161 @@
+"""`sarcal session repair`: nothing that can be proven is lost, nothing that cannot be counts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from operator_app.cli import main
+from operator_app.errors import JournalDamagedError, JournalError
+from operator_app.session.store.folders import read_session
+from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
+from operator_app.session.store.journal_repair import examined, repair
+from oracles.journals import events, written
+
+SOUND = written(events())
+SHORT = written([(name, data) for name, data in events() if name != "opened"])
+"""Without the long first line, for what is tried often."""
+
+
+def broken(raw: bytes, line: int, *, sums: bool = False) -> bytes:
+    """A line of which no proof is left: several bytes of it were changed, of its checksum as well."""
+    lines = raw.splitlines(keepends=True)
+    found = bytearray(lines[line - 1])
+    for k in (10, 30, len(found) // 2):
+        found[k] = ord("#")
+    if sums:
+        found[-20:-10] = b"##########"
+    return b"".join([*lines[: line - 1], bytes(found), *lines[line:]])
+
+
+def told(folder: Path) -> list[tuple[str, dict]]:
+    return [(e.name, dict(e.data)) for e in read_journal(folder).events]
+
+
+def session(folder: Path, raw: bytes) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / JOURNAL_NAME).write_bytes(raw)
+    return folder
+
+
+def test_one_flipped_bit_bars_no_session(tmp_path: Path) -> None:
+    raw = bytearray(SOUND)
+    raw[2000] ^= 1
+    session(tmp_path, bytes(raw))
+    with pytest.raises(JournalDamagedError, match="line 1"):
+        read_journal(tmp_path)
+    found = repair(tmp_path)
+    assert found.lost == ()
+    assert found.aside is not None
+    assert found.aside.read_bytes() == bytes(raw)
+    *kept, note = told(tmp_path)
+    assert kept == events()
+    assert note == ("repaired", {"original": found.aside.name, "lost": [], "restored": [1]})
+    # What was concluded still stands: everything that it was made of is there.
+    assert found.state.solved["accepted"]
+    Journal.resume(tmp_path).close()
+
+
+@settings(max_examples=60)
+@given(position=st.integers(0, len(SHORT) - 1), bit=st.integers(0, 7))
+def test_any_flipped_bit_is_put_right(position: int, bit: int) -> None:
+    raw = bytearray(SHORT)
+    raw[position] ^= 1 << bit
+    lines, torn = examined(bytes(raw))
+    assert not torn
+    kept = [(line.event.name, line.event.data) for line in lines if line.event is not None]
+    assert kept == [e for e in events() if e[0] != "opened"]
+    assert sum(bool(line.words) for line in lines) == 1
+
+
+@pytest.mark.parametrize(("sums", "lost"), [(False, [9]), (True, [9, 10])])
+def test_what_is_not_proven_is_lost_and_said_and_all_else_is_kept(
+    tmp_path: Path, sums: bool, lost: list[int]
+) -> None:
+    session(tmp_path, broken(SOUND, 9, sums=sums))
+    found = repair(tmp_path)
+    assert list(found.lost) == lost
+    *kept, note = told(tmp_path)
+    assert kept == [e for k, e in enumerate(events(), 1) if k not in lost]
+    assert note[1]["lost"] == lost
+    assert "pose 2" in found.lines[8].words
+    assert [p.number for p in found.state.used_poses] == [1, 4]
+    # What was made of those poses does not count any more.
+    assert found.state.solved == {}
+    assert found.state.resumed
+
+
+def test_the_last_line_is_lost_only_when_nothing_proves_it(tmp_path: Path) -> None:
+    session(tmp_path, broken(SOUND, len(events())))
+    assert list(repair(tmp_path).lost) == [len(events())]
+
+
+def test_wrong_content_is_set_aside_as_well(tmp_path: Path) -> None:
+    found = events()
+    found[6][1]["mean_rad"] = [0.1] * 6
+    found[3][1]["start_rad"] = None
+    session(tmp_path, written(found))
+    repaired = repair(tmp_path)
+    assert list(repaired.lost) == [4, 7]
+    assert "pose.mean_rad has 6 items" in repaired.lines[6].words
+    assert read_session(tmp_path).problem == ""
+
+
+def test_a_whole_journal_is_left_alone(tmp_path: Path) -> None:
+    session(tmp_path, SOUND + b'{"seq":29,"torn')
+    found = repair(tmp_path)
+    assert found.aside is None
+    assert found.torn
+    assert (tmp_path / JOURNAL_NAME).read_bytes() == SOUND + b'{"seq":29,"torn'
+    assert [p.name for p in tmp_path.iterdir()] == [JOURNAL_NAME]
+
+
+def test_what_is_no_journal_is_not_repaired(tmp_path: Path) -> None:
+    session(tmp_path, b"Dear diary\n")
+    with pytest.raises(JournalError, match="another program's file"):
+        repair(tmp_path)
+    session(tmp_path / "used", SOUND)
+    journal = Journal.resume(tmp_path / "used")
+    with pytest.raises(JournalError, match="in use"):
+        repair(tmp_path / "used")
+    journal.close()
+
+
+def test_the_command_says_it_line_by_line_and_the_session_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = ["--sessions", str(tmp_path)]
+    folder = session(tmp_path / "one", broken(SOUND, 9))
+    assert main(["report", "one", *root]) == 2
+    assert f"sarcal session repair {folder}" in capsys.readouterr().err
+    assert main(["session", "repair", *root]) == 2
+    assert "name the session" in capsys.readouterr().err
+    assert main(["session", "repair", "one", *root]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "untouched in" in said
+    assert "lines 1 to 8: kept, proven by their checksum" in said
+    assert "line 9: lost: its checksum does not fit; it seems to have been: pose 2" in said
+    assert f"lines 10 to {len(events())}: kept" in said
+    assert "2 poses count" in said
+    assert f"Go on with: sarcal run --resume {folder}" in said
+    assert main(["session", "show", "one", "--json", *root]) == 0
+    assert json.loads(capsys.readouterr().out)["poses"] == 2
+    assert main(["session", "repair", "one", "--json", *root]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["repaired"], found["original"]) == (False, None)
+    assert {line["fate"] for line in found["lines"]} == {"kept"}
+
+
+def test_a_session_without_its_first_line_keeps_its_poses_and_says_that_it_cannot_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session(tmp_path / "one", broken(SOUND, 1))
+    assert main(["session", "repair", "one", "--sessions", str(tmp_path)]) == 0
+    assert "cannot go on" in capsys.readouterr().out
+    state = read_session(tmp_path / "one").state
+    assert state is not None
+    assert len(state.used_poses) == 3

@@ -1,0 +1,150 @@
+"""The process that solves: same result, ended at once, alone, and never left behind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.control.process_priority import first_in_line
+from operator_app.calibration.calibrate import calibrate
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses
+from operator_app.errors import Cancelled, SessionError
+from operator_app.session.store.solver_process import NICENESS, SolvingProcess
+from oracles import solving_jobs as jobs
+from solver.errors import SolverError, UnidentifiableError
+
+PATIENCE_S = 60.0
+
+
+def gone(pid: int) -> bool:
+    """Whether a process has ended; one that nobody has waited for yet has."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text("utf-8").rpartition(")")[2].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def wait_until_gone(pid: int) -> None:
+    for _ in range(int(PATIENCE_S / 0.01)):
+        if gone(pid):
+            return
+        threading.Event().wait(0.01)
+    raise AssertionError(f"process {pid} is still there")
+
+
+def test_it_finds_what_is_found_here(reference_data: Path) -> None:
+    poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
+    given = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses
+    here_said: list[int] = []
+    there_said: list[int] = []
+    here = calibrate(*given, progress=lambda number, _: here_said.append(number))
+    with SolvingProcess() as process:
+        there = process(calibrate, *given, progress=lambda number, _: there_said.append(number))
+    assert there_said == here_said
+    np.testing.assert_allclose(there.estimate.x, here.estimate.x, rtol=1e-9)
+    np.testing.assert_allclose(there.estimate.covariance, here.estimate.covariance, rtol=1e-6)
+    assert (there.reasons, there.warnings) == (here.reasons, here.warnings)
+
+
+def test_it_has_neither_bus_nor_terminal_nor_screen() -> None:
+    with SolvingProcess() as process:
+        found = process(jobs.surroundings, "word")
+        assert found["pid"] != os.getpid()
+        assert found["session"] == found["pid"]
+        assert not {"textual", "rich", "can", "canopen", "pydantic"} & set(found["modules"])
+        kinds = {name.partition(":")[0] for name in found["open"]}
+        assert kinds <= {"/dev/null", "pipe", "socket"}, found["open"]
+        assert sum(name.startswith("socket:") for name in found["open"]) == 1
+
+
+def test_one_process_does_one_thing_after_the_other_and_is_gone_in_the_end() -> None:
+    with SolvingProcess() as process:
+        said: list[int] = []
+        assert process(jobs.count, 5, progress=lambda n, _: said.append(n)) == 5
+        assert said == [0, 1, 2, 3, 4]
+        first, second = (process(jobs.surroundings, "")["pid"] for _ in range(2))
+        assert first == second
+    wait_until_gone(first)
+
+
+def test_what_is_cancelled_ends_at_once_whatever_it_does(tmp_path: Path) -> None:
+    ended = threading.Event()
+
+    def go_on() -> None:
+        if ended.is_set():
+            raise Cancelled
+
+    pids: list[int] = []
+
+    def progress(number: int, _: float) -> None:
+        pids.append(number)
+        ended.set()
+
+    with pytest.raises(Cancelled), SolvingProcess(go_on) as process:
+        process(jobs.never, str(tmp_path / "mark"), progress=progress)
+    wait_until_gone(pids[0])
+
+
+@pytest.mark.parametrize(
+    ("job", "words"),
+    [
+        ((jobs.break_down,), "A defect of this program: ZeroDivisionError"),
+        ((jobs.die, "killed"), r"ended by itself \(signal SIGKILL\)"),
+        ((jobs.die, "exit"), r"ended by itself \(exit code 7\)"),
+    ],
+)
+def test_what_goes_wrong_is_said_in_words(job, words: str) -> None:
+    with SolvingProcess() as process, pytest.raises(SessionError, match=words) as caught:
+        process(*job)
+    assert caught.value.remedy
+
+
+def test_what_the_solver_refuses_is_raised_as_it_is_here() -> None:
+    with SolvingProcess() as process:
+        with pytest.raises(SolverError, match="these poses say nothing"):
+            process(jobs.refuse)
+        with pytest.raises(UnidentifiableError) as caught:
+            process(jobs.cannot_tell, "theta_off_6")
+    assert caught.value.directions[0].parameters == ("theta_off_6",)
+    assert caught.value.note == "one note"
+
+
+def test_whoever_solves_runs_behind_everybody_else() -> None:
+    with first_in_line(), SolvingProcess() as process:
+        policy, niceness = process(jobs.turn)
+    assert policy == os.SCHED_OTHER
+    assert niceness >= NICENESS
+
+
+PARENT = """
+import sys
+from operator_app.session.store.solver_process import NICENESS, SolvingProcess
+from oracles import solving_jobs as jobs
+from solver.errors import SolverError, UnidentifiableError
+with SolvingProcess() as process:
+    process(jobs.never, sys.argv[1], progress=lambda *_: print("solving", flush=True))
+"""
+
+
+def test_it_ends_with_the_process_that_wanted_it_even_when_that_is_killed(tmp_path: Path) -> None:
+    mark = tmp_path / "pid"
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, str(mark)],
+        stdout=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    assert parent.stdout is not None
+    assert parent.stdout.readline() == b"solving\n"
+    child = int(mark.read_text("utf-8"))
+    assert not gone(child)
+    parent.kill()
+    parent.communicate()
+    wait_until_gone(child)

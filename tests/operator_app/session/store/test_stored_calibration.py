@@ -1,0 +1,117 @@
+"""A session's calibration comes out of its journal; it is solved again only where it must be, and says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.cross_validation import Checks
+from operator_app.config.procedure import Procedure
+from operator_app.errors import SessionError
+from operator_app.session.store import stored_calibration as module
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.replay import apply, replay
+from operator_app.session.store.state import SessionState
+from operator_app.session.store.stored_calibration import calibrated, checked, recorded
+from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.session import Session
+from oracles.opened import MakeSession
+from oracles.short_procedure import short_procedure
+
+
+def solved_session(make_session: MakeSession, procedure: Procedure) -> Session:
+    session = make_session(procedure)
+    session.connect()
+    session.set_modes((1, 5))
+    take_poses(session, Listener())
+    return session
+
+
+@pytest.fixture
+def procedure() -> Procedure:
+    return short_procedure(12)
+
+
+def test_what_was_solved_is_read_back_from_the_file(
+    make_session: MakeSession, procedure: Procedure, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = solved_session(make_session, procedure)
+    solution = session.calibrate()
+    checks = session.check(solution)
+    session.close("done")
+    # Whoever solves from here on fails.
+    monkeypatch.setattr(module, "calibrate", None)
+    monkeypatch.setattr(module, "check", None)
+    events = read_journal(session.journal.path.parent).events
+    state = replay((e.name, e.data, e.utc) for e in events)
+    found = calibrated(state, procedure)
+    assert found.solved_again == ""
+    assert found.solution.estimate.x.tobytes() == solution.estimate.x.tobytes()
+    assert found.solution.warnings == solution.warnings
+    assert isinstance(found.checks, Checks)
+    assert np.array_equal(found.checks.jackknife_sd, checks.jackknife_sd)
+    assert checked(found, state, procedure) is found
+    assert "record" not in state.solved
+
+
+def test_other_options_and_old_journals_are_solved_and_said(
+    make_session: MakeSession, procedure: Procedure
+) -> None:
+    session = solved_session(make_session, procedure)
+    session.calibrate(unsensed_joints=(7,))
+    state = session.state
+    assert calibrated(state, procedure).solution.model.unsensed_joints == (7,)
+    other = calibrated(state, procedure, unsensed_joints=())
+    assert other.solution.model.unsensed_joints == ()
+    assert "by implicit, joints [7] unsensed" in other.solved_again
+    old = replace(state, solution={})
+    again = calibrated(old, procedure)
+    assert "no solution" in again.solved_again
+    assert again.checks is None
+    assert again.solution.model.unsensed_joints == (7,)
+    assert (
+        "another version"
+        in calibrated(replace(state, solution={"version": 0}), procedure).solved_again
+    )
+    paper = calibrated(state, procedure, estimator="paper", unsensed_joints=())
+    # What judged it stands beside it, and is what the other estimator gives.
+    beside = paper.solution.beside
+    assert beside is not None
+    assert beside.estimator == "implicit"
+    np.testing.assert_array_equal(beside.x, other.solution.identified.x)
+    assert paper.solution.estimate.x.tobytes() == other.solution.beside.x.tobytes()
+    assert checked(paper, state, procedure).checks == Checks()
+    assert checked(other, state, procedure).checks.held_out is not None
+    with pytest.raises(SessionError, match="eliminates the hinge angle only"):
+        calibrated(state, procedure, estimator="paper")
+    session.exclude(3, "bumped")
+    assert isinstance(recorded(session.state), str)
+
+
+def test_a_session_without_poses_says_so(procedure: Procedure) -> None:
+    with pytest.raises(SessionError, match="no pose"):
+        calibrated(SessionState(), procedure)
+
+
+def test_second_opinions_belong_to_the_solution_they_follow() -> None:
+    state = apply(SessionState(), "solved", {"record": {"version": 1}}, "")
+    state = apply(state, "checked", {"record": {"version": 1, "outliers": []}}, "")
+    assert state.checks
+    assert apply(state, "solved", {"record": {"version": 1}}, "").checks == {}
+
+
+def test_a_solution_whose_figures_do_not_go_together_is_made_again(
+    make_session: MakeSession, procedure: Procedure
+) -> None:
+    session = solved_session(make_session, procedure)
+    session.calibrate()
+    state = session.state
+    assert not isinstance(recorded(state), str)
+    estimate = dict(state.solution["estimate"])
+    estimate["x"] = {"shape": [13], "values": estimate["x"]["values"][:13]}
+    short = replace(state, solution={**state.solution, "estimate": estimate})
+    assert recorded(short) == "the figures of the solution in its journal do not go together"
+    session.close("done")

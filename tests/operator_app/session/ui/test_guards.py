@@ -1,0 +1,216 @@
+"""Every guard, open and shut, and the words it says when it is shut."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from fixtures.base import SetupCheck, Severity
+from hardware.arm import Fault, JointMode
+from operator_app.session.store.steps import Step
+from operator_app.session.ui import guards
+from operator_app.session.ui.message_log import ARM_AGAIN, told
+from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
+from oracles.story import busy, lost, real, stale, stopped, story, tripped
+
+TOLD = (
+    "start", "connected", "ticked", "modes", "capturing", "captured", "solved", "written", "uploaded",
+)  # fmt: skip
+FIRST_CLOSED = {
+    "start": Step.FIXTURE,
+    "connected": Step.MODES,
+    "ticked": Step.CAPTURE,
+    "modes": Step.CALIBRATE,
+    "capturing": Step.RESULTS,  # three poses leave a degree of freedom
+    "captured": Step.RESULTS,
+    "solved": None,
+    "written": None,
+    "uploaded": Step.CAPTURE,  # all joints are held
+}
+
+
+def ours(s: SessionSnapshot) -> SessionSnapshot:
+    """Data that are old as nobody here looked."""
+    found = stale(s)
+    assert found.arm is not None
+    return replace(found, arm=replace(found.arm, late_s=0.2))
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_steps_open_one_after_the_other(name):
+    told = story()[name]
+    assert guards.first_closed(told) is FIRST_CLOSED[name]
+    missing = {step: guards.missing_for(step, told) for step in Step}
+    for step, sentences in missing.items():
+        assert all(len(s) > 15 and s[-1] != "." for s in sentences), step
+
+
+def refused(s):
+    bad = SetupCheck(code="X", severity=Severity.REFUSED, text="axes parallel", remedy="tilt it")
+    return replace(s, checks=(*s.checks, bad))
+
+
+def interrupted(s):
+    return replace(s, state=replace(s.state, resumed=True))
+
+
+def slipped(s):
+    return replace(s, state=replace(s.state, slipped="joint 3 jumped by 2 deg"))
+
+
+def not_accepted(s):
+    return replace(s, solution=replace(s.solution, reasons=("condition 900 is above 100",)))
+
+
+@pytest.mark.parametrize(
+    ("guard", "told", "change", "words"),
+    [
+        (guards.fixture_ready, "start", None, "no arm is connected"),
+        (guards.fixture_ready, "connected", real, "hardware stop is not tested"),
+        (guards.modes_ready, "connected", None, "6 items of the check list not ticked"),
+        (guards.modes_ready, "ticked", refused, "axes parallel: tilt it"),
+        (guards.modes_ready, "ticked", lambda s: replace(s, checks=()), "has not been checked"),
+        (guards.capture_ready, "ticked", None, "the joint modes are not set"),
+        (guards.capture_ready, "modes", stopped, "STOP is latched"),
+        (guards.may_move, "uploaded", lambda s: s, "all joints are held"),
+        (guards.may_capture, "uploaded", lambda s: s, "all joints are held"),
+        (guards.capture_ready, "modes", tripped, "drive 4 is in fault"),
+        (guards.calibrate_ready, "modes", None, "0 of at least 3 poses"),
+        (guards.results_ready, "captured", None, "no calibration of these poses"),
+        (guards.export_ready, "captured", None, "no calibration of these poses"),
+        (guards.export_ready, "solved", not_accepted, "not accepted: condition 900"),
+        (guards.may_connect, "connected", None, "connected already"),
+        (guards.may_use_data, "start", None, "no arm is connected"),
+        (guards.may_use_data, "modes", stopped, "STOP is latched"),
+        (guards.may_use_data, "modes", stale, "the data of J5 are 240 ms old: wait"),
+        (guards.may_use_data, "modes", ours, "240 ms old as this computer is late: wait"),
+        (guards.may_use_data, "modes", lost, "no data for 1.5 s"),
+        (guards.may_capture, "modes", stale, "240 ms old"),
+        (guards.may_capture, "ticked", None, "modes are not set"),
+        (
+            guards.may_capture,
+            "capturing",
+            interrupted,
+            "automatic capture reads pose 1 again first",
+        ),
+        (guards.may_capture, "capturing", slipped, "joint 3 jumped by 2 deg"),
+        (guards.may_move, "modes", lost, "no data for 1.5 s"),
+        (guards.may_move, "modes", lambda s: replace(s, next_waypoint=None), "every waypoint"),
+        (guards.may_run_automatically, "captured", None, "all 16 poses are captured"),
+        (guards.may_run_automatically, "modes", stopped, "STOP is latched"),
+        (guards.may_edit_pose, "modes", None, "no pose yet"),
+        (guards.may_calibrate, "modes", None, "0 of at least 3 poses"),
+        (
+            guards.may_calibrate,
+            "captured",
+            lambda s: replace(s, estimator="paper", unsensed_joints=(6,)),
+            "choose implicit",
+        ),
+        (guards.may_write, "captured", None, "no calibration"),
+        (guards.may_write, "solved", not_accepted, "not accepted"),
+        (guards.may_upload, "solved", stale, "240 ms old"),
+        (guards.may_upload, "solved", tripped, "drives are not enabled"),
+        (guards.may_report, "captured", None, "no calibration"),
+        (guards.may_verify, "captured", None, "no calibration"),
+        (guards.may_verify, "uploaded", None, "the arm is held"),
+        (guards.may_reset, "modes", None, "STOP is not latched"),
+    ],
+)
+def test_what_is_missing_is_said(guard, told, change, words):
+    s = story()[told]
+    s = s if change is None else change(s)
+    missing = guard(s)
+    assert missing
+    assert words in missing[0]
+
+
+@pytest.mark.parametrize(
+    ("guard", "told"),
+    [
+        (guards.may_connect, "start"),
+        (guards.fixture_ready, "connected"),
+        (guards.modes_ready, "ticked"),
+        (guards.capture_ready, "modes"),
+        (guards.may_capture, "modes"),
+        (guards.may_move, "modes"),
+        (guards.may_run_automatically, "capturing"),
+        (guards.may_edit_pose, "capturing"),
+        (guards.may_calibrate, "captured"),
+        (guards.may_write, "solved"),
+        (guards.may_upload, "solved"),
+        (guards.may_report, "solved"),
+        (guards.may_verify, "solved"),
+    ],
+)
+def test_nothing_is_missing(guard, told):
+    assert guard(story()[told]) == ()
+
+
+def test_a_drive_that_was_switched_off_at_the_drive_can_be_reset():
+    s = story()["modes"]
+    fault = Fault(node=3, joint=3, code=0, text="the drive is in switched on", sync_count=9)
+    assert guards.may_reset(replace(s, arm=replace(s.arm, faults=(fault,)))) == ()
+
+
+@pytest.mark.parametrize("change", [stopped, tripped])
+def test_a_latched_stop_and_a_tripped_drive_can_be_reset(change):
+    assert guards.may_reset(change(story()["modes"])) == ()
+
+
+@pytest.mark.parametrize(
+    "guard",
+    [
+        guards.may_connect,
+        guards.may_capture,
+        guards.may_move,
+        guards.may_run_automatically,
+        guards.may_edit_pose,
+        guards.may_calibrate,
+        guards.may_write,
+        guards.may_upload,
+        guards.may_report,
+        guards.may_verify,
+    ],
+)
+def test_one_thing_at_a_time(guard):
+    told = (
+        replace(story()["solved"], identity=None)
+        if guard is guards.may_connect
+        else story()["solved"]
+    )
+    assert guard(busy(told, TaskKind.EXPORT, moves=False)) == ("wait: writing",)
+
+
+@pytest.mark.parametrize(
+    ("joints", "words"),
+    [((1,), "would sag"), ((), "would sag"), ((1, 2, 5), "drive trips"), ((1, 5), None)],
+)
+def test_too_few_and_too_many_position_joints_are_explained(joints, words):
+    missing = guards.modes_problem(story()["ticked"], joints)
+    assert (missing == ()) if words is None else words in missing[0]
+    wanted = replace(story()["ticked"], wanted_joints=joints)
+    assert bool(guards.may_apply_modes(wanted)) == (words is not None)
+
+
+@pytest.mark.parametrize(
+    ("until", "open_"), [({TaskKind.CONNECT}, True), (ARM_AGAIN, True), ({TaskKind.MODES}, False)]
+)
+def test_what_an_alarm_asks_for_is_not_refused(until, open_):
+    """It says: connect again."""
+    s = told(story()["modes"], Level.ALARM, "why", time="12:00:00", until=frozenset(until))
+    assert (guards.may_connect(s) == ()) is open_
+
+
+def test_a_mode_that_a_drive_does_not_report_closes_capture():
+    s = story()["modes"]
+    wrong = tuple(replace(j, mode=JointMode.FREE) if j.joint == 1 else j for j in s.arm.joints)
+    s = replace(s, arm=replace(s.arm, joints=wrong))
+    assert "joint 1 reports free instead of position" in guards.capture_ready(s)[0]
+
+
+def test_any_key_ends_motion_and_nothing_else():
+    s = story()["modes"]
+    assert guards.ends_with_any_key(busy(s, TaskKind.MOVE, moves=True).task)
+    assert not guards.ends_with_any_key(busy(s, TaskKind.EXPORT, moves=False).task)
+    assert not guards.ends_with_any_key(None)

@@ -1,0 +1,348 @@
+"""The runner's promises to a screen: what it shows of work in hand, and that nothing waits."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from hardware.arm import Lateness
+from operator_app.errors import SessionError
+from operator_app.session.store.journal import read_journal
+from operator_app.session.ui.runner import WATCH_PERIOD_S, Runner
+from operator_app.session.ui.snapshot import Level, TaskKind
+from operator_app.session.ui.supervisor import UNSEEN_S, Watchman
+from operator_app.session.workflow.waypoints import waypoints_of
+from oracles.live_source import FakeSource
+
+PATIENCE_S = 30.0
+
+
+@pytest.fixture
+def runner(tmp_path: Path) -> Iterator[Runner]:
+    source = FakeSource(tmp_path / "sessions")
+    yield source.new()
+    source.close("end of the test")
+
+
+class Eager(queue.SimpleQueue):
+    """Returns from handing work over when it is done: no worker can be quicker."""
+
+    def __init__(self) -> None:
+        self._waits = threading.Semaphore(0)
+
+    def get(self, *_: object) -> object:
+        self._waits.release()
+        return super().get()
+
+    def put(self, item: object, *_: object) -> None:
+        if item is not None:
+            assert self._waits.acquire(timeout=PATIENCE_S)
+        super().put(item)
+        if item is not None:
+            assert self._waits.acquire(timeout=PATIENCE_S)
+            self._waits.release()
+
+
+def finish(runner: Runner) -> None:
+    """Wait until the worker has done everything that was handed in before."""
+    done = threading.Event()
+    runner.submit(TaskKind.NOTE, "the last", done.set)
+    assert done.wait(PATIENCE_S)
+    for _ in range(10_000):
+        if not runner._hand:
+            return
+        threading.Event().wait(0.001)
+
+
+def test_work_that_is_over_at_once_is_not_shown_for_ever(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("operator_app.session.ui.runner.queue", SimpleNamespace(SimpleQueue=Eager))
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    ran: list[int] = []
+    for k in range(3):
+        runner.submit(TaskKind.CONNECT, f"job {k}", lambda k=k: ran.append(k))
+        assert runner.snapshot().task is None
+    assert ran == [0, 1, 2]
+    source.close("end of the test")
+
+
+def test_work_is_shown_before_it_begins_and_while_it_lasts(runner: Runner) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+
+    def work() -> None:
+        begun.set()
+        go_on.wait(PATIENCE_S)
+
+    runner.submit(TaskKind.CALIBRATE, "the first", work)
+    assert begun.wait(PATIENCE_S)
+    runner.submit(TaskKind.NOTE, "the second", lambda: None)
+    task = runner.snapshot().task
+    assert task is not None
+    assert (task.kind, task.text) == (TaskKind.CALIBRATE, "the first")
+    go_on.set()
+    finish(runner)
+    assert runner.snapshot().task is None
+
+
+def test_what_is_being_connected_to_can_be_stopped(runner: Runner) -> None:
+    seen: list[bool] = []
+    runner.submit(TaskKind.CONNECT, "connecting", lambda: seen.append(runner.connected))
+    finish(runner)
+    assert seen == [True]
+    assert not runner.connected
+
+
+def test_what_waits_behind_cancelled_work_never_begins(runner: Runner) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+    ran: list[str] = []
+
+    def work() -> None:
+        begun.set()
+        go_on.wait(PATIENCE_S)
+
+    runner.submit(TaskKind.AUTOMATIC, "the first", work)
+    runner.submit(TaskKind.MOVE, "the second", lambda: ran.append("second"))
+    assert begun.wait(PATIENCE_S)
+    runner.cancel()
+    go_on.set()
+    finish(runner)
+    assert not ran
+    assert any("the second: ended by the operator" in m.text for m in runner.snapshot().messages)
+
+
+def test_that_this_computer_was_late_is_said_once(tmp_path: Path) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
+    finish(runner)
+    assert source.arm is not None
+    source.arm.lateness = Lateness(times=1, last_s=0.4, longest_s=0.4)
+    said: list[tuple[Level, str]] = []
+    end = time.monotonic() + PATIENCE_S
+    while not said and time.monotonic() < end:
+        threading.Event().wait(WATCH_PERIOD_S)
+        said = [(m.level, m.text) for m in runner.snapshot().messages if "late" in m.text]
+    threading.Event().wait(3 * WATCH_PERIOD_S)
+    assert len([m for m in runner.snapshot().messages if "late" in m.text]) == 1
+    assert said[0][0] is Level.WARNING
+    assert said[0][1].startswith("this computer was late by 0.4 s")
+    source.close("end of the test")
+
+
+def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(tmp_path: Path) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
+    finish(runner)
+    arm = source.arm
+    assert arm is not None
+    reset = arm.reset_stop
+
+    def reset_and_pressed_again() -> None:
+        reset()
+        arm.stop()
+
+    arm.reset_stop = reset_and_pressed_again
+    runner.stop()
+    runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
+    finish(runner)
+    s = runner.snapshot()
+    assert s.stopped
+    assert s.stop is not None
+    assert not any("STOP reset" in m.text for m in s.messages)
+    arm.reset_stop = reset
+    runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
+    finish(runner)
+    assert runner.snapshot().stop is None
+    assert any("STOP reset" in m.text for m in runner.snapshot().messages)
+    source.close("end of the test")
+
+
+def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
+    """A screen on a terminal that is not read any more takes no key that stops."""
+    ended = threading.Event()
+
+    def work() -> None:
+        while not runner.cancelled():
+            threading.Event().wait(0.01)
+        ended.set()
+
+    runner.submit(TaskKind.MOVE, "moving", work)
+    # Looked at, it goes on.
+    for _ in range(int(2 * UNSEEN_S / 0.05)):
+        runner.snapshot()
+        assert not ended.wait(0.05)
+    assert ended.wait(PATIENCE_S)
+    assert any("the screen did not answer" in m.text for m in runner.snapshot().messages)
+
+
+def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path, monkeypatch) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Watchman, "_look_at_motion", broken)
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    for _ in range(1000):
+        if runner.defect is not None:
+            break
+        threading.Event().wait(0.01)
+    assert isinstance(runner.defect, ZeroDivisionError)
+    assert source.arm is not None
+    assert source.arm.stops
+    source.close("end of the test")
+
+
+def test_a_plan_once_begun_is_the_plan_that_is_shown(runner: Runner) -> None:
+    work = runner.operations
+    work.connect()
+    work.set_modes((1, 5))
+    before = runner.snapshot().plan
+    work.go(3)
+    work.check_fixture()
+    assert runner.snapshot().plan == before == waypoints_of(runner.session)
+    assert runner.snapshot().at_waypoint == 3
+
+
+def test_a_new_calibration_was_not_verified(runner: Runner) -> None:
+    work = runner.operations
+    work.connect()
+    work.set_modes((1, 5))
+    work.automatic()
+    work.results.calibrate("implicit", ())
+    work.results.verify(2)
+    assert runner.snapshot().verification is not None
+    work.results.calibrate("implicit", ())
+    shown = runner.snapshot()
+    assert shown.verification is None
+    assert shown.written is None
+    assert shown.solution is not None
+
+
+def test_held_joints_are_not_driven_against_each_other(runner: Runner) -> None:
+    work = runner.operations
+    work.connect()
+    work.set_modes((1, 5))
+    work.hold()
+    before = runner.session.arm.snapshot().positions_rad
+    with pytest.raises(SessionError, match="7"):
+        work.go(0)
+    with pytest.raises(SessionError, match="7"):
+        work.wiggle()
+    with pytest.raises(SessionError, match="7"):
+        work.capture(0)
+    assert abs(runner.session.arm.snapshot().positions_rad - before).max() < 0.02
+    assert not runner.session.state.poses
+
+
+def kept_faults(runner: Runner) -> list[object]:
+    """Joints of the sensor faults in the journal."""
+    events = read_journal(runner.session.journal.path.parent).events
+    return [e.data["joint"] for e in events if e.name == "sensor_fault"]
+
+
+def with_a_pose(runner: Runner) -> None:
+    """Connect, and capture the first pose."""
+    work = runner.operations
+    work.connect()
+    work.set_modes((1, 5))
+    work.capture(0)
+
+
+def wait_until_told(runner: Runner) -> None:
+    """Wait until the watchman has seen why the arm was stopped, and handed that in."""
+    end = time.monotonic() + PATIENCE_S
+    while not any("J5" in a.text or "oint 5" in a.text for a in runner.snapshot().alarms):
+        assert time.monotonic() < end
+        threading.Event().wait(WATCH_PERIOD_S)
+    while len(runner._hand) < 2:
+        assert time.monotonic() < end
+        threading.Event().wait(WATCH_PERIOD_S)
+
+
+def stopped_by_itself_while_calibrating(source: FakeSource, runner: Runner) -> None:
+    """With a pose, and a calibration in hand that ends only when it is cancelled."""
+    with_a_pose(runner)
+    assert source.arm is not None
+    begun = threading.Event()
+
+    def calibrating() -> None:
+        begun.set()
+        while not runner.cancelled():
+            threading.Event().wait(0.01)
+
+    runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
+    assert begun.wait(PATIENCE_S)
+    source.arm.go_astray(5)
+    wait_until_told(runner)
+
+
+def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(tmp_path: Path) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    stopped_by_itself_while_calibrating(source, runner)
+    runner.stop()
+    runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
+    finish(runner)
+    assert not runner.snapshot().stopped
+    assert kept_faults(runner) == [5]
+    assert runner.session.state.slipped
+    assert runner.session.state.used_poses == ()
+    source.close("end of the test")
+
+
+def test_why_the_arm_was_stopped_is_kept_though_the_session_is_closed_meanwhile(
+    tmp_path: Path,
+) -> None:
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    stopped_by_itself_while_calibrating(source, runner)
+    source.close("end of the test")
+    assert kept_faults(runner) == [5]
+
+
+def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_ended(
+    tmp_path: Path, monkeypatch
+) -> None:
+    """The screen and the watchman: a job that no key could end would be the wrong one's."""
+
+    class Slow(queue.SimpleQueue):
+        """Whoever hands in the first job is held up in the middle of it."""
+
+        second = threading.Event()
+
+        def put(self, item: object, *_: object) -> None:
+            if getattr(item, "text", "") == "the first":
+                self.second.wait(0.5)
+            super().put(item)
+            if getattr(item, "text", "") == "the second":
+                self.second.set()
+
+    monkeypatch.setattr("operator_app.session.ui.runner.queue", SimpleNamespace(SimpleQueue=Slow))
+    source = FakeSource(tmp_path / "sessions")
+    runner = source.new()
+    begun, ended = threading.Event(), threading.Event()
+
+    def work() -> None:
+        begun.set()
+        while not runner.cancelled() and not runner._closing.is_set():
+            threading.Event().wait(0.01)
+        if runner.cancelled() and not runner._closing.is_set():
+            ended.set()
+
+    first = threading.Thread(target=runner.submit, args=(TaskKind.MOVE, "the first", work))
+    first.start()
+    while not runner._hand:
+        threading.Event().wait(0.001)
+    runner.submit(TaskKind.NOTE, "the second", lambda: None)
+    first.join()
+    assert begun.wait(PATIENCE_S)
+    runner.cancel()
+    assert ended.wait(5.0)
+    source.close("end of the test")

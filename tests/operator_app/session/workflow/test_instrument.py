@@ -1,0 +1,252 @@
+"""The instrument port: whichever way the lines come, the measurement is of the pose that was asked for."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hardware.errors import InstrumentError
+from hardware.line_port import LONGEST, CalledLines, GrowingFile, StdinLines, TcpLines
+from hardware.virtual.tracker_port import serve_tracker
+from operator_app.errors import SessionError
+from operator_app.session.workflow.instrument import Instrument, TargetLostError, port_of
+
+POSE = {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "rx_deg": 0.0, "ry_deg": 0.0, "rz_deg": 90.0}
+TURNED = [1.0, 2.0, 3.0, 0.0, 0.0, np.pi / 2]
+
+
+def says(*lines: dict | str, full_pose: bool = True, patience_s: float = 0.0) -> Instrument:
+    """An instrument that answers any question with these lines, then is silent."""
+
+    class Port(CalledLines):
+        def ask(self, question: str) -> None:
+            self.left = [line if isinstance(line, str) else json.dumps(line) for line in lines]
+
+        def line(self, wait_s: float) -> str | None:
+            del wait_s
+            return self.left.pop(0) if self.left else None
+
+    port = Port(lambda _: "", "tcp:lab:7327")
+    return Instrument(port, full_pose=full_pose, patience_s=patience_s)
+
+
+def test_a_measurement_of_another_pose_is_not_taken_for_this_one() -> None:
+    lines = ({"pose": "11", **POSE, "x_m": 9.0}, "", {"pose": "12", **POSE})
+    found = says(*lines, patience_s=60.0).measure("12")
+    assert found is not None
+    assert found.tolist() == pytest.approx(TURNED)
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([], "tcp:lab:7327 measured nothing for 0 s at pose 12"),
+        ([{"pose": "11", **POSE}], "it spoke of pose 11"),
+        ([{"x_m": 1, "y_m": 2, "z_m": 3}], "did not say how the target is turned at pose 12"),
+        ([{"x_m": 1000, "y_m": 2, "z_m": 3}], "for pose 12 has x_m 1000"),
+        (["hello"], "is no JSON"),
+    ],
+)
+def test_silence_and_what_is_missing_are_said_with_the_pose(lines: list, words: str) -> None:
+    with pytest.raises(InstrumentError) as caught:
+        says(*lines).measure("12")
+    assert words in str(caught.value)
+
+
+def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either() -> None:
+    class Streaming(CalledLines):
+        def line(self, wait_s: float) -> str | None:
+            del wait_s
+            return json.dumps({"pose": "11", **POSE})
+
+    instrument = Instrument(Streaming(lambda _: "", "tcp:lab:1"), full_pose=True, patience_s=0.05)
+    with pytest.raises(InstrumentError, match=r"measured nothing .* it spoke of pose 11"):
+        instrument.measure("12")
+
+
+def test_where_positions_are_wanted_a_turn_is_left_out() -> None:
+    found = says(POSE, full_pose=False).measure("1")
+    assert found is not None
+    assert found.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_a_lost_target_is_no_broken_instrument() -> None:
+    with pytest.raises(TargetLostError, match="beam broken"):
+        says({"lost": "beam broken"}).measure("1")
+
+
+def test_the_operator_may_end_the_waiting() -> None:
+    assert says(patience_s=60.0).measure("1", lambda: True) is None
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[int, list[str], Callable[[str], None]]]:
+    """A port, the questions that came to it, and what sets its answer."""
+    asked: list[str] = []
+    answer = [json.dumps(POSE)]
+
+    def answered(question: str) -> str:
+        asked.append(question.strip())
+        return answer[0]
+
+    with serve_tracker(answered, 0) as port:
+        yield port, asked, lambda text: answer.__setitem__(0, text)
+
+
+def test_over_tcp_it_is_asked_and_what_came_before_is_forgotten(served) -> None:
+    port, asked, answer = served
+    instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
+    instrument.open()
+    # Two lines for one question: the second one is of a time before the next.
+    answer(json.dumps({**POSE, "x_m": 5.0}) + "\n" + json.dumps({**POSE, "x_m": 7.0}))
+    first = instrument.measure("1")
+    answer(json.dumps(POSE))
+    second = instrument.measure("2")
+    instrument.close()
+    assert first is not None
+    assert second is not None
+    assert (first[0], second[0]) == (5.0, 1.0)
+    assert asked == ['{"measure": "1"}', '{"measure": "2"}']
+
+
+def test_nobody_there_and_somebody_gone_are_said_with_the_remedy() -> None:
+    with serve_tracker(lambda _: "x", 0) as port:
+        instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
+    with pytest.raises(InstrumentError, match="Start the tracker's program"):
+        instrument.open()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        instrument = Instrument(TcpLines("127.0.0.1", server.getsockname()[1]), full_pose=True)
+        instrument.open()
+        server.accept()[0].close()
+        with pytest.raises(InstrumentError, match="hung up"):
+            instrument.measure("1")
+
+
+def test_one_that_sends_without_end_is_said_and_fills_no_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hardware.line_port.CONNECT_S", 0.3)
+    ended = threading.Event()
+
+    def flood(server: socket.socket) -> None:
+        with contextlib.suppress(OSError), server.accept()[0] as client:
+            while not ended.is_set():
+                client.sendall(b"y" * 65536)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=flood, args=(server,))
+        thread.start()
+        port = TcpLines("127.0.0.1", server.getsockname()[1])
+        port.open()
+        try:
+            with pytest.raises(InstrumentError, match=r"sends (faster|no lines)"):
+                Instrument(port, full_pose=True).measure("1")
+        finally:
+            ended.set()
+            port.close()
+            thread.join()
+
+
+def test_a_port_that_is_taken_is_said_with_another(served) -> None:
+    with (
+        pytest.raises(InstrumentError, match="another program does"),
+        serve_tracker(lambda _: "", served[0]),
+    ):
+        pass
+
+
+def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path: Path) -> None:
+    path = tmp_path / "seen.csv"
+    path.write_text("x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n5,5,5,0,0,0\n6,6,6,0,0,")
+    port = GrowingFile(path)
+    instrument = Instrument(port, full_pose=True)
+    instrument.open()
+    port.ask("")
+    with path.open("a") as file:
+        file.write("0\n1,2,3,0,0,9")
+        file.flush()
+        # The row that was half written when it was asked is of before; the new one is not whole.
+        assert port.line(0.0) is None
+        assert port.line(0.0) is None
+        file.write("0\n")
+    assert port.line(0.0) == "1,2,3,0,0,90"
+    path.write_text("x_m\n")
+    with pytest.raises(InstrumentError, match="written anew"):
+        port.line(0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [(None, "cannot be read"), ("x_m,y_m", "no heading yet"), ("x_m,y_m\n", "has no z_m")],
+)
+def test_a_file_without_a_heading_is_refused_at_once(
+    tmp_path: Path, text: str | None, words: str
+) -> None:
+    path = tmp_path / "seen.csv"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InstrumentError, match=words):
+        Instrument(GrowingFile(path), full_pose=True).open()
+
+
+def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path: Path) -> None:
+    """A pipe would be waited for without end: who writes to it may never come."""
+    pipe = tmp_path / "rows.csv"
+    os.mkfifo(pipe)
+    for place in (pipe, tmp_path, Path("/dev/zero")):
+        with pytest.raises(InstrumentError, match="is no file but a folder, a pipe or a device"):
+            port_of(f"file:{place}").open()
+    with pytest.raises(InstrumentError, match="cannot be read"):
+        port_of("file:x\0y").open()
+    # A file by its kind, whose bytes nobody can have.
+    with pytest.raises(InstrumentError, match="cannot be read"):
+        port_of("file:/proc/self/mem").open()
+
+
+def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "rows.csv"
+    file.write_text("x_m,y_m,z_m\n")
+    port = GrowingFile(file)
+    port.open()
+    port.ask("")
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(InstrumentError, match=r"shorter|a pipe"):
+        port.line(0.0)
+
+
+def test_a_carriage_return_in_a_line_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "rows.csv"
+    file.write_bytes(b"x_m,y_\rm,z_m\n")
+    with pytest.raises(InstrumentError, match=r"the heading of file:.* is no line of CSV"):
+        Instrument(GrowingFile(file), full_pose=False).open()
+
+
+def test_standard_input_gives_lines_until_it_ends() -> None:
+    endless = b"x" * (3 * LONGEST)
+    port = StdinLines(io.BytesIO(b'{"a": 1}\n\xff\n' + endless))
+    port.open()
+    assert [port.line(5.0), port.line(5.0)] == ['{"a": 1}', "\ufffd"]
+    assert [len(port.line(5.0) or "") for _ in range(3)] == [LONGEST] * 3
+    with pytest.raises(InstrumentError, match="standard input ended"):
+        port.line(5.0)
+
+
+@pytest.mark.parametrize("source", ["", "tcp:lab", "tcp:lab:0", "tcp:lab:99999", "file:", "usb:1"])
+def test_what_names_no_port_is_refused_with_those_there_are(source: str) -> None:
+    with pytest.raises(SessionError, match="Write tcp:HOST:PORT"):
+        port_of(source)
+
+
+def test_ports_are_named_in_the_words_they_were_asked_for(tmp_path: Path) -> None:
+    for source in ("tcp:lab:7327", f"file:{tmp_path / 'a.csv'}", "stdin"):
+        assert port_of(source).name == source

@@ -1,0 +1,125 @@
+"""Which bus a session is on is decided once: what was really opened is journalled, and resumed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from hardware.timing import Pace
+from operator_app.cli import main
+from operator_app.composition import open_arm, unattended
+from operator_app.config.resources import resolve
+from operator_app.errors import SessionError
+from operator_app.session.store.folders import read_session
+from operator_app.session.ui.sessions import Sessions
+from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
+from oracles.plant_arm import PlantArm
+
+CHANNEL = f"test-opening-{os.getpid()}"
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Iterator[Sessions]:
+    """The sessions of the terminal app and of plain mode, without options."""
+    join = partial(open_arm, pace=Pace.REAL_TIME)
+    made = Sessions("hinge", Choices(), root=tmp_path / "sessions", join=join)
+    yield made
+    made.close("end of the test")
+
+
+@pytest.fixture
+def loopback(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Another bus than the default, named by the environment only."""
+    monkeypatch.setenv("CAN_INTERFACE", "loopback")
+    monkeypatch.setenv("CAN_CHANNEL", CHANNEL)
+    return monkeypatch
+
+
+def test_what_the_terminal_app_journals_is_the_bus_it_opened(
+    source: Sessions, loopback: pytest.MonkeyPatch
+) -> None:
+    begun = source.new()
+    folder = begun.session.journal.path.parent
+    assert begun.session.state.settings["interface"] == "loopback"
+    assert begun.session.state.settings["channel"] == CHANNEL
+    assert begun.snapshot().bus == f"loopback {CHANNEL}"
+    assert not begun.snapshot().simulated
+    begun.session.record("connected", {"serial_number": "SDA-0001"})
+    source.close("left")
+    assert read_session(folder).state is not None
+
+    loopback.delenv("CAN_INTERFACE")
+    loopback.delenv("CAN_CHANNEL")
+    again = source.resumed(folder.name)
+    assert again.snapshot().bus == f"loopback {CHANNEL}"
+    assert not again.snapshot().simulated
+
+
+def test_a_run_journals_the_same(
+    tmp_path: Path, loopback: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sessions = tmp_path / "sessions"
+    with unattended(begin("hinge", Choices(), root=sessions)) as session:
+        state = read_session(session.journal.path.parent).state
+    assert state is not None
+    assert not sessions.exists()  # nothing was connected: it held nothing
+    assert main(["run", "hinge", "--sessions", str(sessions)]) == 3
+    assert "no pose was taken" in capsys.readouterr().err
+    assert not sessions.exists()
+    assert (state.settings["interface"], state.settings["channel"]) == ("loopback", CHANNEL)
+
+
+def test_the_embedded_arm_is_journalled_by_scenario_and_seed(source: Sessions) -> None:
+    settings = source.new().session.state.settings
+    assert (settings["interface"], settings["scenario"], settings["seed"]) == (
+        "virtual", "datasheet", 0,
+    )  # fmt: skip
+
+
+def test_the_patience_for_an_object_is_the_procedures(tmp_path: Path) -> None:
+    opening = begin("hinge", Choices(), root=tmp_path)
+    slow = replace(opening.procedure, bus=replace(opening.procedure.bus, sdo_timeout_s=7.5))
+    with open_arm(opening) as usual, open_arm(replace(opening, procedure=slow)) as patient:
+        timings = [rig.arm.on_bus.timing for rig in (usual, patient)]
+    assert [timing.sdo_timeout_s for timing in timings] == [10.0, 7.5]
+
+
+def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(
+    tmp_path: Path,
+) -> None:
+    own, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
+    packaged = resolve("profile", "sarcos").data.decode()
+    own.write_text(packaged.replace("name: sarcos", "name: own"))
+    other.write_text(packaged.replace("180h + node", "380h + node"))
+    opening = begin("hinge", Choices(profile=str(own)), root=tmp_path)
+    with open_arm(opening) as rig:
+        session = open_session(rig)
+        session.close("done")
+    own.unlink()  # the journal has it
+    again = resume(str(opening.folder), Choices(), root=tmp_path)
+    assert again.procedure.profile == opening.procedure.profile
+    assert again.procedure.profile.name == "own"
+    with pytest.raises(SessionError, match=r"other\.yaml is not that\. Leave --profile out"):
+        resume(str(opening.folder), Choices(profile=str(other)), root=tmp_path)
+
+
+def test_sessions_begun_in_one_second_have_a_folder_each(tmp_path: Path) -> None:
+    """Each looked which name was free before any of them was there."""
+    now = datetime(2026, 11, 23, 8, tzinfo=UTC)
+    openings = [begin("hinge", Choices(), root=tmp_path, clock=lambda: now) for _ in range(3)]
+    arms = [PlantArm(opening.procedure, "exact") for opening in openings]
+    made = [
+        open_session(Rig(arm=arm, opening=opening, simulated=True))
+        for arm, opening in zip(arms, openings, strict=True)
+    ]
+    names = [session.journal.path.parent.name for session in made]
+    assert names == [f"20261123-080000-hinge{more}" for more in ("", "-2", "-3")]
+    for session in made:
+        session.close("done")
+        assert read_session(session.journal.path.parent).problem == ""

@@ -1,0 +1,99 @@
+"""Steps at any pose: named at the right pose with the right size, and rarely where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.diagnostics.change_points import EDGE, Suspect, step_threshold, steps
+from solver.diagnostics.whitened_residuals import LeftOver, left_over
+
+POSES, ROWS, UNKNOWNS = 40, 5, 14
+
+
+@pytest.fixture(scope="module")
+def columns() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(1)
+    return rng.normal(size=(POSES, ROWS, UNKNOWNS)), rng.normal(size=(POSES, ROWS, 4))
+
+
+def fitted(A: np.ndarray, w: np.ndarray) -> LeftOver:
+    return left_over(w, A, np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
+
+
+def suspects(G: np.ndarray) -> tuple[Suspect, ...]:
+    return (Suspect(name="one", columns=G[..., :1]), Suspect(name="three", columns=G[..., 1:]))
+
+
+@pytest.mark.parametrize("pose", [EDGE, 17, POSES - EDGE])
+def test_a_step_is_found_where_it_is_and_as_large_as_it_is(
+    columns: tuple[np.ndarray, np.ndarray], pose: int
+) -> None:
+    A, G = columns
+    w = np.random.default_rng(pose).normal(size=(POSES, ROWS))
+    w[pose:] += 12.0 * G[pose:, :, 0]
+    found, other = steps(fitted(A, w), suspects(G))
+    assert (found.suspect, found.pose) == ("one", pose)
+    assert found.significant
+    assert abs(found.size[0] - 12.0) < 4.0 * found.sd[0]
+    assert other.suspect == "three"
+
+
+def test_all_steps_at_once_are_those_fitted_one_by_one(
+    columns: tuple[np.ndarray, np.ndarray],
+) -> None:
+    """A second way: least squares with and without each step's columns."""
+    A, G = columns
+    w = np.random.default_rng(9).normal(size=(POSES, ROWS))
+    J, y = A.reshape(-1, UNKNOWNS), w.reshape(-1)
+    without = float(np.linalg.lstsq(J, y)[1][0])
+    gains = []
+    for pose in range(EDGE, POSES - EDGE + 1):
+        late = G[..., 1:].copy()
+        late[:pose] = 0.0
+        with_step = np.concatenate((J, late.reshape(-1, 3)), axis=1)
+        gains.append(without - float(np.linalg.lstsq(with_step, y)[1][0]))
+    found = {step.suspect: step for step in steps(fitted(A, w), suspects(G))}["three"]
+    assert found.pose == EDGE + int(np.argmax(gains))
+    assert found.chi2 == pytest.approx(max(gains), rel=1e-9)
+    assert found.dof == 3
+
+
+def test_what_the_fit_has_taken_up_already_is_no_step(
+    columns: tuple[np.ndarray, np.ndarray],
+) -> None:
+    A, G = columns
+    everywhere = np.repeat(np.eye(POSES)[:, None, :], ROWS, axis=1) * G[..., :1]
+    w = np.random.default_rng(2).normal(size=(POSES, ROWS))
+    left = fitted(A, w).also(everywhere)
+    assert steps(left, suspects(G)[:1]) == ()
+
+
+@pytest.mark.parametrize(("poses", "dof"), [(12, 1), (40, 1), (40, 5), (150, 3)])
+def test_the_threshold_is_exceeded_as_often_as_it_says(poses: int, dof: int) -> None:
+    rng = np.random.default_rng([poses, dof])
+    A = rng.normal(size=(poses, ROWS, 4))
+    G = rng.normal(size=(poses, ROWS, dof))
+    runs, level = 1500, 0.03
+    alarms = sum(
+        steps(
+            fitted(A, rng.normal(size=(poses, ROWS))),
+            (Suspect(name="any", columns=G),),
+            false_alarm=level,
+        )[0].significant
+        for _ in range(runs)
+    )
+    # Never more than it says, by chance apart, and not so few that it hardly looks.
+    assert 0.2 * level * runs < alarms < level * runs + 3.0 * np.sqrt(level * runs)
+
+
+def test_more_poses_and_more_unknowns_need_more_evidence() -> None:
+    assert step_threshold(20, 1, 1e-3) < step_threshold(200, 1, 1e-3) < step_threshold(200, 5, 1e-3)
+    assert step_threshold(40, 1, 1e-2) < step_threshold(40, 1, 1e-4)
+
+
+def test_too_few_poses_show_no_step(columns: tuple[np.ndarray, np.ndarray]) -> None:
+    A, G = columns
+    w = np.ones((2 * EDGE - 1, ROWS))
+    few = left_over(w, A[: len(w)], np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
+    assert steps(few, (Suspect(name="one", columns=G[: len(w), :, :1]),)) == ()

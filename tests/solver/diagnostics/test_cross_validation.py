@@ -1,0 +1,137 @@
+"""Hold-out and verification: the right poses, the right rates, and what they catch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from solver.arrays import IntArray
+from solver.diagnostics.cross_validation import far_block, fold_poses, hold_out, verify
+from solver.estimators.estimate import Estimate
+from solver.estimators.implicit import NoiseModel, estimate_implicit, fit_implicit
+from tests.oracles.loop_oracle import Truth
+from tests.oracles.simulated_loops import Simulation
+from tests.solver.conftest import NAMES, loop_of
+
+SIMULATION = Simulation(poses=50, wrist_sd=6e-3)
+NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
+TRAIN, TEST = slice(0, 30), slice(30, 50)
+
+
+def implicit(truth: Truth, q: np.ndarray, variance: np.ndarray) -> Callable[[IntArray], Estimate]:
+    every = np.broadcast_to(variance, q.shape)
+    return lambda rest: estimate_implicit(
+        loop_of(truth), q[rest], NoiseModel(joint_variance=every[rest])
+    )
+
+
+def test_verification_of_sound_poses_has_the_right_rate(truth: Truth) -> None:
+    model, accepted, ratios, chances = loop_of(truth), 0, [], []
+    for seed in range(60):
+        q = SIMULATION.rereadings(seed)
+        fit = fit_implicit(model, q[TRAIN], NOISE, truth.values(NAMES))
+        found = verify(model, fit.x, fit.covariance, q[TEST], NOISE)
+        assert found.closed.all()
+        assert found.flipped == ()
+        accepted += found.chi2.accepted
+        ratios.append(found.chi2.per_dof)
+        chances.append(found.pose_probability)
+    # 99 % band: fewer than 56 of 60 inside has a chance of 3e-4.
+    assert accepted >= 56
+    # chi2/dof of 60 x 100: mean 1, standard error 0.018 when the parameters' share is right.
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.08)
+    # Probabilities of single poses are uniform: their mean over 1200 is 0.5 +- 0.008.
+    assert np.mean(chances) == pytest.approx(0.5, abs=0.04)
+
+
+def test_without_the_parameters_uncertainty_it_would_be_too_strict(truth: Truth) -> None:
+    model, q = loop_of(truth), SIMULATION.rereadings(0)
+    fit = fit_implicit(model, q[:5], NOISE, truth.values(NAMES))
+    honest = verify(model, fit.x, fit.covariance, q[TEST], NOISE)
+    strict = verify(model, fit.x, np.zeros((14, 14)), q[TEST], NOISE)
+    assert strict.chi2.per_dof > 1.1 * honest.chi2.per_dof
+    assert (strict.pose_chi2 >= honest.pose_chi2 - 1e-9).all()
+
+
+def test_slipped_encoder_is_caught(truth: Truth) -> None:
+    model, q = loop_of(truth), SIMULATION.rereadings(1)
+    fit = fit_implicit(model, q[TRAIN], NOISE, truth.values(NAMES))
+    q[TEST, 1] += 1e-3
+    found = verify(model, fit.x, fit.covariance, q[TEST], NOISE)
+    assert not found.chi2.accepted
+    assert found.closed.all()
+
+
+def test_one_wrong_pose_is_the_worst(truth: Truth) -> None:
+    model, q = loop_of(truth), SIMULATION.rereadings(1)
+    fit = fit_implicit(model, q[TRAIN], NOISE, truth.values(NAMES))
+    q[37, 3] += 2e-3
+    found = verify(model, fit.x, fit.covariance, q[TEST], NOISE)
+    assert found.worst_pose == 7
+    assert found.pose_probability[7] < 1e-6
+
+
+def test_fixture_that_gave_way_only_later_is_caught(truth: Truth) -> None:
+    model = loop_of(truth)
+    fit = fit_implicit(model, SIMULATION.rereadings(2), NOISE, truth.values(NAMES))
+    later = Simulation(poses=10, wrist_sd=6e-3, flexure_m=1e-3).readings(0)
+    assert not verify(model, fit.x, fit.covariance, later, NOISE).chi2.accepted
+
+
+def test_nothing_to_verify_is_a_wrong_call(truth: Truth) -> None:
+    with pytest.raises(ValueError, match="no poses"):
+        verify(loop_of(truth), truth.values(NAMES), np.zeros((14, 14)), np.zeros((0, 7)), NOISE)
+
+
+def test_folds_are_a_partition() -> None:
+    q = SIMULATION.rereadings(0)
+    parts = fold_poses(q, 7)
+    assert sorted(np.concatenate(parts)) == list(range(50))
+    assert {len(part) for part in parts} == {7, 8}
+    for folds in (1, 51):
+        with pytest.raises(ValueError, match="folds"):
+            fold_poses(q, folds)
+
+
+def test_far_block_is_compact_and_far() -> None:
+    q = SIMULATION.rereadings(0)
+    block = far_block(q, 0.2)
+    rest = np.setdiff1d(np.arange(50), block)
+    assert len(block) == 10
+    scaled = q / np.ptp(q, axis=0)
+    away = np.linalg.norm(scaled[block].mean(0) - scaled[rest].mean(0))
+    random = np.random.default_rng(0)
+    usual = [
+        np.linalg.norm(scaled[pick[:10]].mean(0) - scaled[pick[10:]].mean(0))
+        for pick in (random.permutation(50) for _ in range(200))
+    ]
+    assert away > max(usual)
+    with pytest.raises(ValueError, match="empty"):
+        far_block(q, 0.001)
+
+
+def test_hold_out_of_sound_poses(truth: Truth) -> None:
+    q = SIMULATION.rereadings(3)
+    fit = implicit(truth, q, NOISE.joint_variance)
+    found = hold_out(fit, loop_of(truth), q, NOISE, fold_poses(q, 5))
+    assert [len(part.poses) for part in found.parts] == [10] * 5
+    for part in found.parts:
+        assert part.estimate.dof == 40 * 5 - 14
+        assert part.verification.chi2.dof == 50
+    assert found.sigmas.position_m.rms == pytest.approx(found.inside_sigmas.position_m.rms, rel=0.2)
+    far = hold_out(fit, loop_of(truth), q, NOISE, (far_block(q),))
+    assert far.parts[0].verification.chi2.accepted
+
+
+def test_hold_out_uses_each_poses_own_variance(truth: Truth) -> None:
+    q = SIMULATION.rereadings(3)
+    own = NOISE.joint_variance * np.linspace(0.5, 2.0, 50)[:, None]
+    part = (np.arange(10),)
+    found = hold_out(
+        implicit(truth, q, own), loop_of(truth), q, NoiseModel(joint_variance=own), part
+    )
+    rest = NoiseModel(joint_variance=own[10:])
+    expected = estimate_implicit(loop_of(truth), q[10:], rest)
+    assert np.array_equal(found.parts[0].estimate.x, expected.x)

@@ -1,0 +1,174 @@
+"""Condition, rank and what cannot be seen, by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fixtures.rigid import Rigid
+from solver.chain.parameters import nominal_vector
+from solver.closing import close_loops
+from solver.diagnostics.identifiability import (
+    condition_at_readings,
+    identifiability,
+    judge_jacobian,
+    plainly_seen,
+)
+from solver.estimators.paper import estimate_paper
+from tests.oracles.loop_oracle import Truth, closed_poses, closure, closure_rates, product
+from tests.solver.conftest import NAMES, loop_of, paper_arm, read_poses
+
+
+def test_paper_like_condition_number(hinge_data: Path, truth: Truth) -> None:
+    q = read_poses(hinge_data / "hinge_exact.csv")[:40]
+    found = identifiability(loop_of(truth), truth.values(NAMES), q)
+    assert found.rank == 14
+    assert found.directions == ()
+    assert 20.0 < found.scaled_condition_number < 45.0
+
+
+def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(truth: Truth) -> None:
+    """Eqs. 10 to 13 by a second implementation, differenced, where the loops are open by milliradians."""
+    random = np.random.default_rng(2)
+    q = closed_poses(truth, random, 30)[:, 1:] + random.normal(0.0, 6e-3, (30, 7))
+
+    def open_loops(at: Truth) -> np.ndarray:
+        angles = np.concatenate((np.zeros((30, 1)), q), axis=1)
+        T = product(angles + at.theta_off, at.s, at.a, at.alpha)
+        angles[:, 0] = -np.arctan2(T[:, 1, 0], T[:, 0, 0])
+        return np.delete(closure(at, angles), 2, axis=1)
+
+    columns, values, h = [], truth.values(NAMES), 1e-6
+    for k in range(14):
+        step = h * np.eye(14)[k]
+        up, down = (open_loops(truth.with_values(NAMES, values + s)) for s in (step, -step))
+        columns.append(((up - down) / (2.0 * h)).ravel())
+    J = np.stack(columns, axis=-1)
+    s = np.linalg.svd(J / np.linalg.norm(J, axis=0), compute_uv=False)
+    found = condition_at_readings(loop_of(truth), values, q)
+    assert found == pytest.approx(s[0] / s[-1], rel=2e-3)
+    closed = identifiability(loop_of(truth), values, q).scaled_condition_number
+    assert abs(closed / found - 1.0) > 0.008
+
+
+def test_noise_makes_nothing_plainly_seen_that_is_blind(truth: Truth) -> None:
+    """Two poses have ten equations for fourteen unknowns, however often they are read."""
+    random = np.random.default_rng(3)
+    model, x = loop_of(truth), truth.values(NAMES)
+    many = closed_poses(truth, random, 30)[:, 1:]
+    again = many[np.arange(30) % 2] + random.normal(0.0, 10e-3, (30, 7))
+    assert np.isfinite(condition_at_readings(model, x, again))
+    assert not plainly_seen(estimate_paper(model, again, x0=x), again)
+    noisy = many + random.normal(0.0, 10e-3, many.shape)
+    assert plainly_seen(estimate_paper(model, noisy, x0=x), noisy)
+    still = many.copy()
+    still[:, 2] = many[0, 2]
+    assert condition_at_readings(model, x, still) < 100.0
+    assert not plainly_seen(estimate_paper(model, still, x0=x), still)
+
+
+def test_condition_and_observability_by_second_implementation(truth: Truth) -> None:
+    closed = closed_poses(truth, np.random.default_rng(1), 30)
+    found = identifiability(loop_of(truth), truth.values(NAMES), closed[:, 1:])
+    _, by_name = closure_rates(truth, closed, NAMES)
+    # At closure the hinge moves the third row only.
+    J = np.delete(by_name, 2, axis=1).reshape(-1, 14)
+    s = np.linalg.svd(J / np.linalg.norm(J, axis=0), compute_uv=False)
+    plain = np.linalg.svd(J, compute_uv=False)
+    assert found.scaled_condition_number == pytest.approx(s[0] / s[-1], rel=1e-8)
+    assert found.condition_number == pytest.approx(plain[0] / plain[-1], rel=1e-8)
+    expected = (
+        np.prod(s) ** (1 / 14) / np.sqrt(30),
+        s[-1] / s[0],
+        s[-1],
+        s[-1] ** 2 / s[0],
+        1.0 / (1.0 / s).sum(),
+    )
+    assert found.observability == pytest.approx(expected, rel=1e-8)
+
+
+def test_rigid_attachment_names_joint_4(truth: Truth) -> None:
+    arm = paper_arm(truth)
+    rigid_truth = Truth(
+        theta_off=truth.theta_off,
+        s=np.array([0.014, 0.273, 0, 0.355, 0, 0.320, 0, 0.0]),
+        a=np.array([0.25, 0, 0, 0, 0, 0, 0, 0.0]),
+        alpha=np.deg2rad([-60.0, 90, -90, 90, -90, 90, -90, 0.0]),
+        home=truth.home,
+    )
+    poses = _rigid_poses(rigid_truth, 25)
+    model = Rigid(a_0_m=0.25, s_0_m=0.014, alpha_0_rad=np.deg2rad(-60.0), s_1_m=0.273).model(arm)
+    found = identifiability(model, nominal_vector(model.parameters), poses)
+    assert np.ptp(poses, axis=0).max() > np.deg2rad(60.0)
+    assert found.rank < len(model.parameters)
+    assert any("theta_off_4" in d.parameters and 4 in d.immobile_joints for d in found.directions)
+    assert any("joint 4 does not move" in str(d) for d in found.directions)
+
+
+def _rigid_poses(truth: Truth, count: int) -> np.ndarray:
+    """Walk the one freedom of a rigid loop: step along the null space, close, repeat."""
+    rng = np.random.default_rng(4)
+    angles = np.zeros((1, 8))
+    while not _upright(truth, angles):
+        angles = np.concatenate((np.zeros((1, 1)), rng.uniform(-np.pi, np.pi, (1, 7))), axis=1)
+        for _ in range(100):
+            J, _ = closure_rates(truth, angles, ())
+            step = np.linalg.pinv(J[0, :, 1:]) @ closure(truth, angles)[0]
+            angles[0, 1:] -= step * min(1.0, 0.3 / max(np.abs(step).max(), 1e-300))
+    walk = []
+    direction = None
+    for step_number in range(3 * count):
+        J, _ = closure_rates(truth, angles, ())
+        tangent = np.linalg.svd(J[0, :, 1:])[2][-1]
+        if direction is not None and tangent @ direction < 0:
+            tangent = -tangent
+        direction = tangent
+        angles[0, 1:] += 0.1 * tangent
+        for _ in range(4):
+            J, _ = closure_rates(truth, angles, ())
+            angles[0, 1:] -= np.linalg.pinv(J[0, :, 1:]) @ closure(truth, angles)[0]
+        if step_number % 3 == 0:
+            walk.append(angles[0, 1:].copy())
+    return np.array(walk)
+
+
+def _upright(truth: Truth, angles: np.ndarray) -> bool:
+    T = product(angles + truth.theta_off, truth.s, truth.a, truth.alpha)
+    closed = np.abs(closure(truth, angles)).max() < 1e-13
+    return bool(closed and np.trace(T[0, :3, :3]) > 2.9)
+
+
+def test_a_joint_held_still_is_named(truth: Truth) -> None:
+    # Poses with joint 5 almost locked: its offset is a constant of the geometry and no more.
+    rng = np.random.default_rng(7)
+    model = loop_of(truth)
+    x = truth.values(NAMES)
+    q = truth.home + rng.uniform(-0.4, 0.4, (30, 7))
+    q[:, 4] = truth.home[4]
+    locked = close_loops(model, x, q, sigma_rad=np.array([1, 1, 1, 1, 0, 1, 1.0]))
+    found = identifiability(model, x, locked.q[locked.closed])
+    assert any(d.immobile_joints == (5,) for d in found.directions)
+    assert found.rank == 13
+
+
+def test_separate_blind_directions_are_named_apart() -> None:
+    J = np.random.default_rng(8).normal(size=(40, 5))
+    J[:, 1] = 0.0
+    J[:, 4] = 2.0 * J[:, 3]
+    found = judge_jacobian(J, ("p", "q", "r", "s", "t"), poses=8)
+    assert found.rank == 3
+    assert found.scaled_condition_number == np.inf
+    assert {frozenset(d.parameters) for d in found.directions} == {
+        frozenset({"q"}),
+        frozenset({"s", "t"}),
+    }
+    texts = {str(d) for d in found.directions}
+    assert "q cannot be seen" in texts
+
+
+def test_fewer_rows_than_parameters() -> None:
+    found = judge_jacobian(np.eye(5)[:3], ("p", "q", "r", "s", "t"), poses=1)
+    assert found.rank == 3
+    assert {d.parameters for d in found.directions} == {("s",), ("t",)}

@@ -1,0 +1,79 @@
+"""Noise that is quieter than stated is found so, and a shift of a reading is then seen that was not before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.error_model import error_model, soften
+from operator_app.config.poses_file import parse_poses
+from solver.diagnostics.diagnosis import Trial, judge
+from solver.diagnostics.quiet_noise import as_quiet_as_found
+from solver.estimators.variance_components import Calibrated, estimate_with_errors
+from tests.benchmarks.shop_floor_outcome import packaged
+from tests.oracles.shop_floor import SCATTER, Session, session
+from tests.oracles.shop_floor_faults import CASES
+from tests.oracles.shop_floor_misread import slipped_joint
+
+
+def fitted(taken: Session) -> Calibrated:
+    arm, hinge = packaged()
+    poses = parse_poses(taken.csv().encode(), "poses.csv").poses
+    model, tolerance = soften(loop_of_poses(arm, hinge, poses), arm)
+    errors = error_model(arm, hinge, poses, np.arange(len(poses)), tolerance=tolerance)
+    return estimate_with_errors(model, poses.q_rad, errors)
+
+
+def judged(found: Calibrated) -> Trial:
+    return judge(found.linear, packaged()[0], taken=found.order)
+
+
+def shares(found: Calibrated) -> tuple[dict[str, float], dict[str, float]]:
+    """Standard deviations of all noise in those that are stated, and in those that were believed before."""
+    fit = found.linear
+    quiet = as_quiet_as_found(fit)
+    names = [c.name for c in fit.design.components]
+    of_stated = np.sqrt(quiet.v / fit.design.stated_variances())
+    of_believed = np.sqrt(quiet.v / fit.believed.v)
+    noise = fit.design.noise_components
+    return {names[k]: of_stated[k] for k in noise}, {names[k]: of_believed[k] for k in noise}
+
+
+def test_a_hinge_scatters_by_the_share_of_its_give_that_the_generator_has() -> None:
+    found = [shares(fitted(session(seed))) for seed in range(3301, 3307)]
+    of_hinge = np.mean([of_stated["fixture_m"] for of_stated, _ in found])
+    assert of_hinge == pytest.approx(SCATTER, rel=0.25)
+    for _, of_believed in found:
+        assert (of_believed["rvdt_6"], of_believed["rvdt_7"]) == (1.0, 1.0)
+
+
+def test_joints_that_play_as_stated_are_no_quieter_for_a_hinge_that_is() -> None:
+    taken = session(3303)
+    readings = taken.readings.copy()
+    readings[:, :5] += 3e-4 * np.random.default_rng(1).normal(size=(len(taken), 5))
+    of_stated, of_believed = shares(fitted(replace(taken, readings=readings)))
+    assert of_believed["joint_play"] == 1.0
+    assert of_stated["joint_play"] > 0.9
+    assert of_stated["fixture_m"] < 0.5
+
+
+@pytest.mark.parametrize("seed", [3007, 3010, 3012])
+def test_fifty_counts_that_louder_noise_hid_are_a_step_of_that_joint(seed: int) -> None:
+    case = CASES["joint slips 50 counts"](seed)
+    (cause,) = case.causes
+    trial = judged(fitted(case.taken))
+    fired = [test.code for test in trial.tests if test.fires]
+    assert fired == ["STEP"]
+    assert trial.step is not None
+    assert f"STEP_{trial.step.suspect.upper().replace(' ', '_')}" == cause
+
+
+def test_sound_sessions_show_no_step() -> None:
+    worst = [judged(fitted(session(seed))).step for seed in range(3310, 3316)]
+    assert all(step is not None and step.chi2 < 0.7 * step.threshold for step in worst)
+    slipped = slipped_joint(3310, counts=50, only=(1, 2, 3, 4, 5))
+    assert not any(test.fires for test in judged(fitted(session(3310))).tests)
+    assert any(test.fires for test in judged(fitted(slipped.taken)).tests)

@@ -1,0 +1,186 @@
+"""RVDT verdicts: planted curves and noise found, straight sensors left in peace, ignorance admitted."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.diagnostics.rvdt import RvdtVerdict, Soundness, rvdt_verdicts
+from solver.diagnostics.rvdt_noise import noise_behind, single_noise, spread_of
+from solver.diagnostics.rvdt_response import RvdtFigures
+from solver.diagnostics.smooth_curve import fit_curve
+from solver.estimators.error_model import stated_errors
+from solver.estimators.variance_components import estimate_with_errors
+from tests.oracles.loop_oracle import Truth
+from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, Simulation, wrist_bows
+from tests.solver.conftest import loop_of, paper_arm, read_poses
+
+
+def judged(truth: Truth, q: np.ndarray) -> dict[int, RvdtVerdict]:
+    arm = paper_arm(truth)
+    samples = np.ones(len(q), dtype=np.int64)
+    errors = stated_errors(arm, samples=samples, unsensed_joints=(6, 7))
+    errors = replace(errors, give_rad=0.0, give_m=0.0)
+    whole = stated_errors(arm, samples=samples)
+    whole = replace(whole, give_rad=0.0, give_m=0.0)
+    found = estimate_with_errors(loop_of(truth), q, whole).components
+    noise = {}
+    for c in found.components:
+        if c.name in ("rvdt_6", "rvdt_7"):
+            joint = int(c.name[-1])
+            noise[joint] = single_noise(arm.joints[joint - 1].sensor, c, None, samples)
+    model = loop_of(truth, unsensed=(6, 7))
+    verdicts = rvdt_verdicts(model, arm, q, errors, noise=noise, samples=samples)
+    return {v.joint: v for v in verdicts}
+
+
+def figures(verdict: RvdtVerdict) -> RvdtFigures:
+    assert verdict.figures is not None
+    return verdict.figures
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference but for a constant, which nobody can tell from the joint's offset."""
+    difference = one - other
+    return float(np.ptp(difference) / 2.0)
+
+
+def test_planted_one_percent_curve_is_found(hinge_data: Path, truth: Truth) -> None:
+    q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
+    exact = read_poses(hinge_data / "hinge_exact.csv")
+    found = judged(truth, q)
+    for joint in (6, 7):
+        one = figures(found[joint])
+        # The planted curve itself, free of its noise: a sine of three periods a turn (by a fit).
+        angle, deviation = exact[:, joint - 1], (q - exact)[:, joint - 1]
+        basis = np.stack((np.sin(3 * angle), np.cos(3 * angle), np.ones_like(angle)), axis=1)
+        wave = np.linalg.lstsq(basis, deviation, rcond=None)[0]
+        assert np.hypot(*wave[:2]) == pytest.approx(0.01 * FULL_SCALE_RAD, rel=0.05)
+        planted = basis @ wave
+        assert apart(one.curve(one.angle_rad), planted) < 0.001 * FULL_SCALE_RAD
+        assert found[joint].verdict is Soundness.CURVED
+        assert found[joint].treat_as_unsensed
+        assert f"treat joint {joint} as unsensed" in found[joint].text
+        assert 1.5 < one.noise.lsb < 2.6
+    # Joint 7's poses cover nearly all of the scale, so half the peak-to-peak is the amplitude.
+    assert figures(found[7]).half_range == pytest.approx(0.01, abs=0.001)
+    assert found[6].share + found[7].share > 0.8
+
+
+def test_straight_sensors_are_left_in_peace(hinge_data: Path, truth: Truth) -> None:
+    found = judged(truth, read_poses(hinge_data / "hinge_quantised.csv"))
+    for verdict in found.values():
+        assert verdict.verdict is Soundness.SOUND
+        assert not verdict.treat_as_unsensed
+        assert figures(verdict).gain == pytest.approx(1.0, abs=1e-3)
+
+
+def test_correction_table_straightens_the_readings(truth: Truth) -> None:
+    bows = wrist_bows(1.0)
+    simulation = Simulation(poses=60, bows=bows)
+    found = judged(truth, simulation.rereadings(0))
+    angle = np.linspace(*np.quantile(simulation.rereadings(0)[:, 6], [0.05, 0.95]), 200)
+    reading = angle + bows[7](angle)
+    table = figures(found[7]).table_rad
+    corrected = reading + np.interp(reading, table[:, 0], table[:, 1])
+    assert apart(reading, angle) > 5e-3
+    assert apart(corrected, angle) < 1e-3
+    assert apart(figures(found[7]).corrected(reading), angle) < 1e-3
+    # and the stated uncertainty is that of such a table
+    assert 0.05e-3 < np.median(table[:, 2]) < 0.5e-3
+
+
+def test_a_bow_beyond_two_percent_is_out_of_specification(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=60, bows=wrist_bows(6.0)).rereadings(1))
+    assert found[7].verdict is Soundness.OUT_OF_SPECIFICATION
+    assert figures(found[7]).linearity > 0.02
+
+
+def test_noise_out_of_specification(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=60, wrist_sd=4.0 * LSB_RAD).rereadings(1))
+    for verdict in found.values():
+        assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
+        assert figures(verdict).noise.low < 4.0 < figures(verdict).noise.high
+        assert re.search(r"noise of a single reading [34]\.\d LSB", verdict.text)
+
+
+def test_rates_over_many_arms(truth: Truth) -> None:
+    inside, curved, runs = 0, 0, 25
+    for seed in range(runs):
+        q = Simulation(poses=40).rereadings(seed)
+        found = judged(truth, q)
+        for verdict in found.values():
+            one = figures(verdict)
+            inside += one.noise.low <= 2.0 <= one.noise.high
+            curved += verdict.verdict is Soundness.CURVED
+    # 95 % intervals: fewer than 41 of 50 inside has a chance of 1e-4.
+    assert inside >= 41
+    # Called curved at 1 %: more than 4 of 50 has a chance of 2e-4.
+    assert curved <= 4
+
+
+def test_gain_is_measured(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=40, gains={6: 0.02}).rereadings(0))
+    assert figures(found[6]).gain == pytest.approx(1.02, abs=3e-3)
+    assert figures(found[7]).gain == pytest.approx(1.0, abs=3e-3)
+
+
+def test_too_few_poses_cannot_decide(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=40).rereadings(0)[:12])
+    for verdict in found.values():
+        assert verdict.verdict is Soundness.CANNOT_DECIDE
+        assert verdict.figures is None
+        assert not verdict.treat_as_unsensed
+        assert "12 poses are too few" in verdict.text
+
+
+def test_too_small_a_span_cannot_decide(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=40, spread_deg=6.0).rereadings(0))
+    assert found[6].verdict is Soundness.CANNOT_DECIDE
+    assert "of full scale only" in found[6].text
+
+
+def test_soft_fixture_is_not_held_against_the_sensor(truth: Truth) -> None:
+    found = judged(truth, Simulation(poses=40, flexure_m=1e-3, flexure_rad=5e-3).readings(0))
+    one = figures(found[6])
+    # Five milliradians of flexure hide one of noise: no accusation, and the text says why.
+    assert one.noise.low == 0.0
+    assert "noise of a single reading: cannot be told" in found[6].text
+    assert found[6].verdict is Soundness.SOUND
+
+
+def test_a_model_without_unsensed_rvdts_is_a_wrong_call(truth: Truth) -> None:
+    arm = paper_arm(truth)
+    errors = stated_errors(arm, samples=np.ones(20, dtype=np.int64))
+    q, samples = Simulation(poses=20).rereadings(0), np.ones(20, dtype=np.int64)
+    with pytest.raises(ValueError, match="RVDT"):
+        rvdt_verdicts(loop_of(truth), arm, q, errors, noise={}, samples=samples)
+
+
+def test_curve_degree_is_not_driven_by_noise() -> None:
+    degrees = []
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        x = rng.uniform(-1.0, 1.0, 60)
+        degrees.append(fit_curve(x, 0.3 * x + rng.normal(size=60)).degree)
+    assert np.mean(np.array(degrees) == 1) > 0.7
+    with pytest.raises(ValueError, match="eight points"):
+        fit_curve(np.arange(5.0), np.arange(5.0))
+
+
+@pytest.mark.parametrize("lsb", [0.05, 0.2, 0.4, 1.0, 8.0])
+def test_noise_behind_rounded_readings(lsb: float) -> None:
+    """Against rounded draws: below half a count most of the spread is lost, above it 1/12 is added."""
+    rng = np.random.default_rng(4)
+    readings = np.round(rng.uniform(size=(1, 20_000)) + lsb * rng.normal(size=(16, 20_000)))
+    square = float(readings.var(axis=0, ddof=1).mean())
+    assert spread_of(lsb) == pytest.approx(square, rel=0.03)
+    assert noise_behind(square) == pytest.approx(lsb, rel=0.04)
+
+
+def test_readings_that_never_change_have_no_noise() -> None:
+    assert noise_behind(0.0) == 0.0

@@ -1,0 +1,103 @@
+"""Intervals, chi-square band, jackknife and outliers: figures by hand, and rates over many runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.chain.parameters import DhEntry, nominal_vector
+from solver.diagnostics.statistics import (
+    chi2_test,
+    correlations,
+    intervals,
+    jackknife,
+)
+from solver.errors import TooFewPosesError
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.implicit import NoiseModel, estimate_implicit
+from solver.estimators.paper import estimate_paper
+from solver.estimators.variance_components import Calibrated, estimate_with_errors
+from tests.oracles.loop_oracle import Truth
+from tests.oracles.simulated_loops import Simulation
+from tests.solver.conftest import NAMES, loop_of
+
+SIMULATION = Simulation(poses=30, wrist_sd=6e-3)
+NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
+
+
+def test_normal_intervals_under_a_noise_model(truth: Truth) -> None:
+    found = estimate_implicit(loop_of(truth), SIMULATION.rereadings(0), NOISE)
+    for k, interval in enumerate(intervals(found)):
+        assert interval.name == NAMES[k]
+        assert interval.unit == ("m" if interval.name[:2] in ("a_", "s_") else "rad")
+        assert interval.high - interval.value == pytest.approx(1.959964 * interval.sd, rel=1e-6)
+        assert interval.value - interval.low == pytest.approx(1.959964 * interval.sd, rel=1e-6)
+    wider = intervals(found, level=0.99)
+    assert wider[0].high - wider[0].value == pytest.approx(2.575829 * wider[0].sd, rel=1e-6)
+
+
+def test_students_intervals_when_residuals_give_the_scale(truth: Truth) -> None:
+    found = estimate_paper(loop_of(truth), SIMULATION.rereadings(0)[:4])
+    assert found.dof == 6
+    one = intervals(found)[0]
+    assert (one.high - one.value) / one.sd == pytest.approx(2.446912, rel=1e-6)
+
+
+def test_correlations() -> None:
+    covariance = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    expected = [[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    assert correlations(covariance) == pytest.approx(np.array(expected))
+
+
+def test_chi2_band() -> None:
+    # 99 % band of chi2 with 100 degrees of freedom, from tables: 67.328 .. 140.169
+    found = chi2_test(100.0, 100)
+    assert (found.low, found.high) == pytest.approx((0.67328, 1.40169), rel=1e-5)
+    assert found.accepted
+    assert not chi2_test(141.0, 100).accepted
+    assert not chi2_test(67.0, 100).accepted
+    with pytest.raises(ValueError, match="degree of freedom"):
+        chi2_test(1.0, 0)
+
+
+def fitted(truth: Truth, q: np.ndarray, *, times: float = 1.0, loose: bool = False) -> Calibrated:
+    """Fit readings stated to be `times` as noisy as they are, with lengths known to 1 mm where `loose`."""
+    model = loop_of(truth)
+    tolerance = {"s_3": 1e-3, "a_4": 1e-3} if loose else {}
+    model = model.freed([DhEntry.parse(name) for name in tolerance])
+    variance = np.tile(times**2 * NOISE.joint_variance, (len(q), 1))
+    errors = ErrorModel(joint_variance=variance, tolerance=tolerance)
+    return estimate_with_errors(model, q, errors, x0=nominal_vector(model.parameters))
+
+
+@pytest.mark.parametrize("loose", [False, True])
+def test_jackknife_is_that_of_fits_without_each_pose(truth: Truth, loose: bool) -> None:
+    q = SIMULATION.rereadings(1)
+    found = fitted(truth, q, loose=loose)
+    rest = [fitted(truth, np.delete(q, k, axis=0), loose=loose).estimate.x for k in range(len(q))]
+    apart = np.array(rest) - np.mean(rest, axis=0)
+    full = np.sqrt((len(q) - 1.0) / len(q) * (apart**2).sum(axis=0))
+    assert len(full) == len(NAMES) + 2 * loose
+    assert jackknife(found.linear) == pytest.approx(full, rel=0.02)
+
+
+def test_jackknife_agrees_with_the_model_when_that_is_right(truth: Truth) -> None:
+    ratios = []
+    for seed in range(15):
+        found = fitted(truth, SIMULATION.rereadings(seed))
+        ratios.append(jackknife(found.linear) / found.estimate.standard_deviation)
+    mean = np.mean(ratios, axis=0)
+    # The jackknife is biased upwards by about parameters per pose, here a quarter to a half.
+    assert mean.min() > 0.9
+    assert mean.max() < 1.6
+
+
+def test_jackknife_sees_a_noise_model_that_is_too_small(truth: Truth) -> None:
+    found = fitted(truth, SIMULATION.rereadings(1), times=0.1)
+    assert np.median(jackknife(found.linear) / found.estimate.standard_deviation) > 5.0
+
+
+def test_jackknife_needs_a_pose_to_spare(truth: Truth) -> None:
+    found = fitted(truth, SIMULATION.rereadings(0)[:3])
+    with pytest.raises(TooFewPosesError):
+        jackknife(found.linear)

@@ -1,0 +1,204 @@
+"""What a fit left over: against least squares done again with the columns in question."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from solver.diagnostics.model_selection import evidence, noise_scale, probabilities, sound, unnamed
+from solver.diagnostics.outliers import odd_poses, pose_columns
+from solver.diagnostics.whitened_residuals import LeftOver, left_over
+
+POSES, ROWS, UNKNOWNS = 30, 4, 6
+
+
+def problem(seed: int):
+    """A system with correlated noise: w, A, V and columns that nobody fitted."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(POSES, ROWS, UNKNOWNS))
+    root = np.eye(ROWS) + 0.3 * np.tril(rng.normal(size=(POSES, ROWS, ROWS)), -1)
+    V = root @ np.swapaxes(root, -1, -2)
+    w = (root @ rng.normal(size=(POSES, ROWS, 1)))[..., 0]
+    return w, A, V, rng.normal(size=(POSES, ROWS, 3))
+
+
+def dense(V: np.ndarray) -> np.ndarray:
+    whole = np.zeros((POSES * ROWS, POSES * ROWS))
+    for k, block in enumerate(V):
+        whole[k * ROWS : (k + 1) * ROWS, k * ROWS : (k + 1) * ROWS] = block
+    return whole
+
+
+def projector(V: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """V^-1 - V^-1 X (X' V^-1 X)^-1 X' V^-1, multiplied out."""
+    W = np.linalg.inv(V)
+    return W - W @ X @ np.linalg.inv(X.T @ W @ X) @ X.T @ W
+
+
+def test_scores_are_those_of_the_projector_multiplied_out() -> None:
+    w, A, V, G = problem(1)
+    left = left_over(w, A, V)
+    P = projector(dense(V), A.reshape(-1, UNKNOWNS))
+    s, C = left.score(G)
+    flat, y = G.reshape(-1, 3), w.reshape(-1)
+    np.testing.assert_allclose(s, flat.T @ P @ y, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(C, flat.T @ P @ flat, rtol=1e-9, atol=1e-9)
+    assert left.chi2 == pytest.approx(y @ P @ y)
+    assert left.dof == POSES * ROWS - UNKNOWNS
+
+
+def test_drawn_effects_and_priors_are_part_of_the_covariance() -> None:
+    w, A, V, G = problem(2)
+    rng = np.random.default_rng(3)
+    Z = rng.normal(size=(POSES, ROWS, 5))
+    prior = np.full(UNKNOWNS, np.inf)
+    prior[[1, 4]] = 0.3, 2.0
+    left = left_over(w, A, V, drawn=Z, prior_sd=prior)
+    flat = Z.reshape(-1, 5)
+    soft = A.reshape(-1, UNKNOWNS)[:, [1, 4]] * (0.3, 2.0)
+    whole = dense(V) + flat @ flat.T + soft @ soft.T
+    P = projector(whole, A.reshape(-1, UNKNOWNS)[:, [0, 2, 3, 5]])
+    s, C = left.score(G)
+    np.testing.assert_allclose(s, G.reshape(-1, 3).T @ P @ w.reshape(-1), rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(C, G.reshape(-1, 3).T @ P @ G.reshape(-1, 3), rtol=1e-8, atol=1e-9)
+    also = left_over(w, A, V, prior_sd=prior).also_drawn(Z, np.ones(5))
+    assert also.chi2 == pytest.approx(left.chi2)
+    np.testing.assert_allclose(also.covariance, left.covariance, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(also.score(G)[0], s, rtol=1e-8, atol=1e-9)
+
+
+def test_columns_taken_in_are_columns_fitted() -> None:
+    w, A, V, G = problem(4)
+    once = left_over(w, np.concatenate((A, G), axis=-1), V)
+    later = left_over(w, A, V).also(G)
+    assert later.chi2 == pytest.approx(once.chi2)
+    assert later.dof == once.dof
+    np.testing.assert_allclose(later.white, once.white, atol=1e-9)
+    np.testing.assert_allclose(
+        later.covariance, once.covariance[:UNKNOWNS, :UNKNOWNS], rtol=1e-8, atol=1e-12
+    )
+
+
+def test_parameters_move_as_a_fit_with_the_columns_moves_them() -> None:
+    w, A, V, G = problem(5)
+    P = np.linalg.inv(dense(V))
+
+    def solution(X: np.ndarray) -> np.ndarray:
+        return -np.linalg.solve(X.T @ P @ X, X.T @ P @ w.reshape(-1))
+
+    before = solution(A.reshape(-1, UNKNOWNS))
+    after = solution(np.concatenate((A, G), axis=-1).reshape(-1, UNKNOWNS + 3))
+    left = left_over(w, A, V)
+    moved = left.moved(G, -after[UNKNOWNS:])
+    np.testing.assert_allclose(moved, after[:UNKNOWNS] - before, rtol=1e-8, atol=1e-10)
+
+
+def test_odd_poses_do_not_hide_each_other() -> None:
+    w, A, V, _ = problem(6)
+    assert odd_poses(left_over(w, A, V)).odd == ()
+    for poses in ((7,), (3, 11, 20)):
+        disturbed = w.copy()
+        disturbed[list(poses)] += 9.0
+        found = odd_poses(left_over(disturbed, A, V))
+        assert sorted(p.pose for p in found.odd) == sorted(poses)
+        assert all(p.chi2 > p.threshold for p in found.odd)
+        assert found.rest.chi2 < found.rest.dof * 2.0
+
+
+def test_poses_that_nothing_is_asked_of_are_poses_with_columns_of_their_own() -> None:
+    """Pose 9 alone sees the last unknown: without it that one is not seen, and nothing is divided by zero."""
+    w, A, V, G = problem(10)
+    A = np.concatenate((A, np.zeros((POSES, ROWS, 1))), axis=-1)
+    A[9, :, -1] = 1.0
+    left = left_over(w, A, V)
+    poses = np.array([4, 9])
+    there, fitted = left.without(poses), left.also(own_columns(left, poses))
+    assert there.U.shape == left.U.shape
+    assert there.dof == fitted.dof
+    assert there.chi2 == pytest.approx(fitted.chi2)
+    np.testing.assert_allclose(there.white, fitted.white, atol=1e-9)
+    for a, b in zip(there.score(G), fitted.score(G), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(there.covariance, fitted.covariance, rtol=1e-8, atol=1e-12)
+    one_by_one = left.without(poses[:1]).without(poses[1:])
+    np.testing.assert_allclose(one_by_one.white, there.white, atol=1e-9)
+
+
+def own_columns(left: LeftOver, poses: np.ndarray) -> np.ndarray:
+    """Columns that free all equations of some poses, written out."""
+    out = np.zeros((POSES, ROWS, len(poses), ROWS))
+    out[poses, :, np.arange(len(poses)), :] = pose_columns(left, poses)
+    return out.reshape(POSES, ROWS, -1)
+
+
+def test_of_many_poses_the_odd_ones_are_found_in_few_rounds() -> None:
+    """Several are set aside at a time: all of them, no sound one, and not more than a hundred times."""
+    m = 1000
+    rng = np.random.default_rng(11)
+    A, w = rng.normal(size=(m, ROWS, UNKNOWNS)), rng.normal(size=(m, ROWS))
+    poses = rng.permutation(m)[:250]
+    w[poses] += 9.0 * (1.0 + rng.random((250, 1)))
+    left = left_over(w, A, np.tile(np.eye(ROWS), (m, 1, 1)))
+    counted = Counted.of(left)
+    found = odd_poses(counted)
+    assert sorted(p.pose for p in found.odd) == sorted(poses)
+    assert found.rest.U.shape == left.U.shape
+    assert 80 <= len(Counted.rounds) <= 110
+
+
+class Counted(LeftOver):
+    """One that notes how many poses were set aside, and when."""
+
+    rounds: ClassVar[list[int]] = []
+
+    @classmethod
+    def of(cls, left: LeftOver) -> Counted:
+        return cls(**{f.name: getattr(left, f.name) for f in fields(LeftOver)})
+
+    def without(self, poses: np.ndarray) -> LeftOver:
+        self.rounds.append(len(poses))
+        return Counted.of(super().without(poses))
+
+
+def test_a_sound_pose_set_is_rarely_said_to_have_an_odd_pose() -> None:
+    rng = np.random.default_rng(8)
+    _, A, V, _ = problem(7)
+    root = np.linalg.cholesky(V)
+    alarms = 0
+    for _ in range(600):
+        w = (root @ rng.normal(size=(POSES, ROWS, 1)))[..., 0]
+        found = odd_poses(left_over(w, A, V))
+        alarms += bool(found.odd)
+    assert alarms <= 5
+
+
+def test_evidence_prefers_what_happened_to_what_could_explain_it_too() -> None:
+    """A common shift along one column against the same column free in every pose."""
+    w, A, V, G = problem(9)
+    one = G[..., :1]
+    each = np.repeat(np.eye(POSES)[:, None, :], ROWS, axis=1) * one
+    left = left_over(w + 3.0 * one[..., 0], A, V)
+    right, lavish = evidence(left, one, np.ones(1)), evidence(left, each, np.ones(POSES))
+    assert right is not None
+    assert lavish is not None
+    assert right.log_likelihood > lavish.log_likelihood + 5.0
+    assert right.log_likelihood > max(sound(left), unnamed(left)) + 5.0
+    assert right.b[0] == pytest.approx(3.0, abs=5.0 * np.sqrt(right.covariance[0, 0]))
+    np.testing.assert_allclose(probabilities(np.array([0.0, np.log(3.0)])), [0.25, 0.75])
+
+
+def test_nothing_wrong_is_the_best_explanation_of_nothing() -> None:
+    w, A, V, G = problem(10)
+    left = left_over(w, A, V)
+    found = evidence(left, G, np.ones(3))
+    assert found is not None
+    assert max(sound(left), unnamed(left)) > found.log_likelihood - 1.0
+    assert 0.25 <= noise_scale(left.chi2, left.dof) <= 1.0
+
+
+def test_columns_that_are_fitted_already_are_no_evidence() -> None:
+    w, A, V, _ = problem(11)
+    assert evidence(left_over(w, A, V), A[..., :2], np.ones(2)) is None

@@ -1,1 +1,1 @@
-"""Buses."""
+"""CAN buses: opening, sharing and recording them, and a loopback bus between processes."""

@@ -1,1 +1,1 @@
-"""Canopen."""
+"""CANopen and its drive profile: objects, PDO, SDO, identification, parameter upload."""

@@ -259,3 +259,11 @@ def next_controlword(status: int, wish: Wish, *, previous: int = 0) -> int:
             return CONTROLWORD_ENABLE_OPERATION
         case _:
             return CONTROLWORD_DISABLE_VOLTAGE
+
+
+def state_of(statusword: int) -> DriveState:
+    """State a statusword shows; bits that mean nothing are a drive that is not ready."""
+    try:
+        return drive_state(statusword)
+    except ValueError:
+        return DriveState.NOT_READY_TO_SWITCH_ON

@@ -1,1 +1,1 @@
-"""Commissioning."""
+"""First contact with an arm: probe, profile draft, bench check, bus monitor."""

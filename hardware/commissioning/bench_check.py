@@ -1,8 +1,7 @@
 """An arm on the bench, tried in a safe order before it is first used; asks before anything moves.
 
-The order and the questions; what an arm owes is in `hardware.commissioning.clauses` and `hardware.commissioning.motion_checks`, and
-what only a CAN bus can show in `hardware.commissioning.can_checks`. Whatever fails ends the check: at once where drives are
-on, else at the end of looking.
+The order and the questions. The requirements are in `clauses` and `motion_checks`, those of a CAN bus in `can_checks`.
+A failure ends the check: at once while drives are on, otherwise after the last read-only check.
 """
 
 from __future__ import annotations

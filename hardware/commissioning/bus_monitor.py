@@ -8,7 +8,7 @@ from typing import Final
 
 from hardware.arm import DriveState
 from hardware.canopen.bus_profile import BusProfile
-from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
+from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP, state_of
 from hardware.canopen.cyclic import frames_of, unpack_emergency
 from hardware.canopen.objects import (
     COB_EMCY,
@@ -26,7 +26,6 @@ from hardware.canopen.objects import (
     NmtState,
     emergency_text,
 )
-from hardware.control.steps import state_of
 
 SILENT_S: Final = 1.5
 """A node whose heartbeat does not come for so long has fallen silent."""

@@ -1,1 +1,1 @@
-"""Control."""
+"""The control loop of an arm on CANopen: SYNC, commands, STOP, connection."""

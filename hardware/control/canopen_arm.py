@@ -21,7 +21,7 @@ from hardware.bus_setup import ArmOnBus, BusOpeners
 from hardware.buses.python_can import BusSettings
 from hardware.canopen import uploading
 from hardware.canopen.bus_profile import BusProfile
-from hardware.canopen.cia402 import Wish
+from hardware.canopen.cia402 import Wish, state_of
 from hardware.canopen.drive_facts import DriveFacts, read_drive_facts
 from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
 from hardware.control import reading_steps, steps
@@ -195,7 +195,7 @@ class CanopenArm:
         tripped = tuple(
             joint
             for joint, status in enumerate(link.loop.sample.statuswords, 1)
-            if steps.state_of(status) is DriveState.FAULT
+            if state_of(status) is DriveState.FAULT
         )
         self._raise_for_drives(link, tripped, "given a mode")
         admit_modes(link.loop.sample)
@@ -389,7 +389,7 @@ class CanopenArm:
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], wanted: str) -> None:
         """Raise for the first of the joints that did not get where it should."""
         for joint in joints:
-            state = steps.state_of(link.loop.sample.statuswords[joint - 1])
+            state = state_of(link.loop.sample.statuswords[joint - 1])
             if state is DriveState.FAULT:
                 code = link.access.read_unsigned(link.profile.drives[joint - 1], ERROR_CODE)
                 raise DriveFault(joint, code, emergency_text(code))

@@ -19,7 +19,7 @@ from hardware.buses.acceptance_filters import keep_out, operator_filters
 from hardware.buses.python_can import stamping_clock
 from hardware.buses.shared_bus import Wire
 from hardware.canopen import identifying, uploading
-from hardware.canopen.cia402 import POWERED
+from hardware.canopen.cia402 import POWERED, state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
 from hardware.canopen.objects import (
     MODE_DISPLAY,
@@ -31,7 +31,6 @@ from hardware.canopen.sdo import ObjectAccess
 from hardware.control.control_loop import ControlLoop
 from hardware.control.snapshots import build_snapshot
 from hardware.control.start_up import StartUp
-from hardware.control.steps import state_of
 from hardware.control.stop_line import StopLatch, StopLine
 from hardware.errors import (
     BusError,

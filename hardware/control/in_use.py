@@ -14,11 +14,10 @@ from math import ceil
 from typing import Final
 
 from hardware.arm import DriveState
-from hardware.canopen.cia402 import POWERED
+from hardware.canopen.cia402 import POWERED, state_of
 from hardware.canopen.drive_facts import misses_operator_after_s
 from hardware.canopen.objects import STATUSWORD, TOKEN
 from hardware.canopen.sdo import ObjectAccess
-from hardware.control.steps import state_of
 from hardware.errors import BusError, ControlDenied, HardwareError, InUse
 from hardware.monitors.node_watch import NodeWatch
 

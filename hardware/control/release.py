@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 
-from hardware.canopen.cia402 import LOOP_CLOSED, Wish, reached
+from hardware.canopen.cia402 import LOOP_CLOSED, Wish, reached, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.control import steps
 from hardware.control.control_loop import ControlLoop
@@ -91,7 +91,7 @@ def _following(sample: Sample) -> tuple[int, ...]:
     return tuple(
         joint
         for joint, status in enumerate(sample.statuswords, 1)
-        if not reached(steps.state_of(status), Wish.STOPPED)
+        if not reached(state_of(status), Wish.STOPPED)
     )
 
 
@@ -99,5 +99,5 @@ def _powered(sample: Sample) -> tuple[int, ...]:
     return tuple(
         joint
         for joint, status in enumerate(sample.statuswords, 1)
-        if steps.state_of(status) in LOOP_CLOSED
+        if state_of(status) in LOOP_CLOSED
     )

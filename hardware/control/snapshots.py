@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from types import MappingProxyType
 
 from hardware.arm import ArmSnapshot, Fault, JointMode, JointState
+from hardware.canopen.cia402 import state_of
 from hardware.control.sampling import View
-from hardware.control.steps import state_of
 from hardware.monitors.dropout import Left
 from hardware.monitors.latency import Attention
 from hardware.monitors.node_watch import NodeWatch

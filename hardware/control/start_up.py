@@ -16,6 +16,7 @@ from functools import partial
 from hardware.arm import ArmIdentity, DriveState
 from hardware.bus_setup import ArmOnBus
 from hardware.canopen import identifying
+from hardware.canopen.cia402 import state_of
 from hardware.canopen.configuring import configure
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
@@ -232,7 +233,7 @@ class StartUp:
         codes = {
             node: self._access.read_unsigned(node, ERROR_CODE)
             for node, status in zip(self._profile.drives, first.statuswords, strict=True)
-            if steps.state_of(status) in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
+            if state_of(status) in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
         }
         nodes = self._loop.nodes
 

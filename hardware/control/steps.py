@@ -18,9 +18,9 @@ from hardware.canopen.cia402 import (
     CONTROLWORD_ENABLE_OPERATION,
     StatusBit,
     Wish,
-    drive_state,
     next_controlword,
     reached,
+    state_of,
 )
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION, MODE_CODE
@@ -58,14 +58,6 @@ class Desk(Protocol):
     def alarm(self) -> HardwareError | None:
         """Why the steps should end, if anything."""
         ...
-
-
-def state_of(statusword: int) -> DriveState:
-    """State a statusword shows; bits that mean nothing are a drive that is not ready."""
-    try:
-        return drive_state(statusword)
-    except ValueError:
-        return DriveState.NOT_READY_TO_SWITCH_ON
 
 
 def follows_command(statusword: int) -> bool:

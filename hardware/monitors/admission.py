@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from hardware.arm import DriveState, JointMode
-from hardware.canopen.cia402 import Command, command_of
+from hardware.canopen.cia402 import Command, command_of, state_of
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
-from hardware.control.steps import state_of
 from hardware.errors import CommandRefused, StopLatched
 from hardware.limits import (
     JointLimits,

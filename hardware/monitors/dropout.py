@@ -19,10 +19,10 @@ from hardware.canopen.cia402 import (
     CONTROLWORD_QUICK_STOP,
     StatusBit,
     shows,
+    state_of,
 )
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
-from hardware.control.steps import state_of
 
 SURE_SYNCS: Final = 10
 """Once a drive was seen as it should be so often, no answer from before can come any more."""

@@ -1,1 +1,1 @@
-"""Messages."""
+"""Errors and findings in words for people."""

@@ -5,7 +5,7 @@
  *
  * It starts all nodes, reads their identity, samples every joint on SYNC, drives one joint by COUNTS, stops
  * it, and prints what it was told as one JSON object. Of this project it knows what is written down for
- * anybody: the datagrams of hardware/loopback.py, the node numbers and the PDOs.
+ * anybody: the datagrams of hardware/buses/loopback.py, the node numbers and the PDOs.
  */
 
 const crypto = require('crypto');

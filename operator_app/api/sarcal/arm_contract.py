@@ -8,7 +8,7 @@ The arm is found as `sarcal run` finds it. `SARCAL_PROCEDURE` names the procedur
 it has (default hinge). **The arm moves**: the joints that drive go `STEP_RAD` away and back, and STOP is tried.
 An arm that is moved by hand stays where it is. Without CAN_INTERFACE it is the embedded virtual arm.
 
-What is asked of it is stated in `hardware.commissioning.clauses` and `hardware.commissioning.motion_checks`; `sarcal arm-check` asks the same.
+The requirements are in `hardware.commissioning`, `clauses` and `motion_checks`; `sarcal arm-check` tests the same.
 """
 
 from __future__ import annotations

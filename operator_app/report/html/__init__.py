@@ -1,1 +1,1 @@
-"""Html."""
+"""The report as one HTML page: sections, tables, style."""

@@ -1,1 +1,1 @@
-"""Plots."""
+"""Plots of a calibration, as SVG and as characters."""

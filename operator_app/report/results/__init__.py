@@ -1,1 +1,1 @@
-"""Results."""
+"""The results of each command, as text and as JSON."""

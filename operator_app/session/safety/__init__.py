@@ -1,1 +1,1 @@
-"""Safety."""
+"""Checks before and during motion: preflight, resume, closure, sensor faults, latency."""

@@ -1,1 +1,1 @@
-"""Ui."""
+"""What both user interfaces share: actions, guards, snapshot, runner."""

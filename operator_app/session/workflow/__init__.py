@@ -1,1 +1,1 @@
-"""Workflow."""
+"""The steps of a session on an arm: opening, capture, placements, export, release."""

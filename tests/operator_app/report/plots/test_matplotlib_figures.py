@@ -16,7 +16,7 @@ from operator_app.report.plots.matplotlib_figures import symbol
 from operator_app.report.plots.paper_figures import FIGURES
 from tests.oracles.panda import FOLDER as PANDA
 
-HINGE = Path(__file__).parents[2] / "data/hinge/hinge_quantised.csv"
+HINGE = Path(__file__).parents[3] / "data/hinge/hinge_quantised.csv"
 
 
 @pytest.fixture(scope="module")

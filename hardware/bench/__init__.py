@@ -1,1 +1,0 @@
-"""An arm on the bench: what every arm owes the workflow, tried in a safe order, asked before anything moves."""

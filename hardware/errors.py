@@ -70,7 +70,7 @@ class InProfile(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Difference:
+class ObjectMismatch:
     """An object of a node (all of it, or a sub-index) that is not as it has to be."""
 
     node: int
@@ -93,7 +93,7 @@ class Difference:
 class MappingDiffers(HardwareError):
     """Nodes that are set up otherwise: `differences` say node, object, expected and found, or who does not answer."""
 
-    def __init__(self, found: Sequence[Difference], silent: Sequence[str] = ()) -> None:
+    def __init__(self, found: Sequence[ObjectMismatch], silent: Sequence[str] = ()) -> None:
         self.found = tuple(found)
         self.differences = (*map(str, found), *silent)
         super().__init__(
@@ -103,7 +103,7 @@ class MappingDiffers(HardwareError):
         )
 
 
-def _remedies(found: Sequence[Difference]) -> Iterator[str]:
+def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
     """What to do about these, by how a bus profile can say it."""
     for kind, otherwise in (
         (InProfile.NOT, ": no bus profile can say that"),

@@ -12,7 +12,7 @@ from operator_app.config.resources import expanded
 from operator_app.errors import SessionError
 from operator_app.session.store.folders import PARAMETERS_NAME, find_session, read_session
 from operator_app.session.store.parameters import document_of
-from operator_app.session.store.stored_calibration import Calibrated, recorded
+from operator_app.session.store.stored_calibration import StoredCalibration, recorded
 from operator_app.session.workflow.opening import Choices, resume
 
 
@@ -55,7 +55,7 @@ def _journalled(folder: Path) -> ParametersDocument | None:
     """Return what an export of a session's calibration would write; None where its journal has none."""
     state = read_session(folder).state
     found = None if state is None else recorded(state)
-    if state is None or not isinstance(found, Calibrated):
+    if state is None or not isinstance(found, StoredCalibration):
         return None
     procedure = carried_procedure(resume(str(folder), Choices(), root=folder.parent))
     solved = datetime.fromisoformat(state.solved_utc)

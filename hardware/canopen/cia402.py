@@ -101,7 +101,7 @@ class Command(Enum):
     QUICK_STOP = "quick stop"
 
 
-class Event(Enum):
+class DriveEvent(Enum):
     """What moves a drive's state without a controlword."""
 
     INITIALISED = "initialised"
@@ -179,16 +179,16 @@ def raises_power(before: DriveState, after: DriveState) -> bool:
     return before in ladder and after in ladder and ladder.index(after) > ladder.index(before)
 
 
-def after_event(state: DriveState, event: Event) -> DriveState:
+def after_event(state: DriveState, event: DriveEvent) -> DriveState:
     """State after something happened inside the drive."""
     match event:
-        case Event.INITIALISED:  # 0 and 1
+        case DriveEvent.INITIALISED:  # 0 and 1
             return _S.SWITCH_ON_DISABLED if state is _S.NOT_READY_TO_SWITCH_ON else state
-        case Event.FAULT:  # 13
+        case DriveEvent.FAULT:  # 13
             return state if state in _IN_FAULT else _S.FAULT_REACTION_ACTIVE
-        case Event.FAULT_REACTION_DONE:  # 14
+        case DriveEvent.FAULT_REACTION_DONE:  # 14
             return _S.FAULT if state is _S.FAULT_REACTION_ACTIVE else state
-        case Event.QUICK_STOP:
+        case DriveEvent.QUICK_STOP:
             return _S.QUICK_STOP_ACTIVE if state is _S.OPERATION_ENABLED else state
 
 

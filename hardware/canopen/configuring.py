@@ -36,7 +36,7 @@ from hardware.canopen.objects import (
     NmtCommand,
 )
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import BusError, Difference, NotConfigured, SdoRefused
+from hardware.errors import BusError, NotConfigured, ObjectMismatch, SdoRefused
 
 _NO_REMOTE_REQUEST: Final = GENERATES_SYNC
 """In a PDO's identifier, bit 30 says that it is not sent for a remote request: left as the drive has it."""
@@ -155,7 +155,7 @@ class _Found:
         for index, there in ((communication, cob_id), (mapping, entries)):
             if there is None:
                 expected, found = "a PDO to set up", "no such object"
-                return str(Difference(node=node, index=index, expected=expected, found=found))
+                return str(ObjectMismatch(node=node, index=index, expected=expected, found=found))
         return cls(
             node=node,
             communication=communication,

@@ -31,7 +31,7 @@ from hardware.canopen.objects import (
     Abort,
 )
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import Difference, InProfile, MappingDiffers, SdoRefused
+from hardware.errors import InProfile, MappingDiffers, ObjectMismatch, SdoRefused
 from hardware.scale import JointScale
 
 AGREES_RAD = 0.01
@@ -103,7 +103,7 @@ def check_positions(
         by_sdo = access.read_signed(node, POSITION_ACTUAL)
         if abs(by_pdo - by_sdo) > AGREES_RAD * scale.density + 1.0:
             found.append(
-                Difference(
+                ObjectMismatch(
                     node=node,
                     index=POSITION_ACTUAL,
                     expected=f"the {by_sdo} counts that it holds",
@@ -126,7 +126,7 @@ def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
         raise MappingDiffers(found)
 
 
-def _communication(access: ObjectAccess, node: int) -> Iterator[Difference]:
+def _communication(access: ObjectAccess, node: int) -> Iterator[ObjectMismatch]:
     found = [
         *_cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=GENERATES_SYNC),
         *_cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=NOT_VALID),
@@ -139,7 +139,7 @@ def _communication(access: ObjectAccess, node: int) -> Iterator[Difference]:
         yield replace(each, in_profile=InProfile.NOT)
 
 
-def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[Difference]:
+def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[ObjectMismatch]:
     """What of a drive's PDOs is not as it has to be."""
     yield from _communication(access, node)
     joint = profile.joints[profile.joint_of[node] - 1]
@@ -196,7 +196,7 @@ def in_the_way(
                 yield number, communication + number - 1, value
 
 
-def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Difference]:
+def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[ObjectMismatch]:
     """What a TPDO may have beside its type, that would keep it from following a SYNC."""
     inhibit = inhibit_s(access, node, index)
     if inhibit >= LONGEST_INHIBIT_S:
@@ -226,14 +226,16 @@ def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] |
 
 def _type(
     access: ObjectAccess, node: int, index: int, types: tuple[int, ...]
-) -> Iterator[Difference]:
+) -> Iterator[ObjectMismatch]:
     kind = read_number(access, node, index, 2)
     if kind not in types:
         expected = " or ".join(map(str, types))
         yield _difference(node, index, 2, f"transmission type {expected}", _number(kind, "d"))
 
 
-def _map(access: ObjectAccess, node: int, index: int, name: str, pdo: Pdo) -> Iterator[Difference]:
+def _map(
+    access: ObjectAccess, node: int, index: int, name: str, pdo: Pdo
+) -> Iterator[ObjectMismatch]:
     entries = read_map(access, node, index)
     if entries != pdo.entries:
         yield _difference(
@@ -253,7 +255,7 @@ def _carrier(profile: BusProfile, node: int) -> str:
 
 def _cob_id(
     access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
-) -> Iterator[Difference]:
+) -> Iterator[ObjectMismatch]:
     """Compare an identifier; `refused` is the bit that must not be set beside it."""
     value = read_number(access, node, index, sub)
     wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
@@ -282,5 +284,7 @@ def _number(value: int | None, digits: str) -> str:
     return f"{value:{digits}}" + ("h" if digits.endswith("X") else "")
 
 
-def _difference(node: int, index: int, sub: int | None, expected: str, found: str) -> Difference:
-    return Difference(node=node, index=index, sub=sub, expected=expected, found=found)
+def _difference(
+    node: int, index: int, sub: int | None, expected: str, found: str
+) -> ObjectMismatch:
+    return ObjectMismatch(node=node, index=index, sub=sub, expected=expected, found=found)

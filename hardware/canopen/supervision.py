@@ -15,7 +15,7 @@ from hardware.canopen.objects import (
     OPERATOR_NODE,
 )
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import Difference, InProfile, MappingDiffers
+from hardware.errors import InProfile, MappingDiffers, ObjectMismatch
 from hardware.scale import JointScale
 
 HEARTBEATS = 2.5
@@ -44,7 +44,7 @@ def patience_s(access: ObjectAccess, profile: BusProfile, least_s: float) -> flo
         if not 0 < period_ms <= profile.slowest_heartbeat_ms:
             sayable = 0 < period_ms <= LONGEST_HEARTBEAT_MS
             found.append(
-                Difference(
+                ObjectMismatch(
                     node=node,
                     index=HEARTBEAT_PRODUCER,
                     sub=0,
@@ -77,7 +77,7 @@ def check_watch(access: ObjectAccess, profile: BusProfile) -> tuple[int, ...]:
     return tuple(profile.joint_of[node] for node, texts in found.items() if texts is None)
 
 
-def watch_differences(access: ObjectAccess, node: int) -> tuple[Difference, ...] | None:
+def watch_differences(access: ObjectAccess, node: int) -> tuple[ObjectMismatch, ...] | None:
     """What of a drive's watch over the operator's heartbeat is not as it has to be; None without 1016h."""
     entries = read_number(access, node, HEARTBEAT_CONSUMER, 0)
     if entries is None:
@@ -95,7 +95,7 @@ def watch_differences(access: ObjectAccess, node: int) -> tuple[Difference, ...]
         f"node {OPERATOR_NODE}'s heartbeat watched, for {1e3 * LONGEST_WATCH_S:.0f} ms at the most"
     )
     return (
-        Difference(
+        ObjectMismatch(
             node=node,
             index=HEARTBEAT_CONSUMER,
             expected=expected,

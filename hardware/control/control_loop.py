@@ -34,7 +34,7 @@ from hardware.control.command_sender import CommandSender
 from hardware.control.process_priority import ahead_of_its_program
 from hardware.control.sampling import Sampler, View
 from hardware.control.stop_line import StopLatch
-from hardware.control.tasks import Steps, Task, TaskQueue
+from hardware.control.tasks import LoopTask, Steps, TaskQueue
 from hardware.errors import BusError, HardwareError
 from hardware.monitors.alarms import Seen, find_alarm
 from hardware.monitors.joint_watch import JointWatch
@@ -207,7 +207,7 @@ class ControlLoop:
         HardwareError
             What ended the steps early.
         """
-        return self._tasks.run(Task(steps, despite))
+        return self._tasks.run(LoopTask(steps, despite))
 
     # ---- for steps, in the loop's own thread -----------------------------------------------------
 
@@ -290,7 +290,7 @@ class ControlLoop:
             return True
         return False
 
-    def _advance(self, task: Task) -> None:
+    def _advance(self, task: LoopTask) -> None:
         """Run a task until its next SYNC has been answered, or to its end."""
         try:
             commands = task.advance(self.sample)

@@ -19,7 +19,7 @@ _LOOK_S = 0.2
 
 
 @dataclass(slots=True)
-class Task:
+class LoopTask:
     """Steps on their way through the control loop.
 
     Attributes
@@ -80,9 +80,9 @@ class TaskQueue:
         self, someone_there: Callable[[], bool], gone: Callable[[], HardwareError]
     ) -> None:
         self._someone_there, self._gone = someone_there, gone
-        self._tasks: deque[Task] = deque()
+        self._tasks: deque[LoopTask] = deque()
 
-    def run(self, task: Task) -> Any:
+    def run(self, task: LoopTask) -> Any:
         """Have a task run and return its result; for every thread but the loop's.
 
         An interrupt (Ctrl-C) is held back until the steps have brought the arm to rest.
@@ -99,7 +99,7 @@ class TaskQueue:
         return task.outcome()
 
     @property
-    def first(self) -> Task | None:
+    def first(self) -> LoopTask | None:
         """The task to work on."""
         return self._tasks[0] if self._tasks else None
 

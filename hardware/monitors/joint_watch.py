@@ -10,7 +10,7 @@ from hardware.monitors.alarms import pressed, stopped_for
 from hardware.monitors.continuity import Continuity, Jump
 from hardware.monitors.dropout import Staying
 from hardware.monitors.following import Astray, Following
-from hardware.monitors.standstill import Standing
+from hardware.monitors.standstill import StandstillMonitor
 
 
 class JointWatch:
@@ -42,7 +42,7 @@ class JointWatch:
         self.astray = astray
         self.switched_off: frozenset[int] = frozenset()
         self.staying = Staying()
-        self._strays: tuple[Following, Standing] = (Following(), Standing())
+        self._strays: tuple[Following, StandstillMonitor] = (Following(), StandstillMonitor())
         self._looks_for_jumps = bool(allowed_counts)
         self._continuity = Continuity(allowed_counts)
 
@@ -52,7 +52,7 @@ class JointWatch:
         `windows_counts`, by joint: how far it may be from its target, and from where it came to rest. Set
         before SYNCs go out.
         """
-        self._strays = Following(windows_counts), Standing(windows_counts)
+        self._strays = Following(windows_counts), StandstillMonitor(windows_counts)
 
     @property
     def stopped_for(self) -> str:

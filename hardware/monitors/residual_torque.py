@@ -15,7 +15,7 @@ from hardware.canopen.bus_profile import BusProfile, JointProfile
 from hardware.canopen.maps import ABSENT
 from hardware.canopen.objects import POSITION_OFFSET, TARGET_TORQUE, TORQUE_OFFSET
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import Difference, InProfile, MappingDiffers, NotZeroed, SdoRefused
+from hardware.errors import InProfile, MappingDiffers, NotZeroed, ObjectMismatch, SdoRefused
 
 ADDED: Final = (TARGET_TORQUE, TORQUE_OFFSET, POSITION_OFFSET)
 
@@ -48,7 +48,7 @@ def zero_added(access: ObjectAccess, profile: BusProfile) -> Iterator[str]:
     if not profile.configures_pdos and held:
         raise MappingDiffers(
             [
-                Difference(
+                ObjectMismatch(
                     node=f.node,
                     index=f.index,
                     expected="0",

@@ -54,7 +54,7 @@ class _Joint:
         self.began_at, self.went = counts, went
 
 
-class Standing:
+class StandstillMonitor:
     """Looks at every sample.
 
     Parameters

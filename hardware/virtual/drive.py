@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from hardware.arm import DriveState, JointMode
 from hardware.canopen import cia402
-from hardware.canopen.cia402 import Event, StatusBit
+from hardware.canopen.cia402 import DriveEvent, StatusBit
 from hardware.canopen.objects import JOINT_MODE, MODE_CODE, EmergencyCode
 from hardware.limits import refuse_target
 from hardware.virtual.axis import AxisSettings
@@ -61,7 +61,7 @@ class Drive:
 
     def power_up(self) -> None:
         """Begin anew, as after mains came back; errors are forgotten without a word."""
-        self.state = cia402.after_event(DriveState.NOT_READY_TO_SWITCH_ON, Event.INITIALISED)
+        self.state = cia402.after_event(DriveState.NOT_READY_TO_SWITCH_ON, DriveEvent.INITIALISED)
         self.errors: list[EmergencyCode] = []
         self.controlword = 0
         self.mode_request = 0
@@ -130,7 +130,7 @@ class Drive:
 
     def quick_stop(self) -> None:
         """Stop and hold without a controlword; a drive that is not moving stays as it is."""
-        after = cia402.after_event(self.state, Event.QUICK_STOP)
+        after = cia402.after_event(self.state, DriveEvent.QUICK_STOP)
         if after is not self.state:
             self.state = after
             self._hold()
@@ -147,12 +147,12 @@ class Drive:
         """Fault: with `holding` the servo stays closed, else the valve is blocked."""
         self._holding = holding
         self._command = None
-        self.state = cia402.after_event(self.state, Event.FAULT)
+        self.state = cia402.after_event(self.state, DriveEvent.FAULT)
         self._begin(code)
 
     def finish_reaction(self) -> None:
         """*Fault reaction active* lasts until anything else happens to the drive."""
-        self.state = cia402.after_event(self.state, Event.FAULT_REACTION_DONE)
+        self.state = cia402.after_event(self.state, DriveEvent.FAULT_REACTION_DONE)
 
     # ---- every control period --------------------------------------------------------------------
 

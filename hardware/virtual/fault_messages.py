@@ -14,7 +14,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 
-class Arm(StrEnum):
+class ArmReaction(StrEnum):
     """What the arm does once a fault has been told; the fault campaign looks at drives and plant."""
 
     STANDS = "goes nowhere; all drives are held or off as the session ends"
@@ -60,7 +60,7 @@ class FaultWords:
     says: tuple[str, ...] = ()
     goes_on: bool = False
     remedy: str
-    arm: Arm = Arm.STANDS
+    arm: ArmReaction = ArmReaction.STANDS
     kept: str = POSES
     at_connect: bool = False
 
@@ -165,10 +165,10 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             # Where it is back as the nodes are waited for: those that are heard are told once more.
             goes_on=True,
             remedy=f"{_CABLE} The drives hold meanwhile; `sarcal reset` clears their 8130h.",
-            arm=Arm.HOLDS,
+            arm=ArmReaction.HOLDS,
         ),
         "silent-node": FaultWords(
-            broken="a joint's cable is cut", says=_GONE, remedy=_CABLE, arm=Arm.HOLDS
+            broken="a joint's cable is cut", says=_GONE, remedy=_CABLE, arm=ArmReaction.HOLDS
         ),
         "silent-supervisor": FaultWords(
             broken="the supervisor's cable is cut", says=_GONE, goes_on=True, remedy=_CABLE
@@ -245,10 +245,10 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             says=(*_GONE, "heartbeat lost", "refused", "in control"),
             goes_on=True,
             remedy=_RECONNECT,
-            arm=Arm.BLOCKS,
+            arm=ArmReaction.BLOCKS,
         ),
         "hang": FaultWords(
-            broken="the control loop hangs", says=_GONE, arm=Arm.UNHEARD, remedy=_RECONNECT
+            broken="the control loop hangs", says=_GONE, arm=ArmReaction.UNHEARD, remedy=_RECONNECT
         ),
         "unwatched": FaultWords(
             broken="a drive does not watch the operator's heartbeat (1016h): it would go on without one",
@@ -297,13 +297,13 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             broken="a drive sees that its sensor has failed (7305h)",
             says=("angle sensor failed", "the drive is in"),
             remedy="Mend the sensor, reset (R, or `sarcal reset`), then go on.",
-            arm=Arm.TRIPS,
+            arm=ArmReaction.TRIPS,
         ),
         "collision": FaultWords(
             broken="a joint trips for excess torque (8311h)",
             says=("excess torque", "the drive is in"),
             remedy="The arm holds. Free what it met, reset (R, or `sarcal reset`), then go on.",
-            arm=Arm.TRIPS,
+            arm=ArmReaction.TRIPS,
         ),
         "blocked-joint": FaultWords(
             broken="a joint that should be free does not give way",
@@ -315,7 +315,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             ),
             goes_on=True,
             remedy="Look at that joint's valve; reset (R, or `sarcal reset`), then go on.",
-            arm=Arm.TRIPS,
+            arm=ArmReaction.TRIPS,
         ),
         "sagging-drive": FaultWords(
             broken="a drive in position mode holds nothing, and does not say so",
@@ -325,7 +325,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
                 "after it was stopped",
             ),
             remedy=_ASTRAY,
-            arm=Arm.STOPPED,
+            arm=ArmReaction.STOPPED,
         ),
         "slipped-fixture": FaultWords(
             broken="the fixture slips by 1 mm on the table",
@@ -338,7 +338,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             says=("excess torque", "following error", "the drive is in"),
             goes_on=True,
             remedy="Clean and grease the hinge; reset (R, or `sarcal reset`), then go on.",
-            arm=Arm.TRIPS,
+            arm=ArmReaction.TRIPS,
         ),
         "stray": FaultWords(
             broken="a drive goes where it was not told to, 5 deg, and does not say so",
@@ -347,7 +347,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
                 *("does not come to rest", "the drive is in"),
             ),
             remedy=_ASTRAY,
-            arm=Arm.STOPPED,
+            arm=ArmReaction.STOPPED,
         ),
         "lost-enable": FaultWords(
             broken="a drive's enable is taken away for a moment: it is off, and sends no emergency",
@@ -379,7 +379,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             broken="the external stop is pressed (5441h)",
             says=("external stop", "the drive is in"),
             remedy="Release it when it is safe, reset (R, or `sarcal reset`), then go on.",
-            arm=Arm.BLOCKS,
+            arm=ArmReaction.BLOCKS,
         ),
     }
 )

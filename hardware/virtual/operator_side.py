@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from hardware.virtual.fault_messages import Arm, FaultWords
+from hardware.virtual.fault_messages import ArmReaction, FaultWords
 
 OPERATOR_SIDE: Mapping[str, FaultWords] = MappingProxyType(
     {
@@ -23,14 +23,14 @@ OPERATOR_SIDE: Mapping[str, FaultWords] = MappingProxyType(
             broken="the operator's program stands still for longer than that",
             says=("operator's heartbeat lost",),
             remedy="Go on as the last line says: `sarcal run --resume` resets and compares the arm first.",
-            arm=Arm.HOLDS,
+            arm=ArmReaction.HOLDS,
         ),
         # tests/system/test_kills.py and tests/oracles/killing.py
         "killed": FaultWords(
             broken="the operator's program, or its computer, dies",
             says=("--resume",),
             remedy="Start it again with `--resume latest`: every accepted pose is on disk.",
-            arm=Arm.HOLDS,
+            arm=ArmReaction.HOLDS,
         ),
         # tests/operator_app/session/test_journal.py
         "disk full": FaultWords(
@@ -50,7 +50,7 @@ OPERATOR_SIDE: Mapping[str, FaultWords] = MappingProxyType(
             says=("operator's heartbeat lost",),
             goes_on=True,
             remedy="End them, or give `sarcal` real-time priority.",
-            arm=Arm.HOLDS,
+            arm=ArmReaction.HOLDS,
         ),
         # tests/contracts/arm/test_contract.py, two operators exclude each other;
         # tests/hardware/canopen_arm/test_watching.py

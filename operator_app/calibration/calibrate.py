@@ -13,7 +13,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.alternatives import named_rivals
 from operator_app.calibration.closed_loops import in_order, loop_of_poses, pick
-from operator_app.calibration.diagnosis import Known, weigh
+from operator_app.calibration.diagnosis import PriorInformation, weigh
 from operator_app.calibration.error_model import error_model, first_of_each, soften
 from operator_app.calibration.failure_analysis import (
     do_not_fit,
@@ -209,7 +209,7 @@ def calibrate(
         if closes
         else ()
     )
-    known = Known(
+    known = PriorInformation(
         out_of_range=out_of_range,
         flipped=flipped,
         checks=checks,

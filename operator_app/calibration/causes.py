@@ -35,7 +35,7 @@ from solver.diagnostics.exceeded_specifications import Larger
 from solver.diagnostics.fault_model import Candidate, Cause
 from solver.diagnostics.fault_models import Scene
 from solver.diagnostics.model_selection import Evidence
-from solver.estimators.effects import Design
+from solver.estimators.effects import LinearModel
 
 NAMED = 5
 """How many poses a sentence lists by name."""
@@ -138,7 +138,7 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
             return _smooth(int(subject), candidate, found, scene)
 
 
-def larger_in_words(found: Larger, design: Design) -> Words:
+def larger_in_words(found: Larger, design: LinearModel) -> Words:
     """Say that a source of error is larger than its statement, one of several that are."""
     kind, _, which = found.component.partition("_")
     times = TIMES(found.times).shown

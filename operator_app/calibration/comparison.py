@@ -87,7 +87,7 @@ class Drift:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
+class CalibrationComparison:
     """What two calibrations say of one arm.
 
     Attributes
@@ -132,7 +132,7 @@ def compare(
     *,
     level: float = DEFAULT_LEVEL,
     remounted: bool = False,
-) -> Comparison:
+) -> CalibrationComparison:
     """Compare two calibrations.
 
     Parameters
@@ -194,7 +194,7 @@ def compare(
                 significant=real,
             )
         )
-    return Comparison(
+    return CalibrationComparison(
         before=before,
         after=after,
         drifts=tuple(drifts),

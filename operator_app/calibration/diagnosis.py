@@ -40,7 +40,7 @@ from solver.chain.poses import PoseSet
 from solver.diagnostics.diagnosis import PARTLY, Trial, judge
 from solver.diagnostics.exceeded_specifications import larger_than_stated
 from solver.diagnostics.fault_model import Cause
-from solver.diagnostics.range_checks import Fault, RangeFinding
+from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.diagnostics.rvdt import RvdtVerdict
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
@@ -56,7 +56,7 @@ MOST_SEVERAL = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
+class PriorInformation:
     """What was seen before and beside the fit.
 
     Attributes
@@ -89,7 +89,7 @@ def weigh(
     distinct: IntArray,
     *,
     judged: tuple[str, ...],
-    known: Known,
+    known: PriorInformation,
     paper: Estimate | None = None,
 ) -> Judgement:
     """Judge a fit.
@@ -308,13 +308,13 @@ def _left(trial: Trial) -> float:
     return found.chi2 / max(found.dof, 1)
 
 
-def _beforehand(arm: ArmModel, poses: PoseSet, known: Known) -> tuple[NamedCause, ...]:
+def _beforehand(arm: ArmModel, poses: PoseSet, known: PriorInformation) -> tuple[NamedCause, ...]:
     """What needs no test: it was read off the file, or off the geometry."""
     many = len(known.flipped) > FLIPPED_SHARE * len(poses)
     left_out = (known.flipped, known.out_of_range, arm, poses)
     found = [_certain(*words, refuses=many) for words in left_out_in_words(*left_out)]
     for f in out_of_range_besides(*left_out):
-        saturated = f.fault is Fault.SATURATED
+        saturated = f.fault is ReadingFault.SATURATED
         text, remedy = range_text(f, poses.label)
         code = f"{'SATURATED' if saturated else 'RANGE'}_{f.joint}"
         found.append(_certain(code, text, remedy, refuses=saturated))

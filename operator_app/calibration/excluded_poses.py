@@ -9,7 +9,7 @@ from operator_app.calibration.causes import Words, poses_named
 from operator_app.units.numbers import names
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
-from solver.diagnostics.range_checks import Fault, RangeFinding, rows_in_radians
+from solver.diagnostics.range_checks import RangeFinding, ReadingFault, rows_in_radians
 
 MANY = 3
 """So many joints outside their ranges are a row that is wrong; fewer may be where a hand upside down led them."""
@@ -23,7 +23,7 @@ def left_out_in_words(
 ) -> tuple[Words, ...]:
     """Say why each of the poses (indices) was left out; several for one reason in one sentence."""
     joints = {
-        k: [f.joint for f in out_of_range if f.fault is Fault.OUTSIDE and k in f.poses]
+        k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]
         for k in left_out
     }
     radians = _in_radians(left_out, arm, poses)

@@ -18,7 +18,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.diagnostics.identifiability import identifiability
-from solver.diagnostics.range_checks import Fault, RangeFinding
+from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate
 
@@ -82,7 +82,9 @@ def saturated_readings(
     found: tuple[RangeFinding, ...], poses: PoseSet
 ) -> PosesDoNotFitError | None:
     """Readings at the end of full scale, as the reason why poses do not fit; None if there are none."""
-    known = [(f.joint, range_text(f, poses.label)) for f in found if f.fault is Fault.SATURATED]
+    known = [
+        (f.joint, range_text(f, poses.label)) for f in found if f.fault is ReadingFault.SATURATED
+    ]
     if not known:
         return None
     return PosesDoNotFitError(

@@ -9,7 +9,7 @@ from fixtures.base import Fixture
 from operator_app.calibration.instrument_registration import as_calibrated
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import Prediction, fixed_by, judge_poses
+from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
 from solver.arrays import BoolArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
@@ -33,7 +33,7 @@ class NoTestError(ValueError):
 
 def judge_new(
     arm: ArmModel, fixture: Fixture, solution: Solution, *, made_from: PoseSet, new: PoseSet
-) -> Prediction:
+) -> VerificationResult:
     """Judge a calibration by poses that took no part in it.
 
     Parameters

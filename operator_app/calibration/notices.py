@@ -31,7 +31,7 @@ from operator_app.units.numbers import significant
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.diagnostics.identifiability import Identifiability
-from solver.diagnostics.range_checks import Fault, RangeFinding
+from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.diagnostics.rvdt import RvdtVerdict
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
@@ -81,12 +81,12 @@ def range_text(found: RangeFinding, labels: tuple[str, ...]) -> tuple[str, str]:
     where = poses_named(found.poses, labels)
     reading = f"joint {found.joint} reads {READING(found.reading_rad).with_unit} in {where}"
     span = f"{SPAN(found.lower_rad).shown} to {SPAN(found.upper_rad).with_unit}"
-    if found.fault is Fault.SATURATED:
+    if found.fault is ReadingFault.SATURATED:
         return (
             f"{reading}, the end of its sensor's full scale ({span}): beyond it every angle reads so",
             "take these poses nearer the middle of the sensor's range, or leave them out",
         )
-    if found.fault is Fault.WHOLE_TURN:
+    if found.fault is ReadingFault.WHOLE_TURN:
         return (
             f"{reading}, whole turns from its range {span}: its encoder counts from another turn",
             "home the joint or correct range_deg in the arm file",

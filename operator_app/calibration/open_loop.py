@@ -25,7 +25,7 @@ LEVEL = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Difference:
+class ParameterDifference:
     """One parameter of the arm in both calibrations, rad or m.
 
     `sigma` is the standard deviation of `change`, open less closed; `significant` says that chance
@@ -58,12 +58,12 @@ class OpenLoopCheck:
     """
 
     solution: Solution
-    differences: tuple[Difference, ...]
+    differences: tuple[ParameterDifference, ...]
     chi2: Chi2Test
     left_out: tuple[str, ...]
 
     @property
-    def disagree(self) -> tuple[Difference, ...]:
+    def disagree(self) -> tuple[ParameterDifference, ...]:
         """Parameters that differ by more than chance gives, the worst first."""
         found = [d for d in self.differences if d.significant]
         return tuple(sorted(found, key=lambda d: -abs(d.change) / d.sigma))
@@ -119,7 +119,7 @@ def check_open_loop(
     return OpenLoopCheck(
         solution=found,
         differences=tuple(
-            Difference(
+            ParameterDifference(
                 name=name,
                 is_angle=turns,
                 closed=float(closed.estimate.x[i]),

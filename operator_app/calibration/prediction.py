@@ -20,7 +20,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, is_entry
 from solver.chain.pose_order import canonical_order
 from solver.chain.poses import PoseSet
-from solver.diagnostics.prediction import NOT_KNOWN, Given, Shift, foretold
+from solver.diagnostics.prediction import NOT_KNOWN, CommonShift, Given, foretold
 from solver.diagnostics.whitened_residuals import LeftOver
 from solver.errors import PosesDoNotFitError
 from solver.estimators.estimate import Estimate
@@ -36,7 +36,7 @@ FIXTURE = "fixture"
 """The subject of a shift that is no joint's."""
 
 
-def shift_in_words(shift: Shift) -> str:
+def shift_in_words(shift: CommonShift) -> str:
     """What has shifted, by how much, and what to do."""
     if shift.subject == FIXTURE or shift.size is None or shift.sigma is None:
         return (

@@ -22,14 +22,14 @@ LEFT = 0.25
 """A shift leaves less than this share of the squares that a curve alone leaves."""
 
 
-class Shift(NamedTuple):
+class ReadingStep(NamedTuple):
     """What was added to a reading (rad) from pose `first` on, index in time order."""
 
     first: int
     size_rad: float
 
 
-def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> Shift | None:
+def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | None:
     """Return how a joint's readings (m,) shifted against its angles (m,) as the loops have them, rad.
 
     Poses are in the order in which they were taken. None where a smooth curve explains it nearly as well.
@@ -49,4 +49,4 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> Shift | None:
     k = int(np.argmax(along**2 / square))
     if float(left @ left - along[k] ** 2 / square[k]) > LEFT * float(left @ left):
         return None
-    return Shift(first=k + EDGE, size_rad=float(along[k] / square[k]))
+    return ReadingStep(first=k + EDGE, size_rad=float(along[k] / square[k]))

@@ -20,9 +20,9 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.closing import reduced_equations
-from solver.diagnostics.cross_validation import Verification, verify
+from solver.diagnostics.cross_validation import HeldOutPoses, verify
 from solver.diagnostics.outliers import FALSE_ALARM, left_out, odd_poses
-from solver.diagnostics.prediction import Shift, shifted
+from solver.diagnostics.prediction import CommonShift, shifted
 from solver.diagnostics.statistics import chi2_test
 from solver.estimators.component_report import Component
 from solver.estimators.error_model import SD_OF_PEAK
@@ -64,7 +64,7 @@ class Fixed:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Prediction:
+class VerificationResult:
     """What new poses say of a calibration.
 
     Attributes
@@ -81,11 +81,11 @@ class Prediction:
         One joint or the fixture that has shifted in all of them alike; None where none has.
     """
 
-    verification: Verification
+    verification: HeldOutPoses
     nominal: ClosureSigmas
     odd_poses: tuple[int, ...]
     poses: int
-    shift: Shift | None = None
+    shift: CommonShift | None = None
 
     @property
     def why(self) -> str:
@@ -144,7 +144,7 @@ def judge_poses(
     *,
     calibrated: tuple[int, ...] | None = None,
     made: MadeFrom | None = None,
-) -> Prediction:
+) -> VerificationResult:
     """Judge new poses of the same arm in the same fixture, at the same placement.
 
     Parameters
@@ -182,11 +182,11 @@ def judge_poses(
     at_nominal = closure_at_readings(model, nominal_vector(model.parameters), poses.q_rad)
     improbable = (found.pose_probability < FALSE_ALARM / len(poses)) | ~found.closed
     odd = tuple(int(k) for k in np.argsort(found.pose_probability) if improbable[k])
-    shift: Shift | None = None
+    shift: CommonShift | None = None
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
     if made is not None and bool(found.closed.all()):
         found, odd, shift = _as_foretold(arm, fixture, made, given, start, found, odd)
-    return Prediction(
+    return VerificationResult(
         verification=found,
         nominal=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
         odd_poses=odd,
@@ -201,9 +201,9 @@ def _as_foretold(
     made: MadeFrom,
     poses: PoseSet,
     start: Mapping[str, float],
-    found: Verification,
+    found: HeldOutPoses,
     odd: tuple[int, ...],
-) -> tuple[Verification, tuple[int, ...], Shift | None]:
+) -> tuple[HeldOutPoses, tuple[int, ...], CommonShift | None]:
     """Return what is judged with all that the calibration's own poses tell; as found without where nothing fits."""
     from scipy.special import chdtrc
 

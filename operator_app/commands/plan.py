@@ -22,7 +22,7 @@ from operator_app.safe_output import say
 if TYPE_CHECKING:
     from fixtures.advice import RankedPlacement
     from operator_app.config.procedure import Procedure
-    from operator_app.planning.preview import Known, Preview
+    from operator_app.planning.preview import PlanningBasis, Preview
 
 POSES = 12
 """Poses of a plan when the procedure speaks of explored ones."""
@@ -120,7 +120,7 @@ def _code(shown: Preview) -> ExitCode:
     return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED
 
 
-def _of_files(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]:
+def _of_files(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None, str]:
     """Return the procedure with the arm and fixture named beside it, and nothing known.
 
     The joints that a procedure names are those of its own arm: for any other they are ranked. So they are
@@ -154,10 +154,10 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]:
     return procedure, None, "nominal geometry"
 
 
-def _of_session(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]:
+def _of_session(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None, str]:
     """Return the session's procedure and what its poses tell."""
     from operator_app.composition import carried_procedure
-    from operator_app.planning.preview import Known
+    from operator_app.planning.preview import PlanningBasis
     from operator_app.session.store.folders import read_session
     from operator_app.session.workflow.opening import Choices, resume
 
@@ -176,7 +176,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, Known | None, str]
     if procedure.position_joints is None and state.drives:
         procedure = replace(procedure, position_joints=state.drives)
     readings = state.pose_set().q_rad
-    known = Known(readings_rad=readings, start_rad=state.used_poses[-1].mean_rad)
+    known = PlanningBasis(readings_rad=readings, start_rad=state.used_poses[-1].mean_rad)
     return procedure, known, f"the estimate of {len(readings)} poses in {opening.folder}"
 
 

@@ -27,7 +27,7 @@ from operator_app.safe_output import say
 if TYPE_CHECKING:
     from fixtures.measured import Measured
     from operator_app.calibration.result import Solution
-    from operator_app.calibration.verification import Prediction
+    from operator_app.calibration.verification import VerificationResult
     from operator_app.session.workflow.opening import Opening
     from solver.chain.poses import PoseSet
 
@@ -214,7 +214,7 @@ def _open_arm(
 
 def _on_the_arm(
     opening: Opening, solution: Solution, count: int, *, homing: bool, record_to: Path | None
-) -> tuple[Prediction, PoseSet]:
+) -> tuple[VerificationResult, PoseSet]:
     """Take `count` poses in the session, elsewhere than it did."""
     from operator_app.composition import unattended
     from operator_app.headless.console import ConsoleListener

@@ -41,7 +41,7 @@ WORTH_A_CHANGE = 0.03
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Prediction:
+class DrivePrediction:
     """Drive sets ranked by the model.
 
     Attributes
@@ -80,7 +80,7 @@ class DriveChoice:
     drives: tuple[int, ...]
     sets: tuple[tuple[int, ...], ...]
     reasons: tuple[str, ...]
-    prediction: Prediction
+    prediction: DrivePrediction
     trial: tuple[RankedDrives, ...] = ()
 
     @property
@@ -92,7 +92,7 @@ class DriveChoice:
 
 def predict_drives(
     arm: ArmModel, model: ClosureModel, x: FloatArray, q_rad: FloatArray, *, seed: int = 0
-) -> Prediction:
+) -> DrivePrediction:
     """Rank all drive sets at `q_rad` (n,) and over the region around it, for parameters `x` (P,).
 
     Raises
@@ -109,7 +109,7 @@ def predict_drives(
             count=REGION_POSES,
             seed=seed,
         )
-        prediction = Prediction(
+        prediction = DrivePrediction(
             here=rank_at_pose(model, x, q_rad),
             region=rank_over_region(model, manifold),
             manifold=manifold,
@@ -134,14 +134,14 @@ def predict_drives(
 
 
 def worth_trying(
-    prediction: Prediction, unsensed_joints: tuple[int, ...] = ()
+    prediction: DrivePrediction, unsensed_joints: tuple[int, ...] = ()
 ) -> tuple[tuple[int, ...], ...]:
     """Return the best predicted sets that can be used from here, the best first."""
     return tuple(r.drives for r in _usable(prediction, unsensed_joints)[:TRIED])
 
 
 def choose_drives(
-    prediction: Prediction,
+    prediction: DrivePrediction,
     *,
     unsensed_joints: tuple[int, ...] = (),
     trials: Sequence[TrialWiggles] = (),
@@ -200,7 +200,7 @@ def _beyond(arm: ArmModel, manifold: Manifold) -> str:
     )
 
 
-def _usable(prediction: Prediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
+def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
     """Sets usable both here and over the region, the best of the region first."""
     here = {r.drives for r in prediction.here if r.usable}
     usable = [
@@ -211,7 +211,7 @@ def _usable(prediction: Prediction, unsensed_joints: tuple[int, ...]) -> list[Ra
     return [r for r in usable if not set(r.drives) & prediction.inexact] or usable
 
 
-def _against_here(prediction: Prediction, best: RankedDrives) -> tuple[str, ...]:
+def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str, ...]:
     """Say when another set looks better where the arm stands now."""
     first = prediction.here[0]
     if first.drives == best.drives:

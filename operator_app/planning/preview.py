@@ -13,7 +13,7 @@ from fixtures.base import Fixture, SetupCheck
 from operator_app.errors import SessionError
 from operator_app.planning.drives import (
     DriveChoice,
-    Prediction,
+    DrivePrediction,
     choose_drives,
     predict_drives,
 )
@@ -24,13 +24,13 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.paths import Route
-from solver.design.plan import Plan, PlanningTask, make_plan
+from solver.design.plan import PlanningTask, PosePlan, make_plan
 from solver.diagnostics.identifiability import Identifiability, identifiability
 from solver.loops.closure import ClosureModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
+class PlanningBasis:
     """What is known before a plan is made.
 
     Attributes
@@ -100,7 +100,7 @@ class Preview:
     checks: tuple[SetupCheck, ...]
     seen: Identifiability
     choice: DriveChoice
-    plan: Plan
+    plan: PosePlan
     poses: tuple[PlannedPose, ...]
 
     @property
@@ -119,7 +119,7 @@ def preview(
     unsensed_joints: tuple[int, ...] = (),
     samples: int = 1,
     seed: int = 0,
-    known: Known | None = None,
+    known: PlanningBasis | None = None,
     candidates: int = CANDIDATES,
 ) -> Preview:
     """Plan `poses` poses from home, or from what is known of a session.
@@ -191,7 +191,7 @@ def preview(
 
 
 def named_drives(
-    prediction: Prediction, drives: tuple[int, ...], arm: ArmModel, mobility: int, kind: str
+    prediction: DrivePrediction, drives: tuple[int, ...], arm: ArmModel, mobility: int, kind: str
 ) -> DriveChoice:
     """Return the choice that the procedure made, with what the ranking says of it."""
     problem = modes_problem(drives, joint_count=arm.joint_count, mobility=mobility, kind=kind)
@@ -213,7 +213,9 @@ def _in_whole(whole: ClosureModel, model: ClosureModel, x: FloatArray) -> FloatA
     return np.array([values.get(p.name, p.nominal) for p in whole.parameters])
 
 
-def _visited(task: PlanningTask, plan: Plan, drives: tuple[int, ...]) -> tuple[PlannedPose, ...]:
+def _visited(
+    task: PlanningTask, plan: PosePlan, drives: tuple[int, ...]
+) -> tuple[PlannedPose, ...]:
     """Follow the way from pose to pose as a session would."""
     poses, here = [], 0
     for target in plan.visits:

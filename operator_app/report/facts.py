@@ -38,7 +38,7 @@ from operator_app.report.quality_tables import (
     trend_table,
 )
 from operator_app.report.remedy_tables import remedy_table, side_note
-from operator_app.report.table import Headline, Table, keyed
+from operator_app.report.table import FactTable, Headline, keyed
 from operator_app.report.uncertainty_tables import budget_table, components_table, halving_table
 from operator_app.report.verdict_tables import causes_table, tests_table
 from operator_app.units.figure import CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
@@ -68,7 +68,7 @@ class Facts:
     reasons: tuple[str, ...]
     notices: tuple[Notice, ...]
     headlines: tuple[Headline, ...]
-    tables: tuple[Table, ...]
+    tables: tuple[FactTable, ...]
     data: Mapping[str, Any]
 
     @property
@@ -76,7 +76,7 @@ class Facts:
         """The object of `sarcal solve --json`."""
         return merged(self.data, keyed(self.tables))
 
-    def table(self, ident: str) -> Table | None:
+    def table(self, ident: str) -> FactTable | None:
         """Return one table, None where there is nothing to put in it."""
         return next((t for t in self.tables if t.ident == ident), None)
 
@@ -148,7 +148,7 @@ def facts_of(
 def estimate_json(estimate: Estimate) -> dict[str, Any]:
     """Return what one estimator found as JSON: the paper's, beside the chosen one."""
     rows = closure_row(estimate.estimator, estimate.sigmas, key=())
-    closure = Table(ident="", title="", columns=CLOSURE_COLUMNS, rows=(rows,))
+    closure = FactTable(ident="", title="", columns=CLOSURE_COLUMNS, rows=(rows,))
     return merged(
         {**estimate_data(estimate), "chi2_per_dof": estimate.chi2_per_dof},
         keyed((parameter_table(estimate, nominal_key=False), closure)),
@@ -164,7 +164,7 @@ def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _there(*tables: Table | None) -> tuple[Table, ...]:
+def _there(*tables: FactTable | None) -> tuple[FactTable, ...]:
     return tuple(t for t in tables if t is not None)
 
 

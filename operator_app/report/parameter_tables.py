@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 
 from operator_app.calibration.result import Solution
-from operator_app.report.table import Cell, Column, Table, figures, words
+from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units.figure import ANGLE, LENGTH, Figure, Key, Quantity, quantity_of
 from operator_app.units.numbers import (
     NOT_KNOWN,
@@ -60,7 +60,7 @@ def parameter_table(
     sides: Mapping[str, str] | None = None,
     nominal_key: bool = True,
     note: str = "",
-) -> Table:
+) -> FactTable:
     """Nominal, identified, change, sigma and interval, what the other estimator identified beside them.
 
     `sides` says of each whose it is: the arm's, the ground's, the hand's.
@@ -108,7 +108,7 @@ def parameter_table(
         if beside is not None:
             row.append(_beside(p, n, beside))
         rows.append(tuple(row))
-    return Table(
+    return FactTable(
         ident="parameters",
         title="Identified parameters",
         columns=tuple(columns),
@@ -134,7 +134,7 @@ def _beside(p: Parameter, places: int, other: Estimate) -> Cell:
 
 def estimators_table(
     estimate: Estimate, beside: Estimate | None, *, astray: bool = False
-) -> Table | None:
+) -> FactTable | None:
     """Both estimators' values, sigmas and their difference from the same poses; None without a second one.
 
     Neither is believed where what refuses the calibration has led it `astray`.
@@ -164,7 +164,7 @@ def estimators_table(
                 Figure(difference, quantity, places=places(quantity), signed=True),
             )
         )
-    return Table(
+    return FactTable(
         ident="estimators",
         title="Both estimators, from the same poses",
         columns=(
@@ -193,7 +193,7 @@ def _change(parameter: Parameter, value: float, reference: float) -> float:
     return math.remainder(change, 2.0 * math.pi) if parameter.is_angle else change
 
 
-def dh_table(solution: Solution) -> Table | None:
+def dh_table(solution: Solution) -> FactTable | None:
     """D-H table, identified entries beside nominal ones; None for a loop that has none."""
     model = solution.model
     before = model.dh_table(nominal_vector(model.parameters))
@@ -227,7 +227,7 @@ def dh_table(solution: Solution) -> Table | None:
                 else "",
             ]
         rows.append(tuple(cells))
-    return Table(
+    return FactTable(
         ident="dh",
         title="D-H table (Tables 1 and 2 of the paper)",
         columns=tuple(columns),
@@ -240,7 +240,7 @@ def _of(kind: DhKind) -> Quantity:
     return ANGLE if kind.is_angle else LENGTH
 
 
-def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> Table | None:
+def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable | None:
     """Return every sigma beside its spread when each pose in turn is left out."""
     if spread is None:
         return None
@@ -250,7 +250,7 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> Table | No
         key = ("checks", "jackknife_sigma", p.name)
         pair = Figure(float(sd), quantity, places=n), Figure(float(other), quantity, n, key=key)
         rows.append((p.name, quantity.unit, *pair))
-    return Table(
+    return FactTable(
         ident="jackknife",
         title="Sigma by leaving out each pose in turn",
         columns=(*words("parameter", "unit"), *figures("sigma", "jackknife")),
@@ -260,7 +260,7 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> Table | No
     )
 
 
-def tolerated_table(solution: Solution) -> Table | None:
+def tolerated_table(solution: Solution) -> FactTable | None:
     """Lengths, twists and offsets that were corrected within their tolerances."""
     estimate = solution.estimate
     places, round_places = precision(estimate), nominal_places(estimate.parameters)
@@ -281,7 +281,7 @@ def tolerated_table(solution: Solution) -> Table | None:
                 )
             )
     offsets = any(name.startswith("theta_off_") for name in solution.tolerated)
-    return None if not rows else Table(
+    return None if not rows else FactTable(
         ident="tolerated",
         title=f"Lengths{', twists and offsets' if offsets else ' and twists'} corrected within their "
         "tolerances",
@@ -291,7 +291,7 @@ def tolerated_table(solution: Solution) -> Table | None:
     )  # fmt: skip
 
 
-def correlation_table(estimate: Estimate, strongest: int = 3) -> Table:
+def correlation_table(estimate: Estimate, strongest: int = 3) -> FactTable:
     """Correlations of the parameters, lower triangle, shaded by size."""
     matrix = correlations(estimate.covariance)
     listed = [p.name for p in estimate.parameters]
@@ -310,7 +310,7 @@ def correlation_table(estimate: Estimate, strongest: int = 3) -> Table:
     told = "; ".join(
         f"{a} and {b} {Figure(r, places=3, signed=True).shown}" for a, b, r in pairs[:strongest]
     )
-    return Table(
+    return FactTable(
         ident="correlations",
         title="Correlations of the parameters (no unit, from -1 to 1)",
         columns=(*words("parameter"), *figures(*listed)),

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from operator_app.calibration.cross_validation import FOLDS, Checks
 from operator_app.calibration.notices import held_in_short
 from operator_app.calibration.result import Solution
-from operator_app.report.table import Cell, Column, Headline, Table, figures, words
+from operator_app.report.table import Cell, Column, FactTable, Headline, figures, words
 from operator_app.units.figure import (
     CHI2,
     CLOSURE_LENGTH,
@@ -36,7 +36,7 @@ OBSERVABILITY = (
 )
 
 
-def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table:
+def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactTable:
     """Condition, rank, degrees of freedom, chi2, weakest direction."""
     estimate, seen = solution.identified, solution.seen
     weights = ", ".join(
@@ -72,7 +72,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table
         ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
         ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), ended),
     ]
-    return Table(
+    return FactTable(
         ident="determined",
         title="How well the poses determine them (no unit)",
         columns=(*words("figure"), *figures("value"), *words("")),
@@ -81,7 +81,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> Table
     )
 
 
-def trend_table(solution: Solution) -> Table | None:
+def trend_table(solution: Solution) -> FactTable | None:
     """Return how the condition number fell as the poses came; None where nothing tells."""
     trend = solution.seen.trend
     if len(trend) < 2:
@@ -96,7 +96,7 @@ def trend_table(solution: Solution) -> Table | None:
                 "#" * round(decades * BAR_PER_DECADE),
             )
         )
-    return Table(
+    return FactTable(
         ident="trend",
         title="Condition number as the poses came (no unit)",
         columns=(
@@ -107,12 +107,12 @@ def trend_table(solution: Solution) -> Table | None:
     )
 
 
-def hand_table(solution: Solution) -> Table | None:
+def hand_table(solution: Solution) -> FactTable | None:
     """Return how far off the hand may be at the poses of the calibration."""
     hand = solution.hand
     if hand is None:
         return None
-    return Table(
+    return FactTable(
         ident="hand",
         title="How far off the hand may be (one sigma)",
         columns=(*words("at the poses of this calibration"), *figures("sigma [mm]")),
@@ -125,7 +125,7 @@ def hand_table(solution: Solution) -> Table | None:
     )
 
 
-def accuracy_table(solution: Solution) -> Table | None:
+def accuracy_table(solution: Solution) -> FactTable | None:
     """Return what the calibration brings: the hand before and after, over the joints' ranges."""
     found = solution.accuracy
     if found is None:
@@ -135,7 +135,7 @@ def accuracy_table(solution: Solution) -> Table | None:
         ("95 % stay below", "p95", found.before.most, found.after.most),
         ("worst pose", "worst", found.before.worst, found.after.worst),
     )
-    return Table(
+    return FactTable(
         ident="accuracy",
         title="What it brings: how far off the hand is [mm]",
         columns=(
@@ -158,9 +158,9 @@ def accuracy_table(solution: Solution) -> Table | None:
     )
 
 
-def observability_table(solution: Solution) -> Table:
+def observability_table(solution: Solution) -> FactTable:
     """Return the five observability indices of the literature."""
-    return Table(
+    return FactTable(
         ident="observability",
         title="Observability of the scaled Jacobian (no unit)",
         columns=(*words("index"), *figures("value"), *words("")),
@@ -181,7 +181,7 @@ CLOSURE_COLUMNS = (
 )
 
 
-def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> Table:
+def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> FactTable:
     """Closure sigmas before and after, in both readings, and on poses held out."""
     estimate = solution.identified
     rows = [
@@ -207,7 +207,7 @@ def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | 
                 place = ("checks", key)
                 title = f"{name}, {part}"
                 rows.append(closure_row(title, sigmas, key=place, reading=which))
-    return Table(
+    return FactTable(
         ident="closure",
         title="Closure at the measured joints (eqs. 14 and 15)",
         columns=CLOSURE_COLUMNS,

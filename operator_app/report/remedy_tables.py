@@ -5,7 +5,7 @@ from __future__ import annotations
 from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.remedies import reading_tables
 from operator_app.calibration.result import Solution
-from operator_app.report.table import Cell, Table, figures
+from operator_app.report.table import Cell, FactTable, figures
 from operator_app.units.figure import ANGLE, Figure
 
 EVERY = 4
@@ -26,7 +26,7 @@ def side_note(solution: Solution) -> str:
     return " ".join([*said, "What is of the arm outlives the mounting."])
 
 
-def remedy_table(solution: Solution) -> Table | None:
+def remedy_table(solution: Solution) -> FactTable | None:
     """Offset, gain and corrections of every RVDT that the poses could judge; None without any."""
     rows: list[tuple[Cell, ...]] = []
     for found in reading_tables(solution):
@@ -48,7 +48,7 @@ def remedy_table(solution: Solution) -> Table | None:
             head = ("", "", "")
     if not rows:
         return None
-    return Table(
+    return FactTable(
         ident="rvdt-remedy",
         title="Corrections of RVDT readings, from the closed loop",
         columns=(

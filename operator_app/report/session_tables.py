@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from operator_app.report.subject import Subject
-from operator_app.report.table import Cell, Column, Table, figures, words
+from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units.figure import (
     ANGLE,
     CLOSURE_ANGLE,
@@ -47,7 +47,7 @@ def rvdt_joints(subject: Subject) -> tuple[int, ...]:
     )
 
 
-def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
+def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
     """Sensor, corrections and coverage of every joint."""
     arm, q, used = subject.procedure.arm, subject.readings_rad, sensed_joints(subject)
     sigma, stated, rows = arm.sigma_rad(), _stated_rad(arm), []
@@ -73,7 +73,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> Table:
                 Figure((high - low) / (joint.upper_rad - joint.lower_rad), SHARE, places=0),
             )
         )
-    return Table(
+    return FactTable(
         ident="joint-table",
         title="Joints: sensors, corrections that close the loops, coverage",
         columns=(
@@ -114,7 +114,7 @@ def sensor_words(sensor: Sensor, *, used: bool) -> str:
     return words if used else f"{words} (reading not used)"
 
 
-def rvdt_table(subject: Subject) -> Table | None:
+def rvdt_table(subject: Subject) -> FactTable | None:
     """Each RVDT against the angle that the loop measures: line, curve, noise, and what is allowed."""
     rows: list[tuple[Cell, ...]] = []
     for verdict in () if subject.solution is None else subject.solution.rvdt:
@@ -138,7 +138,7 @@ def rvdt_table(subject: Subject) -> Table | None:
             )
         )
     linear, noise = "linearity, of full scale", "noise of a single reading"
-    return None if not rows else Table(
+    return None if not rows else FactTable(
         ident="rvdt-table",
         title="RVDT joints: readings against the angle that the loop measures",
         columns=(
@@ -153,7 +153,7 @@ def rvdt_table(subject: Subject) -> Table | None:
     )  # fmt: skip
 
 
-def pose_table(subject: Subject, estimate: Estimate | None) -> Table:
+def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
     """All captured poses with what they left over, notes, and why some were left out."""
     joints = subject.procedure.arm.joint_count
     days = {pose.utc[:10] for pose in subject.poses}
@@ -172,7 +172,7 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> Table:
             Figure(chi2),
         )
 
-    return Table(
+    return FactTable(
         ident="pose-table",
         title="Captured poses: mean joint readings, error of closure, notes",
         columns=(

@@ -13,10 +13,10 @@ from operator_app.calibration.notices import Notice
 from operator_app.calibration.result import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.report.facts import Facts, facts_of
-from operator_app.session.store.journal_format import Event
+from operator_app.session.store.journal_format import JournalEvent
 from operator_app.session.store.replay import replay
 from operator_app.session.store.state import CapturedPose, SessionState
-from operator_app.session.store.stored_calibration import Calibrated
+from operator_app.session.store.stored_calibration import StoredCalibration
 from solver.arrays import FloatArray
 from solver.errors import UnidentifiableError
 from solver.estimators.estimate import Estimate
@@ -154,9 +154,9 @@ class Subject:
 
 def subject_of_session(
     name: str,
-    events: Sequence[Event],
+    events: Sequence[JournalEvent],
     procedure: Procedure,
-    found: Calibrated | None,
+    found: StoredCalibration | None,
     *,
     torn: str = "",
     unidentifiable: UnidentifiableError | None = None,
@@ -187,7 +187,7 @@ def subject_of_session(
     )
 
 
-def _simulated(events: Sequence[Event]) -> bool:
+def _simulated(events: Sequence[JournalEvent]) -> bool:
     """Judge by what the drives called themselves on the bus, whatever bus it was."""
     return any(
         "virtual" in str(node.get("device_name", ""))

@@ -55,7 +55,7 @@ def figures(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class FactTable:
     """Rows of facts.
 
     Attributes
@@ -85,16 +85,16 @@ class Table:
             raise ValueError("a row has one cell a column")
 
     @property
-    def brief(self) -> Table:
+    def brief(self) -> FactTable:
         """The table without the columns that only the page has room for."""
         return self._of([k for k, column in enumerate(self.columns) if not column.detail])
 
     @property
-    def whole(self) -> Table:
+    def whole(self) -> FactTable:
         """The table without the columns that stand for others."""
         return self._of([k for k, column in enumerate(self.columns) if not column.summary])
 
-    def _of(self, kept: list[int]) -> Table:
+    def _of(self, kept: list[int]) -> FactTable:
         return replace(
             self,
             columns=tuple(self.columns[k] for k in kept),
@@ -121,7 +121,7 @@ class Headline:
         return f"{self.name} {self.figure.with_unit}"
 
 
-def keyed(tables: Iterable[Table]) -> dict[str, Any]:
+def keyed(tables: Iterable[FactTable]) -> dict[str, Any]:
     """Return all figures that have a key as one object; whole-number keys make lists."""
     tree: dict[str | int, Any] = {}
     for figure in (c for t in tables for row in t.rows for c in row if isinstance(c, Figure)):

@@ -8,7 +8,7 @@ from functools import lru_cache
 from operator_app.report.facts import Facts, facts_of
 from operator_app.report.spans import Line, line
 from operator_app.report.subject import Subject
-from operator_app.report.table import Headline, Table
+from operator_app.report.table import FactTable, Headline
 from operator_app.report.text import placed
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.units.figure import Figure
@@ -76,7 +76,7 @@ ROLES = {"found": "bold"}
 """Roles of figures that a screen shows otherwise."""
 
 
-def table_spans(table: Table) -> tuple[list[Line], list[Line]]:
+def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
     """Return head and body of a table without what only a page has room for."""
     table = table.brief
     heads, rows = placed(table, " ")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from operator_app.calibration.notices import Notice
 from operator_app.report.facts import Facts
-from operator_app.report.table import Column, Table, shown
+from operator_app.report.table import Column, FactTable, shown
 from operator_app.safe_output import harmless
 from operator_app.units.numbers import joints_named, names
 from solver.errors import UnidentifiableError
@@ -62,7 +62,7 @@ def _causes(facts: Facts) -> tuple[Notice, ...]:
     return tuple(notice for notice in facts.notices if notice.code in codes)
 
 
-def table_text(table: Table) -> str:
+def table_text(table: FactTable) -> str:
     """Return a table under its title, its note below."""
     rows = table_lines(table)
     if max(map(len, rows), default=0) > WIDTH:
@@ -71,13 +71,13 @@ def table_text(table: Table) -> str:
     return "\n".join([*lines, paragraph(table.note)] if table.note else lines)
 
 
-def table_lines(table: Table, gap: str = "  ", margin: str = "  ") -> list[str]:
+def table_lines(table: FactTable, gap: str = "  ", margin: str = "  ") -> list[str]:
     """Return head and rows of a table without what only a page has room for."""
     heads, rows = placed(table.brief, gap)
     return [(margin + gap.join(cells)).rstrip() for cells in (*heads, *rows)]
 
 
-def placed(table: Table, gap: str) -> tuple[list[list[str]], list[list[str]]]:
+def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]]:
     """Return the head's rows, groups above titles, and the body's, every cell in its place."""
     if not table.rows:
         return [], []

@@ -6,7 +6,7 @@ import numpy as np
 
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import halvings
-from operator_app.report.table import Cell, Column, Table, figures, words
+from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units.figure import (
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
@@ -22,7 +22,7 @@ LARGEST = 3
 """Sources of error that are named where there is no room for all."""
 
 
-def components_table(found: VarianceComponents | None, *, astray: bool = False) -> Table | None:
+def components_table(found: VarianceComponents | None, *, astray: bool = False) -> FactTable | None:
     """Size of every source of error that was estimated, with its interval; `astray` ones ask for nothing."""
     if found is None or (not found.components and found.flexure is None):
         return None
@@ -49,7 +49,7 @@ def components_table(found: VarianceComponents | None, *, astray: bool = False) 
         note = (
             f"The data {asks} for a fixture that gives more than stated (score test, p {chance})."
         )
-    return Table(
+    return FactTable(
         ident="noise",
         title="Sources of error, sized by the data",
         columns=(*words("source", "unit"), *figures("stated", "found", "95 % from", "to")),
@@ -72,7 +72,7 @@ def component_words(name: str) -> str:
             return name
 
 
-def budget_table(solution: Solution) -> Table | None:
+def budget_table(solution: Solution) -> FactTable | None:
     """Share of every parameter's variance that each source of error brings."""
     if solution.components is None:
         return None
@@ -90,7 +90,7 @@ def budget_table(solution: Solution) -> Table | None:
             largest = sorted(shares, key=lambda source: -(shares[source].value or 0.0))[:LARGEST]
             told = ", ".join(f"{source_words(s)} {shares[s].with_unit}" for s in largest)
             rows.append((p.name, told, *shares.values()))
-    return Table(
+    return FactTable(
         ident="budget",
         title="Uncertainty budget: share of each variance by source [%]",
         columns=(
@@ -105,7 +105,7 @@ def budget_table(solution: Solution) -> Table | None:
     )
 
 
-def halving_table(solution: Solution) -> Table | None:
+def halving_table(solution: Solution) -> FactTable | None:
     """What would halve the widest sigmas: the largest source of each, and what half of it leaves."""
     found = halvings(solution)
     rows: list[tuple[Cell, ...]] = []
@@ -121,7 +121,7 @@ def halving_table(solution: Solution) -> Table | None:
             )
         )
     done = dict.fromkeys(f"{source_words(h.source)}: {h.remedy}" for h in found)
-    return None if not rows else Table(
+    return None if not rows else FactTable(
         ident="halving",
         title="What narrows the widest sigmas: half of their largest source",
         columns=(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from operator_app.calibration.result import Solution
-from operator_app.report.table import Column, Table, figures, words
+from operator_app.report.table import Column, FactTable, figures, words
 from operator_app.units.figure import SHARE, Figure
 
 
-def causes_table(solution: Solution) -> Table | None:
+def causes_table(solution: Solution) -> FactTable | None:
     """Return what may be wrong, the most probable first; the sentences are page and JSON's affair."""
     rows = tuple(
         (
@@ -19,7 +19,7 @@ def causes_table(solution: Solution) -> Table | None:
         )
         for cause in solution.causes
     )
-    return None if not rows else Table(
+    return None if not rows else FactTable(
         ident="causes",
         title="What may be wrong, by probability",
         columns=(
@@ -33,7 +33,7 @@ def causes_table(solution: Solution) -> Table | None:
     )  # fmt: skip
 
 
-def tests_table(solution: Solution) -> Table | None:
+def tests_table(solution: Solution) -> FactTable | None:
     """Return every test that the verdict rests on; those that fired are marked."""
     rows = tuple(
         (
@@ -44,7 +44,7 @@ def tests_table(solution: Solution) -> Table | None:
         )
         for t in solution.judgement.tests
     )
-    return None if not rows else Table(
+    return None if not rows else FactTable(
         ident="tests",
         title="Tests that the verdict rests on (no unit)",
         columns=(*words("test"), *figures("statistic", "threshold", "false alarm")),

@@ -20,8 +20,8 @@ from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
 from solver.design.moves import moves_along, straight_to
 from solver.design.paths import Route
-from solver.design.plan import Plan, PlanningTask, information_of, make_plan
-from solver.design.stop_rule import Standing, StopDecision, judge_standing
+from solver.design.plan import PlanningTask, PosePlan, information_of, make_plan
+from solver.design.stop_rule import PrecisionStatus, StopDecision, judge_standing
 from solver.errors import SolverError
 from solver.loops.closure import poses_needed
 
@@ -75,7 +75,7 @@ class Campaign:
         self.task = task
         self.settings = CampaignSettings() if settings is None else settings
         self.phase = Phase.EXPLORING
-        self.plan: Plan | None = None
+        self.plan: PosePlan | None = None
         self.estimate: InterimEstimate | None = None
         self.drives = task.drive_sets[0]
         self._calibrate = calibrate or implicit_interim(task.model, task.noise)
@@ -240,7 +240,7 @@ class Campaign:
         self._node = 0
         return True
 
-    def _plan_with(self, task: PlanningTask, left: int) -> Plan | None:
+    def _plan_with(self, task: PlanningTask, left: int) -> PosePlan | None:
         if self.estimate is None:
             return None
         avoid = self._blocked + self._unreached
@@ -276,7 +276,7 @@ class Campaign:
             return
         decision = self._judge()
         if decision is not None and decision.stop:
-            reached = decision.standing is Standing.REACHED
+            reached = decision.standing is PrecisionStatus.REACHED
             self._finish(decision.text, complete=reached, decision=decision)
             return
         plan, estimate = self.plan, self.estimate
@@ -302,7 +302,7 @@ class Campaign:
         self._queue.append(Capture(planned=True, why=f"planned pose {number}"))
         self._node = target
 
-    def _route(self, plan: Plan, target: int) -> Route | None:
+    def _route(self, plan: PosePlan, target: int) -> Route | None:
         """Way from where the arm stands to a candidate of `plan`; None where none is known to be safe.
 
         Four fifths of the planning margin: between two candidates that keep the margin a path may bulge.

@@ -31,7 +31,7 @@ class TooFewCandidatesError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Design:
+class PoseSelection:
     """A chosen set of poses.
 
     Attributes
@@ -80,7 +80,7 @@ def choose_poses(
     apart_rad: float = 0.0,
     max_sweeps: int = 10,
     seed: int = 0,
-) -> Design:
+) -> PoseSelection:
     """Choose `count` different candidates of largest log det, beside what is known already.
 
     Parameters
@@ -130,7 +130,7 @@ def choose_poses(
     total = rows.T @ rows
     if fixed is not None:
         total = total + fixed / np.outer(scale, scale)
-    return Design(
+    return PoseSelection(
         chosen=tuple(best[1]),
         log_det=log_det(total) + 2.0 * float(np.log(scale).sum()),
         exchanges=best[2],

@@ -14,7 +14,7 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray
 from solver.closing import close_loops, reduced_jacobian
 from solver.design.d_optimal import (
-    Design,
+    PoseSelection,
     TooFewCandidatesError,
     choose_poses,
     log_det,
@@ -78,7 +78,7 @@ class PlanningTask:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class PosePlan:
     """Poses to visit, and everything to go on planning with.
 
     Attributes
@@ -128,7 +128,7 @@ def make_plan(
     covariance: FloatArray | None = None,
     avoid_rad: FloatArray | None = None,
     avoid_radius_rad: float = 0.15,
-) -> Plan:
+) -> PosePlan:
     """Plan `count` poses from readings `q_start` (n,) with the estimate `x` (P,).
 
     Parameters
@@ -181,7 +181,7 @@ def make_plan(
     total = information.of(visits) + (0.0 if fixed is None else fixed)
     q = manifold.q[list(visits)]
     J = task.model.reduced(x, q).jac_x
-    return Plan(
+    return PosePlan(
         x=np.array(x),
         manifold=manifold,
         information=information,
@@ -207,7 +207,7 @@ def _choose(
     fixed: FloatArray | None,
     allowed: BoolArray,
     count: int,
-) -> Design:
+) -> PoseSelection:
     """D-optimal choice, with the poses closer together where the room is short."""
     for share in (1.0, 0.5):
         try:

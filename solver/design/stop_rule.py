@@ -21,7 +21,7 @@ BLIND = 1e-13
 """Directions whose scaled information is below this share of the largest are not determined."""
 
 
-class Standing(Enum):
+class PrecisionStatus(Enum):
     """Where a pose set stands against the precision asked for."""
 
     REACHED = "reached"
@@ -65,7 +65,7 @@ class StopDecision:
         One sentence.
     """
 
-    standing: Standing
+    standing: PrecisionStatus
     weak: tuple[WeakParameter, ...]
     poses_needed: int | None
     text: str
@@ -73,7 +73,7 @@ class StopDecision:
     @property
     def stop(self) -> bool:
         """Whether there is a reason to stop."""
-        return self.standing is not Standing.GOING_ON
+        return self.standing is not PrecisionStatus.GOING_ON
 
 
 def standard_deviations(information: FloatArray) -> FloatArray:
@@ -121,7 +121,7 @@ def judge_standing(
     now = standard_deviations(information)[columns]
     if np.all(now <= goal):
         return StopDecision(
-            standing=Standing.REACHED,
+            standing=PrecisionStatus.REACHED,
             weak=(),
             poses_needed=0,
             text="every parameter is known as well as requested, by the sensors' errors alone",
@@ -141,7 +141,9 @@ def judge_standing(
     )
     if needed is not None:
         text = f"about {needed} more poses to reach the request; {weak[0].name} is weakest"
-        return StopDecision(standing=Standing.GOING_ON, weak=weak, poses_needed=needed, text=text)
+        return StopDecision(
+            standing=PrecisionStatus.GOING_ON, weak=weak, poses_needed=needed, text=text
+        )
     short = [w.name for w in weak if w.forecast > w.requested] or [weak[0].name]
     worst = max(weak, key=lambda w: w.forecast / w.requested)
     named = ", ".join(short[:3]) + (f" and {len(short) - 3} others" if len(short) > 3 else "")
@@ -154,7 +156,7 @@ def judge_standing(
     )
     nearer = float(_ratio(later, goal).max()) < (1.0 - worthwhile) * float(_ratio(now, goal).max())
     return StopDecision(
-        standing=Standing.GOING_ON if nearer else Standing.HOPELESS,
+        standing=PrecisionStatus.GOING_ON if nearer else PrecisionStatus.HOPELESS,
         weak=weak,
         poses_needed=None,
         text=text,

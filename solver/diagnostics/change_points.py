@@ -48,7 +48,7 @@ class Suspect:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class ChangePoint:
     """The most significant step of one suspect.
 
     Attributes
@@ -88,7 +88,7 @@ def steps(
     quiet: LeftOver | None = None,
     scale: float = 1.0,
     false_alarm: float = FALSE_ALARM,
-) -> tuple[Step, ...]:
+) -> tuple[ChangePoint, ...]:
     """Test every suspect for a step at every pose, the most significant suspect first.
 
     Parameters
@@ -104,7 +104,7 @@ def steps(
     if m < 2 * EDGE or not suspects:
         return ()
     level = false_alarm / sum(s.share for s in suspects)
-    found: list[Step] = []
+    found: list[ChangePoint] = []
     for of_reading in (False, True):
         judged = quiet if of_reading and quiet is not None else left
         here = [s for s in suspects if s.of_reading == of_reading]
@@ -118,7 +118,7 @@ def steps(
 
 def _largest(
     left: LeftOver, suspects: Sequence[Suspect], scale: float, level: float
-) -> Iterator[Step]:
+) -> Iterator[ChangePoint]:
     """Largest step of each of some suspects (S) with as many columns (d) each.
 
     `level` is the chance of a false alarm of a suspect whose share is 1.
@@ -147,7 +147,7 @@ def _largest(
             continue
         spread = (vectors[here] * inverse[here]) @ vectors[here].T
         dof = int(free[here].sum())
-        yield Step(
+        yield ChangePoint(
             suspect=suspects[k].name,
             pose=best + EDGE,
             size=(vectors[here] @ (inverse[here] * along[here])) / size[k],

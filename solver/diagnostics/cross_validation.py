@@ -25,7 +25,7 @@ Estimator = Callable[[IntArray], Estimate]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verification:
+class HeldOutPoses:
     """Poses judged by parameters fixed before they were taken.
 
     Attributes
@@ -71,7 +71,7 @@ class HeldOut:
 
     poses: IntArray
     estimate: Estimate
-    verification: Verification
+    verification: HeldOutPoses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +100,7 @@ def verify(
     covariance: FloatArray,
     q: FloatArray,
     noise: NoiseModel,
-) -> Verification:
+) -> HeldOutPoses:
     """Judge poses `q` (m, n), rad, by parameters `x` (P,) of covariance (P, P).
 
     With w_i the misclosure of the adjusted pose, ``w_i' (V_i + A_i C A_i')^-1 w_i`` is chi2 with as
@@ -129,7 +129,7 @@ def verify(
     inside = np.linalg.solve(np.eye(P) + shared.T @ shared, shared.T @ w)
     together = float(w @ w - (shared.T @ w) @ inside)
     error = closure_at_readings(model, x, q)
-    return Verification(
+    return HeldOutPoses(
         chi2=chi2_test(together, m * r),
         pose_chi2=pose_chi2,
         pose_probability=np.asarray(chdtrc(r, pose_chi2)),

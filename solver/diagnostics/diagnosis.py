@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.diagnostics.change_points import Step, steps
+from solver.diagnostics.change_points import ChangePoint, steps
 from solver.diagnostics.fault_model import NONE_MEASURED, Candidate, Cause, Stray
 from solver.diagnostics.fault_models import Scene
 from solver.diagnostics.hypothesis_tests import (
@@ -117,7 +117,7 @@ class Trial:
     rounds: tuple[tuple[Explanation, ...], ...]
     doubts: tuple[Explanation, ...]
     odd: OddPoses
-    step: Step | None
+    step: ChangePoint | None
     left: LeftOver
     stated_chi2_per_dof: float
     apart: FloatArray
@@ -187,7 +187,7 @@ def _apart(fit: LinearFit, stated: LinearFit) -> FloatArray:
 
 def _look(
     scene: Scene, left: LeftOver, quiet: LeftOver
-) -> tuple[OddPoses, Step | None, list[Test]]:
+) -> tuple[OddPoses, ChangePoint | None, list[Test]]:
     """Look for odd poses and for steps with noise as believed; for those of a reading with `quiet` noise.
 
     At no smaller scale however little is left: where most of the noise is quieter than believed, that of

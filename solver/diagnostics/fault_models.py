@@ -17,7 +17,7 @@ from solver.chain.sensor_curve import SensorCurve
 from solver.chain.sensors import Encoder, Rvdt
 from solver.diagnostics.change_points import Suspect
 from solver.diagnostics.fault_model import NONE_MEASURED, Candidate, Cause, Stray
-from solver.estimators.effects import Design, System
+from solver.estimators.effects import LinearModel, System
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
 """Natural size of what nobody stated a size of."""
@@ -42,13 +42,13 @@ class Scene:
     """
 
     arm: ArmModel
-    design: Design
+    design: LinearModel
     system: System
     readings: FloatArray
     order: IntArray
 
     @classmethod
-    def in_time(cls, arm: ArmModel, design: Design, system: System, order: IntArray) -> Scene:
+    def in_time(cls, arm: ArmModel, design: LinearModel, system: System, order: IntArray) -> Scene:
         """Return the scene with row k the pose that was taken k-th; `order` (m,) picks it."""
         return cls(
             arm=arm,

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.diagnostics.pose_columns import OwnColumns, Solved
+from solver.diagnostics.pose_columns import OwnColumns, SolvedColumns
 from solver.diagnostics.whitened_residuals import LeftOver
 
 LEAST_SCALE = 0.25
@@ -122,7 +122,7 @@ def evidence_of_own(
     sizes, dof = SIZES[most >= SIZES], max(left.dof, 1)
 
     @cache
-    def at(k: int) -> tuple[float, Solved]:
+    def at(k: int) -> tuple[float, SolvedColumns]:
         """Log-likelihood at a size, and the coefficients."""
         there = columns.solved(float(sizes[k]) ** 2)
         chi2 = max(left.chi2 - there.drop, 1e-12)

@@ -57,7 +57,7 @@ class OwnColumns:
             inside=(turned @ left.U[poses]).reshape(own.size, -1),
         )
 
-    def solved(self, variance: float) -> Solved:
+    def solved(self, variance: float) -> SolvedColumns:
         """Solve for coefficients of this variance."""
         from scipy.linalg import lapack
 
@@ -72,7 +72,7 @@ class OwnColumns:
         back, _ = lapack.dtrtri(factor, lower=True)
         back = np.tril(back)
         b = (score + inside @ (back.T @ (back @ (inside.T @ score)))) / root
-        return Solved(
+        return SolvedColumns(
             b=b,
             drop=float(self.score @ b),
             logdet=float(np.log(variance * total).sum())
@@ -81,7 +81,7 @@ class OwnColumns:
             back=back,
         )
 
-    def coefficients(self, solved: Solved) -> tuple[FloatArray, FloatArray]:
+    def coefficients(self, solved: SolvedColumns) -> tuple[FloatArray, FloatArray]:
         """Coefficients (p * c,) as they were before they were turned, and their variances."""
         p, _, c = self.white.shape
         spread = self.inside / solved.total[:, None] @ solved.back.T
@@ -90,7 +90,7 @@ class OwnColumns:
         b = (self.turn @ solved.b.reshape(p, c, 1)).reshape(-1)
         return b, variance.reshape(-1)
 
-    def moved(self, left: LeftOver, solved: Solved) -> FloatArray:
+    def moved(self, left: LeftOver, solved: SolvedColumns) -> FloatArray:
         """By how much the parameters (P,) change when these are believed."""
         return np.asarray(left.to_x @ (self.inside.T @ solved.b))
 
@@ -119,7 +119,7 @@ class OwnColumns:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solved:
+class SolvedColumns:
     """Turned coefficients (p * c,), how far chi2 falls by them, and log det (1 + variance C).
 
     Their covariance is ``D + D W back' back W' D`` with D = diag(1 / total); `back` (K, K) is the inverse root of

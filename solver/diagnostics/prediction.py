@@ -36,7 +36,7 @@ class Given:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shift:
+class CommonShift:
     """One thing that all of the later poses have in common and the earlier ones have not.
 
     Attributes
@@ -101,7 +101,7 @@ def foretold(fit: LinearFit, later: BoolArray, given: Given | None = None) -> Le
     )
 
 
-def shifted(left: LeftOver, subjects: Mapping[str, FloatArray]) -> Shift | None:
+def shifted(left: LeftOver, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
     """Which of the columns (m, r, c), common to all poses, explains most; None where none is beyond chance."""
     from scipy.special import chdtri
 
@@ -114,7 +114,7 @@ def shifted(left: LeftOver, subjects: Mapping[str, FloatArray]) -> Shift | None:
         single = columns.shape[-1] == 1 and bool(seen.all())
         threshold = float(chdtri(max(int(seen.sum()), 1), FALSE_ALARM / len(subjects)))
         found.append(
-            Shift(
+            CommonShift(
                 subject=name,
                 size=float(s[0] / values[0]) if single else None,
                 sigma=float(values[0] ** -0.5) if single else None,

@@ -37,7 +37,7 @@ LEAST_MOTION_RAD = np.deg2rad(5.0)
 """A joint whose readings would span less than this as radians stands still in either unit."""
 
 
-class Fault(Enum):
+class ReadingFault(Enum):
     """What is wrong with one joint's readings."""
 
     OUTSIDE = "outside its range"
@@ -62,7 +62,7 @@ class RangeFinding:
     """
 
     joint: int
-    fault: Fault
+    fault: ReadingFault
     poses: tuple[int, ...]
     reading_rad: float
     lower_rad: float
@@ -225,7 +225,9 @@ def range_findings(
             findings.append(
                 RangeFinding(
                     joint=j,
-                    fault=Fault.WHOLE_TURN if _whole_turns(arm, q, j) else Fault.OUTSIDE,
+                    fault=ReadingFault.WHOLE_TURN
+                    if _whole_turns(arm, q, j)
+                    else ReadingFault.OUTSIDE,
                     poses=named,
                     reading_rad=float(q[named[0], j - 1]),
                     lower_rad=joint.lower_rad,
@@ -238,7 +240,7 @@ def range_findings(
                 findings.append(
                     RangeFinding(
                         joint=j,
-                        fault=Fault.SATURATED,
+                        fault=ReadingFault.SATURATED,
                         poses=pinned,
                         reading_rad=float(q[pinned[0], j - 1]),
                         lower_rad=joint.lower_rad,
@@ -283,10 +285,10 @@ def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> tuple[int, 
 def _refuse(
     arm: ArmModel, poses: PoseSet, findings: tuple[RangeFinding, ...], outside: FloatArray
 ) -> None:
-    refused = tuple(f for f in findings if f.fault is Fault.OUTSIDE)
+    refused = tuple(f for f in findings if f.fault is ReadingFault.OUTSIDE)
     if not refused:
         return
-    turned = [f.joint - 1 for f in findings if f.fault is Fault.WHOLE_TURN]
+    turned = [f.joint - 1 for f in findings if f.fault is ReadingFault.WHOLE_TURN]
     far = outside > FAR * (arm.upper_rad - arm.lower_rad)
     far[:, turned] = False
     if 2 * int(far.any(axis=1).sum()) < len(poses):

@@ -11,7 +11,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.chain.sensor_curve import rms_per_amplitude
-from solver.estimators.effects import Design
+from solver.estimators.effects import LinearModel
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import MixedFit
 
@@ -72,7 +72,7 @@ MOST_CERTAIN = 1e6
 """No standard deviation is known better than to this share of itself."""
 
 
-def components(found: MixedFit, design: Design) -> tuple[Component, ...]:
+def components(found: MixedFit, design: LinearModel) -> tuple[Component, ...]:
     """Report noise and curve of every analogue sensor and the fixture's noise."""
     v, out = found.fit.v, []
     stated = design.stated_variances()
@@ -97,7 +97,7 @@ def components(found: MixedFit, design: Design) -> tuple[Component, ...]:
     return tuple(out)
 
 
-def flexure_test(stated: LinearFit, design: Design) -> FlexureTest | None:
+def flexure_test(stated: LinearFit, design: LinearModel) -> FlexureTest | None:
     """Test at the stated variances whether the fixture's noise is larger, one component at a time."""
     from scipy.special import ndtr
 

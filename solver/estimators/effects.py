@@ -103,7 +103,7 @@ class Whitened:
         return found.reshape(m, r, *coefficients.shape[1:])
 
 
-class Design(Layout):
+class LinearModel(Layout):
     """Noise and columns of a closure model with stated errors, some poses at a time.
 
     Attributes
@@ -125,19 +125,19 @@ class Design(Layout):
         self.along_joints = JointShapes(self)
         self._stated_joints, self._stated_fixture = self._joints(), self._fixture()
 
-    def at_poses(self, poses: IntArray) -> Design:
+    def at_poses(self, poses: IntArray) -> LinearModel:
         """Return the design of a selection of poses, smooth functions laid through these only."""
-        return Design(
+        return LinearModel(
             self.model.at_poses(poses),
             self.q[poses],
             self.errors.at_poses(poses),
             group=None if self.group is None else self.group[poses],
         )
 
-    def unsigned(self) -> Design:
+    def unsigned(self) -> LinearModel:
         """Return the design that expects sag and play to either side alike."""
         errors = replace(self.errors, signed=False)
-        return Design(self.model, self.q, errors, group=self.group, like=self)
+        return LinearModel(self.model, self.q, errors, group=self.group, like=self)
 
     # ---- noise
 

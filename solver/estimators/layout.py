@@ -60,7 +60,7 @@ SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Component:
+class VarianceComponent:
     """One variance to be estimated: where it starts, its floor, and where its prior puts a wall.
 
     `soft` and `wall` bound an amplitude by its specification: a prior of that mean variance, and a
@@ -149,7 +149,7 @@ class Layout:
         used = [j for j in range(model.joint_count) if j + 1 not in model.unsensed_joints]
         self.rows = model.components
         self._joint_errors(used)
-        self.components: list[Component] = []
+        self.components: list[VarianceComponent] = []
         self.groups: list[Group] = []
         self._lay_out(names, group, like)
         self.floors = np.array([c.floor for c in self.components])
@@ -181,7 +181,7 @@ class Layout:
         self.backlash = stated(self.errors.backlash_rad)
         self.sag = stated(self.errors.sag_rad)
 
-    def _component(self, component: Component) -> int:
+    def _component(self, component: VarianceComponent) -> int:
         self.components.append(component)
         return len(self.components) - 1
 
@@ -193,7 +193,7 @@ class Layout:
 
         for a in errors.analogue:
             self._component(
-                Component(
+                VarianceComponent(
                     name=f"rvdt_{a.joint}",
                     start=a.variance,
                     floor=FLOOR**2 * a.variance,
@@ -206,7 +206,7 @@ class Layout:
         gives = [(k, s) for k, s in (*held, ("fixture_m", errors.give_m)) if s is not None]
         for key, stated in gives:
             self.fixture_components[key] = self._component(
-                Component(
+                VarianceComponent(
                     name=key,
                     start=max(ANEW * stated, LEAST_GIVE) ** 2,
                     floor=max(ANEW * stated, LEAST_GIVE) ** 2,
@@ -216,7 +216,7 @@ class Layout:
         self.play_component: int | None = None
         if self.backlash.any():
             self.play_component = self._component(
-                Component(name="joint_play", start=ANEW**2, floor=ANEW**2, wall=WORST**2)
+                VarianceComponent(name="joint_play", start=ANEW**2, floor=ANEW**2, wall=WORST**2)
             )
         for k, source in enumerate(_SOFT):
             listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
@@ -271,7 +271,7 @@ class Layout:
             if a.curve is not None
         ):
             if curve.lines:
-                gain = Component(
+                gain = VarianceComponent(
                     name=f"gain_{joint}", start=1.0, floor=1.0,
                     spread_variance=1.0, spread_dof=SPECIFIED,
                 )  # fmt: skip
@@ -281,7 +281,7 @@ class Layout:
                 )  # fmt: skip
             if not curve.bent:
                 continue
-            bend = Component(
+            bend = VarianceComponent(
                 name=f"curve_{joint}",
                 start=stated,
                 floor=LEAST_CURVE**2 * stated,
@@ -332,7 +332,7 @@ class Layout:
         c = None
         if self.errors.discrepancy:
             c = self._component(
-                Component(
+                VarianceComponent(
                     name="discrepancy",
                     start=1e-8,
                     floor=1e-8,
@@ -358,7 +358,7 @@ class Layout:
             )
 
     def _stated_group(self, source: str, names: tuple[str, ...]) -> None:
-        c = self._component(Component(name=source, start=1.0, floor=1.0, wall=WORST**2))
+        c = self._component(VarianceComponent(name=source, start=1.0, floor=1.0, wall=WORST**2))
         self.groups.append(
             Group(source=source, width=len(names), fixed=0.0, component=c, scale=1.0, names=names)
         )

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.estimators.effects import Design, Whitened
+from solver.estimators.effects import LinearModel, Whitened
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,10 +30,10 @@ class Derivatives:
     expected: FloatArray
 
 
-class Solved(Protocol):
+class SolvedModel(Protocol):
     """A mixed model solved at the variances v (K,); `solver.estimators.linear_fit` says what each is."""
 
-    design: Design
+    design: LinearModel
     v: FloatArray
     coefficients: FloatArray
     unit_b: FloatArray
@@ -48,7 +48,7 @@ class Solved(Protocol):
         ...
 
 
-def likelihood_derivatives(fit: Solved) -> Derivatives:
+def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
     """Differentiate the restricted log-likelihood by every component, at `fit`."""
     design, K = fit.design, len(fit.v)
     hard, width = design.hard, design.width

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.estimators.effects import Design, Equations, System, Whitened
+from solver.estimators.effects import Equations, LinearModel, System, Whitened
 from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 
 SMALL = 64
@@ -59,7 +59,7 @@ class LinearFit:
     """
 
     def __init__(
-        self, design: Design, system: Equations, v: FloatArray, *, keep: bool | None = None
+        self, design: LinearModel, system: Equations, v: FloatArray, *, keep: bool | None = None
     ) -> None:
         self.design, self.system, self.v = design, system, np.array(v, dtype=np.float64)
         hard = design.hard

@@ -13,7 +13,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.closing import Rates, left_null_space
-from solver.estimators.effects import Design, System
+from solver.estimators.effects import LinearModel, System
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,7 +35,7 @@ class State:
 class Linearisation:
     """Equations of `design` at `state`; see the module."""
 
-    def __init__(self, design: Design, state: State) -> None:
+    def __init__(self, design: LinearModel, state: State) -> None:
         self.state = state
         self._model, self._q, self._expected = design.model, design.q, design.expected
         # Effects count from the nominal values of toleranced entries, steps of the others from here.

@@ -16,14 +16,14 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.closing import close_loops
 from solver.errors import PosesDoNotFitError
-from solver.estimators.effects import Design, System
+from solver.estimators.effects import LinearModel, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.linearisation import Linearisation, State
-from solver.estimators.scoring import Ascent, Step, step, with_priors
+from solver.estimators.scoring import Ascent, ScoringStep, step, with_priors
 from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MAX_ROUNDS = 40
@@ -158,7 +158,7 @@ def fit_mixed(
         # Evenly over the poses, which are in canonical order: the same whatever order they came in.
         some = np.linspace(0, len(q) - 1, FOR_VARIANCES).astype(np.int64)
         rough = _iterate(
-            Design(
+            LinearModel(
                 model.at_poses(some), q[some], errors.at_poses(some),
                 group=None if group is None else group[some],
             ),
@@ -167,7 +167,7 @@ def fit_mixed(
         x0 = rough.x
         errors = replace(errors, signed=rough.fit.design.errors.signed)
         whole = _iterate(
-            Design(model, q, errors, group=group, like=like), x0, rough.fit.v, progress, near,
+            LinearModel(model, q, errors, group=group, like=like), x0, rough.fit.v, progress, near,
             unseen, rough.found,
         )  # fmt: skip
         return replace(
@@ -175,13 +175,13 @@ def fit_mixed(
             iterations=rough.iterations + whole.iterations,
             converged=rough.converged and whole.converged,
         )
-    design = Design(model, q, errors, group=group, like=like)
+    design = LinearModel(model, q, errors, group=group, like=like)
     v = None if estimate else design.stated_variances()
     return _iterate(design, x0, v, progress, near, unseen)
 
 
 def _iterate(
-    design: Design,
+    design: LinearModel,
     x0: FloatArray,
     variances: FloatArray | None,
     progress: Progress | None,
@@ -199,7 +199,7 @@ def _iterate(
         v = np.clip(v, design.floors, design.walls)
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
-    converged, rounds, ascent, wanted = False, 0, Ascent(), Step.none(len(v))
+    converged, rounds, ascent, wanted = False, 0, Ascent(), ScoringStep.none(len(v))
     here, left = Linearisation(design, state), 0.0
     for rounds in range(1, MAX_ROUNDS + 1):
         if left > STRAIGHT:
@@ -225,7 +225,7 @@ def _iterate(
             v = ascent.onward(fit, found, wanted, far=moved > FAR)
             if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
                 # That is no reason to go on: the parameters settle under the variances as they are.
-                free, wanted, v = False, Step.none(len(v)), fit.v
+                free, wanted, v = False, ScoringStep.none(len(v)), fit.v
         enough = STEADY if ascent.fast else CREEPING
         converged = left < settled and wanted.largest < enough
         nearly = left < NEARLY and wanted.largest < ALMOST_STEADY
@@ -242,7 +242,7 @@ def _iterate(
             break
         if free and not sign_asked and wanted.largest < unseen:
             # Newton's: the next would be as small as this one's square.
-            free, wanted = False, Step.none(len(v))
+            free, wanted = False, ScoringStep.none(len(v))
     shift, give = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
@@ -267,7 +267,7 @@ def gravity_share(fit: LinearFit) -> float:
     return float(1.0 - asked.gradient[0] / max(asked.information[0, 0], 1e-300))
 
 
-def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> State:
+def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: Near | None) -> State:
     """Poses as they were left, or as they were read with loops that close as well as `x0` allows."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
@@ -282,7 +282,7 @@ def _start(design: Design, x0: FloatArray, v: FloatArray, near: Near | None) -> 
     return State(x=x, e=np.zeros_like(q), u=u, closed_q=q, closed_u=u)
 
 
-def _advance(design: Design, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
+def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
     """Solution of one linearisation, and in standard errors the largest change of a parameter to it.
 
     The last figure is what that leaves undone.
@@ -350,7 +350,7 @@ def expected_fit(
     sd = np.sqrt(np.maximum(errors.joint_variance.mean(axis=0), 1e-12))
     closed = close_loops(model, x, q, sigma_rad=sd)
     here = np.where(closed.closed[:, None], closed.q, q)
-    design = Design(model, here, errors, group=group)
+    design = LinearModel(model, here, errors, group=group)
     at = State(
         x=np.array(x, dtype=float), e=np.zeros_like(here), u=closed.u,
         closed_q=here, closed_u=closed.u,

@@ -54,7 +54,7 @@ def with_priors(fit: LinearFit) -> Derivatives:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Step:
+class ScoringStep:
     """From variances to what they should be.
 
     Attributes
@@ -72,12 +72,12 @@ class Step:
     slope: float
 
     @classmethod
-    def none(cls, components: int) -> Step:
+    def none(cls, components: int) -> ScoringStep:
         """Return the step of variances that stay."""
         return cls(change=np.zeros(components), largest=0.0, slope=0.0)
 
 
-def step(fit: LinearFit, found: Derivatives) -> Step:
+def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
     """Newton's step of the variances, those at a bound that they would leave held there."""
     v, floor = fit.v, fit.design.floors
     wall, leap = fit.design.walls, fit.design.leaps
@@ -112,7 +112,7 @@ def step(fit: LinearFit, found: Derivatives) -> Step:
         metric = found.curvature / np.outer(size, size)
         if np.linalg.eigvalsh(metric[np.ix_(moving, moving)])[0] > CONCAVE:
             change = bounded(metric)
-    return Step(
+    return ScoringStep(
         change=np.clip(v + change / size, low, high) - v,
         largest=float(np.abs(change).max(initial=0.0)),
         slope=float(score @ change),
@@ -135,11 +135,13 @@ class Ascent:
 
     def __init__(self, *, fast: bool = False) -> None:
         self.fast = fast
-        self._from: tuple[FloatArray, float, Step] | None = None
+        self._from: tuple[FloatArray, float, ScoringStep] | None = None
         self._share = 1.0
         self._wanted: float | None = None
 
-    def onward(self, fit: LinearFit, found: Derivatives, wanted: Step, *, far: bool) -> FloatArray:
+    def onward(
+        self, fit: LinearFit, found: Derivatives, wanted: ScoringStep, *, far: bool
+    ) -> FloatArray:
         """Variances (K,) for the next round, `wanted` being Newton's step from those of `fit`.
 
         `far` says that the next linearisation will be so different that slopes cannot be compared.

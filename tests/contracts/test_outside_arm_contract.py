@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from sarcal import arm_contract
 from sarcal.arm_contract import *  # noqa: F403 - the tests
-from sarcal.arm_contract import Bench, fulfils
+from sarcal.arm_contract import ConnectedArm, fulfils
 
 from hardware.commissioning.bench_check import Bench as Tried
 from hardware.commissioning.bench_check import check
@@ -26,7 +26,7 @@ ARMS = ("virtual", "moving_line_arm", "line_arm")
 @pytest.fixture(scope="module", params=ARMS)
 def bench(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Bench]:
+) -> Iterator[ConnectedArm]:
     folder = tmp_path_factory.mktemp("toy")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(package(folder / "package"))
@@ -37,7 +37,7 @@ def bench(
             yield from arm_contract.bench.__wrapped__(tmp_path_factory)
 
 
-def test_arm_check_tries_it_as_well(bench: Bench) -> None:
+def test_arm_check_tries_it_as_well(bench: ConnectedArm) -> None:
     """All but what moves it: in a fixture one joint is not turned alone."""
     bench.arm.close()
     made = Tried(

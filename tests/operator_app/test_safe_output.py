@@ -22,7 +22,7 @@ from operator_app.config.poses_file import load_poses
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.plain_terminal import StandardTerminal
 from operator_app.report.html.markup import element
-from operator_app.report.table import Column, Table
+from operator_app.report.table import Column, FactTable
 from operator_app.report.text import aligned, paragraph, table_lines
 from operator_app.safe_output import MARK, harmless, lines, say
 from operator_app.session.store.folders import read_session
@@ -64,7 +64,7 @@ def test_every_way_out_marks_them(text: str) -> None:
     assert obeyed(look(DARK, ascii_only=False).text(text)) == set()
     assert obeyed(look(DARK, ascii_only=True).text(text)) == set()
     assert obeyed(element("p", text, title=text), allowed="\t\r\n") == set()
-    row = table_lines(Table(ident="t", title="t", columns=(Column("c"),), rows=((text,),)))
+    row = table_lines(FactTable(ident="t", title="t", columns=(Column("c"),), rows=((text,),)))
     assert obeyed("".join(row), allowed="") == set()
     assert len(aligned([[text, text], ["a", "b"]]).split("\n")) == 2
     assert "\n" not in lines([text])

@@ -23,7 +23,7 @@ from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attending
 from hardware.virtual.truth import BallTruth, OpenTruth
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import Prediction
+from operator_app.calibration.verification import VerificationResult
 from operator_app.composition import carried_procedure
 from operator_app.config.description import describe
 from operator_app.headless.runner import RunResult, run
@@ -90,7 +90,7 @@ class Bench:
         with self.session() as session:
             return run(session, Listener())
 
-    def verified(self, folder: Path, poses: int = 4) -> Prediction:
+    def verified(self, folder: Path, poses: int = 4) -> VerificationResult:
         with self.session(folder) as session:
             session.connect()
             session.set_modes(drives_of(session))

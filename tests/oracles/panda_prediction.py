@@ -16,7 +16,7 @@ from operator_app.calibration.error_model import error_model, soften
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
-from solver.estimators.effects import Design
+from solver.estimators.effects import LinearModel
 from solver.estimators.variance_components import estimate_with_errors
 from solver.loops.point import PointClosure
 from tests.oracles.panda import FOLDER, scatter_mm
@@ -46,7 +46,7 @@ def scatter(placements: tuple[int, ...]) -> Scatter:
     assert isinstance(part, PointClosure)
     x = found.estimate.x[model.parts()[0][1]]
     # Effects along joints come first and have the same columns at all poses; give is no joint's.
-    whole = Design(part, poses.q_rad, replace(everywhere, tolerance=tolerance))
+    whole = LinearModel(part, poses.q_rad, replace(everywhere, tolerance=tolerance))
     along = len(whole.soft_index)
     along += len(whole.along_joints.joint_of)
     b = np.zeros(whole.width - whole.hard)

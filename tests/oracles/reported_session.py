@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from operator_app.report.subject import Subject, subject_of_session
-from operator_app.session.store.journal import Event
+from operator_app.session.store.journal import JournalEvent
 from operator_app.session.store.replay import replay
 from operator_app.session.store.stored_calibration import calibrated, checked
 from oracles.short_procedure import short_procedure
@@ -15,7 +15,7 @@ from solver.errors import UnidentifiableError
 HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
 
 
-def subject_of(events: Sequence[Event], **options: Any) -> Subject:
+def subject_of(events: Sequence[JournalEvent], **options: Any) -> Subject:
     """As `sarcal report` reads a journal."""
     state = replay((e.name, e.data, e.utc) for e in events)
     try:

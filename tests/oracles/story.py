@@ -26,8 +26,8 @@ from operator_app.session.ui.snapshot import (
     Level,
     SessionSnapshot,
     StopReport,
-    Task,
     TaskKind,
+    Work,
 )
 from oracles.live_arm import LiveArm
 from oracles.opened import opened
@@ -207,7 +207,7 @@ def tripped(s: SessionSnapshot, joint: int = 4) -> SessionSnapshot:
 
 def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:
     """The worker is at something."""
-    return replace(s, task=Task(kind=kind, text=kind.value, moves=moves, started_s=NOW_S))
+    return replace(s, task=Work(kind=kind, text=kind.value, moves=moves, started_s=NOW_S))
 
 
 def real(s: SessionSnapshot) -> SessionSnapshot:

@@ -23,7 +23,7 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
 from hardware.timing import Pace, Timing
 from hardware.virtual.fault_kinds import FAULT_KINDS
-from hardware.virtual.fault_messages import FAULTS, Arm
+from hardware.virtual.fault_messages import FAULTS, ArmReaction
 from hardware.virtual.scenarios import scenario
 from operator_app.config.description import describe
 from operator_app.config.parameters_file import format_parameters
@@ -114,30 +114,30 @@ def judge(kind: str, at_sync: int, folder: Path) -> Outcome:
     return found
 
 
-def judge_arm(found: Outcome, arm: Arm, *, connected: bool) -> None:
+def judge_arm(found: Outcome, arm: ArmReaction, *, connected: bool) -> None:
     """Hold what drives and plant did to the row: once a fault is told, nothing goes on."""
     assert JointMode.FREE not in found.ended, found.ended
     if not found.said:
         return
-    goes_deg = LAGS_DEG if arm is Arm.UNHEARD else STANDS_DEG
+    goes_deg = LAGS_DEG if arm is ArmReaction.UNHEARD else STANDS_DEG
     assert found.moved_deg < goes_deg, found.moved_deg
     states = [state for state, _ in found.then]
     if not connected and DriveState.OPERATION_ENABLED not in states and len({*states}) == 1:
         return  # nothing was enabled yet
     match arm:
-        case Arm.HOLDS:
+        case ArmReaction.HOLDS:
             assert {mode for _, mode in found.then} <= {JointMode.POSITION, None}
             assert DriveState.OPERATION_ENABLED not in states
-        case Arm.TRIPS if "tripped" in found.said:
+        case ArmReaction.TRIPS if "tripped" in found.said:
             assert DriveState.OPERATION_ENABLED not in states
             assert {*states} & {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE}
             assert JointMode.FREE not in {mode for _, mode in found.then}
-        case Arm.STOPPED if "the arm has been stopped" in found.said:
+        case ArmReaction.STOPPED if "the arm has been stopped" in found.said:
             # Its own power is gone, at once and for good; to be stopped it would only have held its error.
             off = DriveState.SWITCH_ON_DISABLED, None
             assert sorted(map(str, found.then)) == sorted(map(str, [HOLDS] * 6 + [off]))
             assert sorted(map(str, found.ended)) == sorted(map(str, [HOLDS[1]] * 6 + [None]))
-        case Arm.BLOCKS if "heartbeat" not in found.said:
+        case ArmReaction.BLOCKS if "heartbeat" not in found.said:
             assert {mode for _, mode in found.then} == {None}
 
 

@@ -33,7 +33,7 @@ BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0
 """In a fixture, where joints share what a drive does."""
 
 
-class Bench:
+class ConnectedArm:
     """A connected arm, what it said of itself, and the procedure it is used by."""
 
     def __init__(self, arm: Arm, procedure: Procedure, identity: ArmIdentity) -> None:
@@ -92,12 +92,12 @@ class Bench:
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedArm]:
     """The arm, connected once; every test leaves it as it may be found."""
     named = os.environ.get("SARCAL_PROCEDURE", "hinge")
     opening = begin(named, Choices(), root=tmp_path_factory.mktemp("contract"))
     with open_arm(opening) as rig:
-        yield Bench(rig.arm, rig.opening.procedure, rig.arm.connect())
+        yield ConnectedArm(rig.arm, rig.opening.procedure, rig.arm.connect())
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
@@ -113,35 +113,35 @@ def fulfils(tried: Clause | Iterable[Clause]) -> None:
         pytest.skip("; ".join(unknown))
 
 
-def test_it_says_who_it_is(bench: Bench) -> None:
+def test_it_says_who_it_is(bench: ConnectedArm) -> None:
     fulfils(clauses.names_itself(bench.identity, bench.procedure.arm.name, bench.n))
 
 
-def test_a_snapshot_is_a_fresh_picture_of_every_joint(bench: Bench) -> None:
+def test_a_snapshot_is_a_fresh_picture_of_every_joint(bench: ConnectedArm) -> None:
     fulfils(clauses.is_pictured(bench.arm, bench.n))
 
 
-def test_samples_go_on(bench: Bench) -> None:
+def test_samples_go_on(bench: ConnectedArm) -> None:
     fulfils(clauses.goes_on(bench.arm))
 
 
-def test_a_reading_is_statistics_over_samples(bench: Bench) -> None:
+def test_a_reading_is_statistics_over_samples(bench: ConnectedArm) -> None:
     fulfils(clauses.reads(bench.arm, bench.n, BOUNDS))
 
 
-def test_an_arm_at_rest_settles_and_one_that_may_not_spread_does_not(bench: Bench) -> None:
+def test_an_arm_at_rest_settles_and_one_that_may_not_spread_does_not(bench: ConnectedArm) -> None:
     fulfils(clauses.settles(bench.arm, bench.n, BOUNDS))
 
 
-def test_taking_control_enables_the_drives_and_moves_nothing(bench: Bench) -> None:
+def test_taking_control_enables_the_drives_and_moves_nothing(bench: ConnectedArm) -> None:
     fulfils(clauses.is_enabled_unmoved(bench.arm, BOUNDS))
 
 
-def test_modes_are_read_back(bench: Bench) -> None:
+def test_modes_are_read_back(bench: ConnectedArm) -> None:
     fulfils(clauses.reads_modes_back(bench.arm, bench.modes(bench.ready())))
 
 
-def test_a_drive_joint_goes_where_it_is_told_and_back(bench: Bench) -> None:
+def test_a_drive_joint_goes_where_it_is_told_and_back(bench: ConnectedArm) -> None:
     bench.require_moved()
     joint = bench.ready()[0]
     here, there = bench.arm.snapshot().joints[joint - 1].position_rad, bench.away(joint)
@@ -149,7 +149,7 @@ def test_a_drive_joint_goes_where_it_is_told_and_back(bench: Bench) -> None:
     fulfils(clause for turn in turns for clause in motion_checks.goes(turn))
 
 
-def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: Bench) -> None:
+def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: ConnectedArm) -> None:
     drives = bench.ready()
     seen: list[ArmSnapshot] = []
 
@@ -164,7 +164,7 @@ def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: Bench) -> None:
         assert (moved.reached, moved.reason) == (False, "that is enough")
 
 
-def test_a_joint_that_is_free_is_not_moved(bench: Bench) -> None:
+def test_a_joint_that_is_free_is_not_moved(bench: ConnectedArm) -> None:
     drives = bench.ready()
     free = next((j for j in range(1, bench.n + 1) if j not in drives), None)
     if free is None:
@@ -172,13 +172,13 @@ def test_a_joint_that_is_free_is_not_moved(bench: Bench) -> None:
     fulfils(clauses.refuses_to_move_free(bench.arm, free, bench.speed_rad_per_s))
 
 
-def test_a_target_outside_the_range_is_refused(bench: Bench) -> None:
+def test_a_target_outside_the_range_is_refused(bench: ConnectedArm) -> None:
     joint = bench.ready()[0]
     ranged = bench.procedure.arm.joints[joint - 1]
     fulfils(clauses.keeps_within_limits(bench.arm, joint, ranged, bench.speed_rad_per_s))
 
 
-def test_stop_ends_a_move_latches_and_its_reset_moves_nothing(bench: Bench) -> None:
+def test_stop_ends_a_move_latches_and_its_reset_moves_nothing(bench: ConnectedArm) -> None:
     bench.require_moved()
     joint = bench.ready()[0]
     slowly = bench.speed_rad_per_s / 4.0
@@ -186,11 +186,11 @@ def test_stop_ends_a_move_latches_and_its_reset_moves_nothing(bench: Bench) -> N
     bench.ready()
 
 
-def test_it_keeps_a_document_or_refuses_it(bench: Bench) -> None:
+def test_it_keeps_a_document_or_refuses_it(bench: ConnectedArm) -> None:
     bench.arm.take_control()
     fulfils(clauses.keeps_its_document(bench.arm))
 
 
-def test_it_closes_with_its_drives_off_closes_twice_and_connects_again(bench: Bench) -> None:
+def test_it_closes_with_its_drives_off_closes_twice_and_connects_again(bench: ConnectedArm) -> None:
     bench.ready()
     fulfils(clauses.leaves_and_returns(bench.arm, bench.identity))

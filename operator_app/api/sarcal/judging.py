@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from operator_app.calibration.comparison import DEFAULT_LEVEL
-from operator_app.calibration.comparison import Comparison as Found
+from operator_app.calibration.comparison import CalibrationComparison as Found
 from operator_app.calibration.comparison import compare as compared
 from operator_app.calibration.new_poses import judge_new
-from operator_app.calibration.verification import Prediction
+from operator_app.calibration.verification import VerificationResult
 from operator_app.config.parameters import ParametersDocument
 from operator_app.documents import parameters_at
 from operator_app.report.results.comparison import comparison_json, comparison_text
@@ -26,7 +26,7 @@ from .result import Result
 class Verification:
     """What new poses say of a calibration; made by `verify`. Its ``str`` is text for 80 columns."""
 
-    _found: Prediction = field(repr=False)
+    _found: VerificationResult = field(repr=False)
     _poses: Poses = field(repr=False)
     _of: str = field(repr=False)
 

@@ -35,7 +35,7 @@ from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.parameters import document_of, why_used
 from operator_app.session.store.state import SessionState
-from operator_app.session.store.stored_calibration import Calibrated
+from operator_app.session.store.stored_calibration import StoredCalibration
 from operator_app.session.workflow.importing import How, ImportedSession
 from solver.arrays import FloatArray
 
@@ -248,7 +248,7 @@ class Result:
         save_poses(where / POSES_NAME, session.state.pose_set())
         if self.accepted and self._has_table:
             save_parameters(where / PARAMETERS_NAME, self._document(session=session))
-        found = Calibrated(solution=self._solution, checks=self._checks, solved_again="")
+        found = StoredCalibration(solution=self._solution, checks=self._checks, solved_again="")
         subject = subject_of_session(
             where.resolve().name, read_journal(where).events, session.procedure, found
         )

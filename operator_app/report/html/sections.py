@@ -23,7 +23,7 @@ from operator_app.report.session_tables import (
     rvdt_table,
 )
 from operator_app.report.subject import Subject
-from operator_app.report.table import Table
+from operator_app.report.table import FactTable
 from operator_app.units.figure import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure
 from operator_app.units.numbers import joints_named, names, plural
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness
@@ -101,7 +101,7 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
     return tuple(section for section in found if section is not None)
 
 
-def _of_table(subject: Subject, estimate: Estimate, table: Table) -> Section:
+def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section:
     """One table of the facts, its note, and what the page adds to it."""
     content: list[str] = [table_html(table)] if table.rows else []
     if table.note:

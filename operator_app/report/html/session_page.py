@@ -9,7 +9,7 @@ from operator_app.errors import GuardError
 from operator_app.report.html.page import report_html
 from operator_app.report.subject import subject_of_session
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.stored_calibration import Calibrated, recorded
+from operator_app.session.store.stored_calibration import StoredCalibration, recorded
 from operator_app.session.workflow.session import Session
 
 REPORT_NAME = "report.html"
@@ -18,7 +18,7 @@ REPORT_NAME = "report.html"
 def write_report(session: Session) -> Path:
     """Write the page into the session's folder, from its journal."""
     found = recorded(session.state)
-    if not isinstance(found, Calibrated):
+    if not isinstance(found, StoredCalibration):
         raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
     folder = session.journal.path.parent
     contents = read_journal(folder)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from operator_app.report.html.markup import Html, element, join, spoken, text
-from operator_app.report.table import Cell, Column, Table
+from operator_app.report.table import Cell, Column, FactTable
 from operator_app.units.figure import Figure
 from operator_app.units.numbers import typeset
 
 
-def table_html(table: Table) -> Html:
+def table_html(table: FactTable) -> Html:
     """Build a table whose first column heads its rows."""
     table = table.whole
     starts = [

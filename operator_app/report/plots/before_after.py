@@ -13,7 +13,7 @@ from operator_app.calibration.calibrated_arm import calibrated_arm, hand_errors
 from operator_app.calibration.notices import held_in_short
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import Spread
-from operator_app.report.plots.plot import Axis, Layer, Line, Marks, Picture, map_axes
+from operator_app.report.plots.plot import Axis, Layer, Marks, Picture, Polyline, map_axes
 from operator_app.report.subject import Subject
 from operator_app.units.figure import CLOSURE_LENGTH, LENGTH, Figure
 from solver.arrays import FloatArray
@@ -193,7 +193,7 @@ def _view(points: FloatArray, up: FloatArray) -> FloatArray:
 
 def _layers(
     seen: _Seen, view: FloatArray, times: int, labels: tuple[str, str]
-) -> list[Line | Marks]:
+) -> list[Polyline | Marks]:
     hand = seen.chain[-1]
     pin = hand + times * seen.gap
 
@@ -201,9 +201,9 @@ def _layers(
         across, up = (LENGTH.per_si * points @ view.T).T.tolist()
         return across, up
 
-    def line(points: FloatArray, class_: str, label: str = "") -> Line:
+    def line(points: FloatArray, class_: str, label: str = "") -> Polyline:
         across, up = flat(points)
-        return Line(x=across, y=up, class_=class_, label=label)
+        return Polyline(x=across, y=up, class_=class_, label=label)
 
     def axis(at: FloatArray, along: FloatArray) -> FloatArray:
         return np.stack((at - AXIS_M * along, at + AXIS_M * along))
@@ -224,7 +224,7 @@ def _layers(
     ]
 
 
-def _arm(title: str, when: str, axes: tuple[Axis, Axis], layers: list[Line | Marks]) -> Picture:
+def _arm(title: str, when: str, axes: tuple[Axis, Axis], layers: list[Polyline | Marks]) -> Picture:
     all_layers: list[Layer] = [*layers]
     return Picture(
         ident=f"arm-{when.lower()}",

@@ -11,9 +11,9 @@ from operator_app.report.plots.plot import (
     Axis,
     Band,
     Layer,
-    Line,
     Marks,
     Picture,
+    Polyline,
     Ribbon,
     Shape,
     axis,
@@ -76,8 +76,10 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
         x=x,
         y=log_axis("scaled condition number", [*values, limit]),
         layers=[
-            Line(x=(x.low, x.high), y=(limit, limit), class_="dashed", label=f"limit {limit:g}"),
-            Line(x=numbers, y=values),
+            Polyline(
+                x=(x.low, x.high), y=(limit, limit), class_="dashed", label=f"limit {limit:g}"
+            ),
+            Polyline(x=numbers, y=values),
             Marks(x=numbers, y=values, tips=tips, label="first poses"),
         ],
     )
@@ -241,7 +243,7 @@ def _of_rvdt(
         layers.insert(1, ribbon)
         y = [*y, *ribbon.low, *ribbon.high]
     if curve_rad is not None:
-        curve = Line(
+        curve = Polyline(
             x=_scaled(curve_rad[0], ANGLE),
             y=_scaled(curve_rad[1], CLOSURE_ANGLE),
             class_="b",

@@ -24,7 +24,7 @@ from operator_app.report.plots.paper_figures import (
     drawing,
     drawings,
 )
-from operator_app.report.plots.plot import Band, Line, LogAxis, Marks, Picture, Ribbon
+from operator_app.report.plots.plot import Band, LogAxis, Marks, Picture, Polyline, Ribbon
 from operator_app.report.subject import Subject
 from operator_app.units.numbers import typeset
 
@@ -201,7 +201,7 @@ def _picture(ax: Any, of: Picture) -> None:
             ax.fill_between(
                 layer.x, layer.low, layer.high, color=RED, alpha=0.3, linewidth=0.0, label=label
             )
-        elif isinstance(layer, Line):
+        elif isinstance(layer, Polyline):
             ax.plot(layer.x, layer.y, label=label, **LINES[layer.class_])
         elif isinstance(layer, Marks):
             areas = [LARGEST * size for size in layer.sizes] if layer.sizes else USUAL

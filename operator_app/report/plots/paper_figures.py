@@ -14,7 +14,7 @@ from operator_app.report.facts import Facts
 from operator_app.report.plots import before_after, calibration_plots
 from operator_app.report.plots.plot import Picture
 from operator_app.report.subject import Subject
-from operator_app.report.table import Table
+from operator_app.report.table import FactTable
 from operator_app.units.figure import ANGLE, LENGTH, Figure
 
 MOST_SOURCES = 7
@@ -218,7 +218,7 @@ FIGURES: Mapping[str, tuple[str, Callable[[Subject], Drawing | None]]] = Mapping
 """Figures by name: what each shows, in words, and where it comes from."""
 
 
-def _table(subject: Subject, ident: str) -> Table | None:
+def _table(subject: Subject, ident: str) -> FactTable | None:
     facts: Facts | None = subject.facts
     return None if facts is None else facts.table(ident)
 

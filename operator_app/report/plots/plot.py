@@ -154,7 +154,7 @@ class Ribbon:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
+class Polyline:
     """Points joined by a line. `class_` is a line style: ``a``, ``b``, ``dashed``."""
 
     x: Sequence[float]
@@ -179,7 +179,7 @@ class Marks:
     sizes: Sequence[float] = ()
 
 
-Layer = Band | Ribbon | Line | Marks
+Layer = Band | Ribbon | Polyline | Marks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,16 @@ import math
 from collections.abc import Iterable, Sequence
 
 from operator_app.report.html.markup import Html, element, join
-from operator_app.report.plots.plot import Axis, Band, Layer, Line, Marks, Picture, Ribbon, Shape
+from operator_app.report.plots.plot import (
+    Axis,
+    Band,
+    Layer,
+    Marks,
+    Picture,
+    Polyline,
+    Ribbon,
+    Shape,
+)
 from operator_app.units.numbers import typeset
 
 WIDTH, HEIGHT = 360.0, 196.0
@@ -38,7 +47,7 @@ def plot(of: Picture) -> Html:
             around += reversed([*zip(layer.x, layer.low, strict=True)])
             points = _points(around, x, y, right, bottom)
             parts.append(element("polygon", points=points, class_="ribbon"))
-        elif isinstance(layer, Line):
+        elif isinstance(layer, Polyline):
             points = _points([*zip(layer.x, layer.y, strict=True)], x, y, right, bottom)
             parts.append(element("polyline", points=points, class_=f"line {layer.class_}"))
         else:
@@ -140,7 +149,7 @@ def _legend(layers: Sequence[Layer], right: float) -> Html:
         at -= 9.0
         if isinstance(layer, Marks):
             parts.append(mark(layer.shape, at + 3.0, 8.5, 2.8, layer.class_))
-        elif isinstance(layer, Line):
+        elif isinstance(layer, Polyline):
             at -= 8.0
             parts.append(segment(at, 8.5, at + 13.0, 8.5, f"line {layer.class_}"))
         else:

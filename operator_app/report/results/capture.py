@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from operator_app.report.table import Table, figures, words
+from operator_app.report.table import FactTable, figures, words
 from operator_app.report.text import paragraph, table_lines
 from operator_app.session.store.state import CapturedPose
 from operator_app.session.workflow.planned_capture import CampaignEnd
@@ -45,7 +45,7 @@ def capture_json(
 def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter]) -> str:
     """Return how a planned capture ended, what stayed weak and what would help."""
     known = {p.name: quantity_of(p) for p in parameters}
-    weak = Table(
+    weak = FactTable(
         ident="weak",
         title="",
         columns=(*words("short of the request", "unit"), *figures("sigma", "requested")),

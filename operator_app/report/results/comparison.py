@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from operator_app.calibration.comparison import Comparison, Drift, Side
+from operator_app.calibration.comparison import CalibrationComparison, Drift, Side
 from operator_app.config.parameters import ParametersDocument
 from operator_app.report.json_schema import notices_data
-from operator_app.report.table import Cell, Table, figures, shown, words
+from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text
 from operator_app.units.figure import ANGLE, LENGTH, Figure, Quantity
 from operator_app.units.numbers import places_to_show
@@ -21,7 +21,7 @@ MADE_OTHERWISE = {"ESTIMATOR", "ENTRIES", "TABLE"}
 NOTHING = "same poses: nothing follows for the arm"
 
 
-def comparison_text(found: Comparison) -> str:
+def comparison_text(found: CalibrationComparison) -> str:
     """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
     table = _table(found)
     blocks = [
@@ -35,7 +35,7 @@ def comparison_text(found: Comparison) -> str:
     return "\n\n".join(block for block in blocks if block)
 
 
-def comparison_json(found: Comparison) -> dict[str, Any]:
+def comparison_json(found: CalibrationComparison) -> dict[str, Any]:
     """Return the object of `sarcal compare --json`: deg and m, as in the documents."""
     return {
         "verdict": NOTHING if found.same_poses else DRIFTED if found.drifted else NO_DRIFT,
@@ -62,7 +62,7 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
     }
 
 
-def _reading(found: Comparison) -> str:
+def _reading(found: CalibrationComparison) -> str:
     """Say how the table is to be read."""
     change = "Change is B less A, angles the short way round."
     if found.same_poses:
@@ -75,7 +75,7 @@ def _reading(found: Comparison) -> str:
     )
 
 
-def _verdict(found: Comparison, table: Table) -> str:
+def _verdict(found: CalibrationComparison, table: FactTable) -> str:
     if found.same_poses:
         return paragraph(
             "SAME POSES: nothing follows for the arm. A and B are two estimates from the same readings; "
@@ -117,7 +117,7 @@ def _whose(name: str, document: ParametersDocument) -> str:
     )
 
 
-def _table(found: Comparison) -> Table:
+def _table(found: CalibrationComparison) -> FactTable:
     places = {
         q: places_to_show((q.per_si * d.sigma for d in found.drifts if _quantity(d) is q), least=3)
         for q in (ANGLE, LENGTH)
@@ -132,7 +132,7 @@ def _table(found: Comparison) -> Table:
         )
         word = "DRIFT" if d.significant else ""
         rows.append((d.name, quantity.unit, *shown_there, _sigmas(d), word))
-    return Table(
+    return FactTable(
         ident="drift",
         title="",
         columns=(*words("parameter", "unit"), *figures(*titles), *words("")),
@@ -140,7 +140,7 @@ def _table(found: Comparison) -> Table:
     )
 
 
-def _left_out(found: Comparison) -> str:
+def _left_out(found: CalibrationComparison) -> str:
     by_reason: dict[str, list[str]] = {}
     for name, why in found.left_out:
         by_reason.setdefault(why, []).append(name)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from operator_app.calibration.open_loop import LEVEL, Difference, OpenLoopCheck
-from operator_app.report.table import Table, figures, words
+from operator_app.calibration.open_loop import LEVEL, OpenLoopCheck, ParameterDifference
+from operator_app.report.table import FactTable, figures, words
 from operator_app.report.text import paragraph, table_lines
 from operator_app.units.figure import ANGLE, CHI2, LENGTH, Figure, Quantity
 from operator_app.units.numbers import places_to_show
@@ -91,7 +91,7 @@ def _verdict(found: OpenLoopCheck) -> str:
     return AGREES if found.holds else DISAGREES
 
 
-def _table(found: OpenLoopCheck) -> Table:
+def _table(found: OpenLoopCheck) -> FactTable:
     places = {
         q: places_to_show(
             (q.per_si * d.sigma for d in found.differences if _quantity(d) is q), least=3
@@ -106,7 +106,7 @@ def _table(found: OpenLoopCheck) -> Table:
             for value in (d.closed, d.open, d.change, d.sigma)
         )
         rows.append((d.name, quantity.unit, *shown, "*" if d.significant else ""))
-    return Table(
+    return FactTable(
         ident="open_loop",
         title="",
         columns=(
@@ -118,9 +118,9 @@ def _table(found: OpenLoopCheck) -> Table:
     )
 
 
-def _quantity(difference: Difference) -> Quantity:
+def _quantity(difference: ParameterDifference) -> Quantity:
     return ANGLE if difference.is_angle else LENGTH
 
 
-def _in_json(difference: Difference, value: float) -> float | None:
+def _in_json(difference: ParameterDifference, value: float) -> float | None:
     return Figure(value, _quantity(difference)).in_json

@@ -6,12 +6,12 @@ from itertools import groupby
 from typing import Any
 
 from operator_app.report.text import paragraph
-from operator_app.session.store.journal_repair import Line, Repaired
+from operator_app.session.store.journal_repair import Repaired, RepairedLine
 
 KEPT, RESTORED, LOST = "kept", "restored", "lost"
 
 
-def fate(line: Line) -> str:
+def fate(line: RepairedLine) -> str:
     """Return what became of a line, in a word."""
     if line.event is None:
         return LOST

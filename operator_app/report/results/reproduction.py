@@ -11,7 +11,7 @@ from operator_app.planning.reproduction import (
     Published,
 )
 from operator_app.report.parameter_tables import dh_table
-from operator_app.report.table import Cell, Table, figures, words
+from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.report.text import paragraph, table_text
 from operator_app.units.figure import (
     ANGLE,
@@ -91,7 +91,7 @@ def _si(is_angle: bool, value: float) -> float:  # noqa: FBT001 - of one paramet
     return ANGLE.per_si * value if is_angle else value
 
 
-def _identified(found: Published) -> Table:
+def _identified(found: Published) -> FactTable:
     """Table 2: what the paper prints, what its estimator finds of the specimen."""
     estimate, rows = found.solution.estimate, []
     for p, value, sd in zip(
@@ -108,7 +108,7 @@ def _identified(found: Published) -> Table:
                 Figure(sd, quantity, digits=2),
             )
         )
-    return Table(
+    return FactTable(
         ident="table-2",
         title="Table 2: identified",
         columns=(
@@ -121,7 +121,7 @@ def _identified(found: Published) -> Table:
     )
 
 
-def _quality(found: Published) -> Table:
+def _quality(found: Published) -> FactTable:
     sigmas, seen = found.solution.estimate.sigmas, found.solution.seen
     turned = sigmas.orientation_rad
     rows: list[tuple[Cell, ...]] = [
@@ -150,7 +150,7 @@ def _quality(found: Published) -> Table:
                 Figure(turned.as_printed, CLOSURE_ANGLE),
             )
         )
-    return Table(
+    return FactTable(
         ident="quality",
         title="How good the fit is",
         columns=(*words("figure", "unit"), *figures("paper", "rms", "as printed")),
@@ -160,8 +160,8 @@ def _quality(found: Published) -> Table:
     )
 
 
-def _shares(found: Published) -> Table:
-    return Table(
+def _shares(found: Published) -> FactTable:
+    return FactTable(
         ident="shares",
         title="Share of each source of error (section 4): each alone",
         columns=(
@@ -180,8 +180,8 @@ def _shares(found: Published) -> Table:
     )
 
 
-def _remedies(found: Published) -> Table:
-    return Table(
+def _remedies(found: Published) -> FactTable:
+    return FactTable(
         ident="remedies",
         title="What each planned remedy brings (section 4): rms error against the truth",
         columns=(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.report.table import Cell, Column, Table, figures, words
+from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.report.text import table_text
 from operator_app.session.store.state import SessionState
 from operator_app.units.figure import ANGLE, CONDITION, NOISE_ANGLE, Figure
@@ -27,7 +27,7 @@ def session_table_text(folder: Path, state: SessionState, *, procedure: str, tor
     torn
         What was dropped from the journal's end; empty: nothing.
     """
-    about = Table(
+    about = FactTable(
         ident="session",
         title=f"Session {folder.resolve().name}",
         columns=words("what", "is"),
@@ -86,7 +86,7 @@ def _exported(state: SessionState) -> str:
     return f"{exported['file']}{where}{forced}"
 
 
-def _poses(state: SessionState) -> Table:
+def _poses(state: SessionState) -> FactTable:
     shown = state.poses[:MOST_POSES]
     several = len({p.placement for p in state.poses}) > 1
     rows: list[tuple[Cell, ...]] = []
@@ -104,7 +104,7 @@ def _poses(state: SessionState) -> Table:
         )
     joints = len(shown[0].mean_rad)
     left_out = len(state.poses) - len(shown)
-    return Table(
+    return FactTable(
         ident="poses",
         title="Poses: mean readings [deg], largest sd [mdeg]",
         columns=(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from operator_app.calibration.result import Solution
 from operator_app.report.parameter_tables import precision
-from operator_app.report.table import Cell, Table, figures, words
+from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.session.ui.snapshot import DiffRow
 from operator_app.units.figure import ANGLE, LENGTH, Figure
 from solver.chain.parameters import wrap_angle
 
 
-def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> Table:
+def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable:
     """Return every calibrated entry, active and new, with the digits that its calibration is shown with."""
     places = precision(solution.identified)
 
@@ -25,7 +25,7 @@ def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> Table:
         active = Figure(row.active, quantity, n)
         return (row.name, quantity.unit, active, new, Figure(change, quantity, n, signed=True))
 
-    return Table(
+    return FactTable(
         ident="difference",
         title="Difference from the controller's active parameters",
         columns=(*words("parameter", "unit"), *figures("active", "new", "change")),
@@ -33,10 +33,10 @@ def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> Table:
     )
 
 
-def changed(table: Table) -> int:
+def changed(table: FactTable) -> int:
     """How many entries would read otherwise afterwards."""
     return sum(active != new for _, _, active, new, _ in _shown(table))
 
 
-def _shown(table: Table) -> list[list[str]]:
+def _shown(table: FactTable) -> list[list[str]]:
     return [[c if isinstance(c, str) else c.shown for c in row] for row in table.rows]

@@ -7,23 +7,23 @@ from typing import Any
 import numpy as np
 
 from operator_app.calibration.prediction import FIXTURE, shift_in_words
-from operator_app.calibration.verification import Prediction
+from operator_app.calibration.verification import VerificationResult
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
-from operator_app.report.table import Table, keyed
+from operator_app.report.table import FactTable, keyed
 from operator_app.report.text import paragraph, table_text
 from operator_app.session.ui.snapshot import Verified
 from operator_app.units.figure import ANGLE, CHI2, SIGMA_ORI, SIGMA_POS
 from operator_app.units.numbers import significant
 from solver.chain.poses import PoseSet
-from solver.diagnostics.prediction import Shift
+from solver.diagnostics.prediction import CommonShift
 
 WORST = 5
 """Odd poses that are named."""
 
 
-def closure(verdict: Prediction) -> Table:
+def closure(verdict: VerificationResult) -> FactTable:
     """Closure of the new poses at the nominal parameters and at those that are judged."""
-    return Table(
+    return FactTable(
         ident="closure",
         title="Closure at the measured joints",
         columns=CLOSURE_COLUMNS,
@@ -34,7 +34,7 @@ def closure(verdict: Prediction) -> Table:
     )
 
 
-def verification_json(verdict: Prediction, poses: PoseSet) -> dict[str, Any]:
+def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, Any]:
     """Return the object of `sarcal verify --json`."""
     chi2, shift = verdict.verification.chi2, verdict.shift
     return {
@@ -48,7 +48,7 @@ def verification_json(verdict: Prediction, poses: PoseSet) -> dict[str, Any]:
     }
 
 
-def _shift_json(shift: Shift) -> dict[str, Any]:
+def _shift_json(shift: CommonShift) -> dict[str, Any]:
     """Return what has shifted: ``joint_4``, by deg, or ``fixture``."""
     joint = shift.subject != FIXTURE
     return {
@@ -61,7 +61,7 @@ def _shift_json(shift: Shift) -> dict[str, Any]:
     }
 
 
-def verification_text(verdict: Prediction, poses: PoseSet, folder: str) -> str:
+def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) -> str:
     """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
     found = verdict.verification
     per_dof, most = (CHI2(v).shown for v in (found.chi2.per_dof, found.chi2.high))

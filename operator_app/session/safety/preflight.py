@@ -15,7 +15,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import StandingRefusedError
 from operator_app.session.safety.closure_check import check_first_standing
 from operator_app.session.safety.counter_reset import check_counters
-from operator_app.session.safety.resume_checks import Standing, check_standing
+from operator_app.session.safety.resume_checks import PoseReport, check_standing
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import SessionState
 from solver.arrays import FloatArray
@@ -46,7 +46,7 @@ def require_standing(
 
 def _judged(
     session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
-) -> Iterator[Standing]:
+) -> Iterator[PoseReport]:
     procedure = session.procedure
     if session.state.poses_here:
         found = check_standing(session.state, procedure, reading, endpoint())
@@ -58,7 +58,7 @@ def _judged(
     chance = check_first_standing(procedure, reading, known)
     if chance is not None:
         by = "" if known is None else "by the earlier placements and "
-        yield Standing(
+        yield PoseReport(
             told=f"The loop closes where the arm stands, {by}within what its files leave open.",
             probability=chance,
         )

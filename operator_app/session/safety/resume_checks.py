@@ -23,7 +23,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, StandingRefusedError
 from operator_app.session.safety.counter_reset import from_zero, where_near
 from operator_app.session.store.state import CheckReading, SessionState, pose_set_of
-from operator_app.session.store.stored_calibration import Calibrated, recorded
+from operator_app.session.store.stored_calibration import StoredCalibration, recorded
 from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, TURNED
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -54,7 +54,7 @@ _START_ANEW = "find out what was changed; poses before and after it do not belon
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Standing:
+class PoseReport:
     """What the journal's poses say of where the arm stands.
 
     `told` is what was found, in a sentence; `probability` the chance of a pose that fits worse, None
@@ -104,7 +104,7 @@ def check_standing(
     procedure: Procedure,
     reading: Reading,
     endpoint: FloatArray | None = None,
-) -> Standing:
+) -> PoseReport:
     """Close the loop where the arm stands, by the poses of the journal; `endpoint` as measured there.
 
     Raises
@@ -115,7 +115,7 @@ def check_standing(
     state = state.here
     fixed = _fixed(state, procedure)
     if fixed is None:
-        return Standing(
+        return PoseReport(
             told="The poses so far are too few to tell whether the loop closes where the arm stands.",
             probability=None,
         )
@@ -135,7 +135,7 @@ def check_standing(
     worst = float(found.pose_chi2[:-1].max())
     closes = bool(found.closed[-1])
     if closes and (probability >= IMPROBABLE or found.pose_chi2[-1] <= WORSE * worst):
-        return Standing(
+        return PoseReport(
             told="The loop closes where the arm stands, by the poses so far.",
             probability=probability,
         )
@@ -303,7 +303,7 @@ def _placed(state: SessionState, procedure: Procedure) -> Fixture:
     """The fixture from whose nominal places `_fixed` counts."""
     known = recorded(state)
     fixture = procedure.fixture.fixture
-    if isinstance(known, Calibrated):
+    if isinstance(known, StoredCalibration):
         return as_calibrated(fixture, known.solution.model)
     return as_seen(procedure.arm, fixture, state.pose_set())
 
@@ -315,7 +315,7 @@ def _fixed(state: SessionState, procedure: Procedure) -> Fixed | None:
     is for is a change of degrees and millimetres.
     """
     known = recorded(state)
-    if isinstance(known, Calibrated):
+    if isinstance(known, StoredCalibration):
         return fixed_by(known.solution)
     arm, fixture = procedure.arm, _placed(state, procedure)
     poses, unsensed = state.pose_set(), procedure.unsensed_joints

@@ -33,8 +33,8 @@ from operator_app.session.store.journal_files import (
 )
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
-    Event,
     JournalContents,
+    JournalEvent,
     Parsed,
     line_of,
     parse,
@@ -141,7 +141,7 @@ class Journal:
             raise
         return cls(path, descriptor, parsed, raw[: parsed.whole_bytes])
 
-    def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> Event:
+    def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
         """Write one event; returns when it is on disk. A line that cannot be is taken back.
 
         The writing is done by a thread of its own: a signal that interrupts the caller at any
@@ -166,7 +166,7 @@ class Journal:
         if problem:
             self._writer.submit(self._lose, problem, b"").result()
 
-    def _append(self, name: str, data: Mapping[str, Any], clock: Clock) -> Event:
+    def _append(self, name: str, data: Mapping[str, Any], clock: Clock) -> JournalEvent:
         if self._loss is not None:
             raise self._loss
         if self._broken:
@@ -174,7 +174,7 @@ class Journal:
                 f"{self.path} takes no more lines: {self._broken}",
                 "repair the disk, then resume this session and look at its last entry",
             )
-        event = Event(
+        event = JournalEvent(
             seq=self._seq + 1,
             utc=clock().isoformat(timespec="milliseconds").replace("+00:00", "Z"),
             name=name,

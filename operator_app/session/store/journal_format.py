@@ -36,7 +36,7 @@ HALF = re.compile("[\ud800-\udfff]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Event:
+class JournalEvent:
     """One line of the journal."""
 
     seq: int
@@ -52,7 +52,7 @@ class JournalContents:
     `file` names it in messages.
     """
 
-    events: tuple[Event, ...]
+    events: tuple[JournalEvent, ...]
     torn: str
     file: str = JOURNAL_NAME
 
@@ -70,7 +70,7 @@ class BadLineError(Exception):
     """A complete line does not prove itself; the text says why."""
 
 
-def line_of(event: Event, chain: str) -> tuple[bytes, str]:
+def line_of(event: JournalEvent, chain: str) -> tuple[bytes, str]:
     """Return the line of an event after one with checksum `chain`, and its own checksum.
 
     Raises
@@ -106,7 +106,7 @@ def split_sum(line: bytes) -> tuple[bytes, str] | None:
     return line[: found.start()] + b"}", found[1].decode()
 
 
-def proven(line: bytes, number: int, chain: str) -> tuple[Event, str]:
+def proven(line: bytes, number: int, chain: str) -> tuple[JournalEvent, str]:
     """Read a complete line that follows one with checksum `chain`; return its own checksum as well.
 
     Raises
@@ -125,7 +125,7 @@ def proven(line: bytes, number: int, chain: str) -> tuple[Event, str]:
     return event_of(line, number), stated
 
 
-def event_of(line: bytes, number: int, *, any_number: bool = False) -> Event:
+def event_of(line: bytes, number: int, *, any_number: bool = False) -> JournalEvent:
     """Read a line whose bytes are known to be whole; raises as `proven`.
 
     `any_number` takes it wherever it says it was: lines before it may be gone.
@@ -150,7 +150,7 @@ def event_of(line: bytes, number: int, *, any_number: bool = False) -> Event:
         raise BadLineError("it is not a journal line")
     if seq != number and not any_number:
         raise BadLineError(f"it says that it is line {seq}")
-    return Event(seq=seq, utc=utc, name=name, data=data)
+    return JournalEvent(seq=seq, utc=utc, name=name, data=data)
 
 
 def parse(raw: bytes, path: Path) -> Parsed:
@@ -166,7 +166,7 @@ def parse(raw: bytes, path: Path) -> Parsed:
     # What follows the last newline is empty in a whole journal.
     *complete, rest = raw.split(b"\n")
     require_ours(complete, rest, path)
-    events: list[Event] = []
+    events: list[JournalEvent] = []
     chain, position = "", 0
     for number, line in enumerate(complete, 1):
         try:

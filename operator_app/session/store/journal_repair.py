@@ -24,8 +24,8 @@ from operator_app.session.store.journal_files import stamped, sync_folder, write
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     BadLineError,
-    Event,
     JournalContents,
+    JournalEvent,
     checksum,
     event_of,
     line_of,
@@ -45,11 +45,11 @@ NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
+class RepairedLine:
     """What became of a line: `event` is None where it is lost, `words` say why or how."""
 
     number: int
-    event: Event | None
+    event: JournalEvent | None
     words: str
 
 
@@ -63,7 +63,7 @@ class Repaired:
 
     folder: Path
     aside: Path | None
-    lines: tuple[Line, ...]
+    lines: tuple[RepairedLine, ...]
     torn: bool
     state: SessionState
 
@@ -107,12 +107,12 @@ def repair(folder: Path) -> Repaired:
     return Repaired(folder=folder, aside=aside, lines=lines, torn=torn, state=state)
 
 
-def examined(raw: bytes) -> tuple[tuple[Line, ...], bool]:
+def examined(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
     """Judge every line of a journal; and whether its end was never written."""
     *physical, rest = raw.split(b"\n")
     if rest:
         physical.append(rest)
-    found: list[Line] = []
+    found: list[RepairedLine] = []
     known: str | None = ""
     torn = False
     while physical:
@@ -125,7 +125,7 @@ def examined(raw: bytes) -> tuple[tuple[Line, ...], bool]:
             break
         if proof is None:
             why = "cannot be proven: the line before it is gone" if known is None else _bad(line)
-            found.append(Line(number=number, event=None, words=f"{why}{_legible(line)}"))
+            found.append(RepairedLine(number=number, event=None, words=f"{why}{_legible(line)}"))
             stated = line[-TAIL + 8 : -2]
             known = stated.decode() if re.fullmatch(rb"[0-9a-f]{16}", stated) else None
             continue
@@ -195,12 +195,12 @@ def _mended(line: bytes, before: str) -> bytes | None:
     return None
 
 
-def _read(line: bytes, number: int, words: str) -> Line:
+def _read(line: bytes, number: int, words: str) -> RepairedLine:
     try:
         event = event_of(line, number, any_number=True)
     except BadLineError as error:
-        return Line(number=number, event=None, words=str(error) + _legible(line))
-    return Line(number=number, event=event, words=words)
+        return RepairedLine(number=number, event=None, words=str(error) + _legible(line))
+    return RepairedLine(number=number, event=event, words=words)
 
 
 def _bad(line: bytes) -> str:
@@ -216,7 +216,7 @@ def _legible(line: bytes) -> str:
     return f"; it seems to have been: {name[1].decode().replace('_', ' ')}{pose}"
 
 
-def _meant(lines: list[Line]) -> tuple[Line, ...]:
+def _meant(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
     """Take out whole lines that say what no session can mean."""
     told = Counter(
         joints
@@ -237,7 +237,7 @@ def _meant(lines: list[Line]) -> tuple[Line, ...]:
                 key, captured = "number", max(captured, number)
             if problem:
                 words = f"says what no session can mean: {event.name}.{key} {problem}"
-                line = Line(number=line.number, event=None, words=words)  # noqa: PLW2901
+                line = RepairedLine(number=line.number, event=None, words=words)  # noqa: PLW2901
         found.append(line)
     return tuple(found)
 
@@ -245,7 +245,7 @@ def _meant(lines: list[Line]) -> tuple[Line, ...]:
 # -- the new file --------------------------------------------------------------------------------
 
 
-def _note(lines: Sequence[Line], aside: Path) -> Event:
+def _note(lines: Sequence[RepairedLine], aside: Path) -> JournalEvent:
     """Return the event that says what was done."""
     data: dict[str, Any] = {
         "original": aside.name,
@@ -253,16 +253,17 @@ def _note(lines: Sequence[Line], aside: Path) -> Event:
         "restored": [line.number for line in lines if line.event is not None and line.words],
     }
     utc = utc_now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    return Event(seq=0, utc=utc, name="repaired", data=data)
+    return JournalEvent(seq=0, utc=utc, name="repaired", data=data)
 
 
-def _numbered(events: Sequence[Event]) -> tuple[Event, ...]:
+def _numbered(events: Sequence[JournalEvent]) -> tuple[JournalEvent, ...]:
     return tuple(
-        Event(seq=number, utc=e.utc, name=e.name, data=e.data) for number, e in enumerate(events, 1)
+        JournalEvent(seq=number, utc=e.utc, name=e.name, data=e.data)
+        for number, e in enumerate(events, 1)
     )
 
 
-def _put_in_place(path: Path, aside: Path, events: Sequence[Event]) -> None:
+def _put_in_place(path: Path, aside: Path, events: Sequence[JournalEvent]) -> None:
     """Write the repaired journal; at every moment there is one, and the damaged one is never touched."""
     chain, lines = "", []
     for event in _numbered(events):

@@ -24,7 +24,7 @@ from operator_app.session.store.parameters import document_of
 from operator_app.session.store.replay import apply, session_state
 from operator_app.session.store.solver_process import Solver, solve_here
 from operator_app.session.store.state import CapturedPose, SessionState
-from operator_app.session.store.stored_calibration import Calibrated, recorded, solved_data
+from operator_app.session.store.stored_calibration import StoredCalibration, recorded, solved_data
 from solver.chain.arm_model import ArmModel
 from solver.estimators.least_squares import Progress
 
@@ -88,7 +88,7 @@ class Logbook:
 
     # -- calibration -----------------------------------------------------------------------------
 
-    def calibrated(self) -> Calibrated | None:
+    def calibrated(self) -> StoredCalibration | None:
         """Return what the journal has of these poses, if they were solved as the procedure says."""
         own, then = self.procedure, self.state.solved
         asked = (
@@ -103,7 +103,7 @@ class Logbook:
             # The arm came back to a pose since: that may speak against it.
             return None
         found = recorded(self.state)
-        return found if isinstance(found, Calibrated) else None
+        return found if isinstance(found, StoredCalibration) else None
 
     def calibrate(
         self,

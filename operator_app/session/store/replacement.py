@@ -14,7 +14,7 @@ from typing import Any
 from operator_app.config.atomic import write_atomically
 from operator_app.errors import JournalError
 from operator_app.session.store.journal import lock, read_journal
-from operator_app.session.store.journal_format import JOURNAL_NAME, Event
+from operator_app.session.store.journal_format import JOURNAL_NAME, JournalEvent
 from operator_app.units.numbers import plural
 
 MADE_AGAIN = frozenset({"opened", "imported", "pose", "solved", "checked", "exported", "closed"})
@@ -24,7 +24,7 @@ MADE_AGAIN = frozenset({"opened", "imported", "pose", "solved", "checked", "expo
 def replace_session(
     folder: Path,
     lines: Sequence[bytes],
-    events: Sequence[Event],
+    events: Sequence[JournalEvent],
     *,
     overwrite: bool,
     stale: Sequence[str],
@@ -62,7 +62,7 @@ def replace_session(
         os.close(descriptor)
 
 
-def _require_made_again(folder: Path, events: Sequence[Event]) -> None:
+def _require_made_again(folder: Path, events: Sequence[JournalEvent]) -> None:
     names = {event.name for event in events}
     if "imported" in names and names <= MADE_AGAIN:
         return
@@ -72,7 +72,7 @@ def _require_made_again(folder: Path, events: Sequence[Event]) -> None:
     )
 
 
-def _require_wanted(folder: Path, events: Sequence[Event], *, overwrite: bool) -> None:
+def _require_wanted(folder: Path, events: Sequence[JournalEvent], *, overwrite: bool) -> None:
     if overwrite:
         return
     poses = plural(sum(event.name == "pose" for event in events), "pose")
@@ -82,7 +82,7 @@ def _require_wanted(folder: Path, events: Sequence[Event], *, overwrite: bool) -
     )
 
 
-def _of_what(events: Sequence[Event]) -> list[Any]:
+def _of_what(events: Sequence[JournalEvent]) -> list[Any]:
     """What a session was made of: the arm's file and number, the fixture's file, every pose."""
     found: list[Any] = []
     for event in events:

@@ -23,7 +23,7 @@ from solver.estimators.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Calibrated:
+class StoredCalibration:
     """A session's calibration.
 
     Attributes
@@ -45,7 +45,7 @@ def calibrated(
     *,
     estimator: str | None = None,
     unsensed_joints: tuple[int, ...] | None = None,
-) -> Calibrated:
+) -> StoredCalibration:
     """Return the calibration of the poses that count.
 
     Parameters
@@ -63,7 +63,7 @@ def calibrated(
     if not state.used_poses:
         raise SessionError("this session has no pose that counts", "capture poses first")
     read = recorded(state)
-    if isinstance(read, Calibrated):
+    if isinstance(read, StoredCalibration):
         then = read.solution.estimate.estimator, read.solution.model.unsensed_joints
         asked = (
             then[0] if estimator is None else estimator,
@@ -81,7 +81,7 @@ def calibrated(
         estimator=estimator or before.estimator,
         unsensed_joints=before.unsensed_joints if unsensed_joints is None else unsensed_joints,
     )
-    return Calibrated(solution=solution, checks=None, solved_again=why)
+    return StoredCalibration(solution=solution, checks=None, solved_again=why)
 
 
 def solve(
@@ -111,7 +111,9 @@ def solve(
     return solution.with_notices(unreturned_notices(state))
 
 
-def checked(found: Calibrated, state: SessionState, procedure: Procedure) -> Calibrated:
+def checked(
+    found: StoredCalibration, state: SessionState, procedure: Procedure
+) -> StoredCalibration:
     """Return a calibration that was solved again with second opinions on it; the journal's as it is."""
     if not found.solved_again:
         return found
@@ -139,7 +141,7 @@ def solved_data(
     }
 
 
-def recorded(state: SessionState) -> Calibrated | str:
+def recorded(state: SessionState) -> StoredCalibration | str:
     """Return what the journal has of the poses that count, or why it has nothing."""
     if not state.solution:
         return "its journal holds poses and no solution of them"
@@ -150,7 +152,7 @@ def recorded(state: SessionState) -> Calibrated | str:
         return "the solution in its journal is of another version of this program"
     if not all(map(_holds_together, (solution.estimate, solution.paper, solution.implicit))):
         return "the figures of the solution in its journal do not go together"
-    return Calibrated(solution=solution, checks=checks, solved_again="")
+    return StoredCalibration(solution=solution, checks=checks, solved_again="")
 
 
 def _holds_together(estimate: Estimate | None) -> bool:

@@ -14,7 +14,7 @@ from operator_app.config.procedure import MOST_PLACEMENTS
 from operator_app.messages.errors import drive_words
 from operator_app.planning import mode_rule
 from operator_app.session.store.steps import Step
-from operator_app.session.ui.snapshot import STALE_S, DataState, SessionSnapshot, Task, TaskKind
+from operator_app.session.ui.snapshot import STALE_S, DataState, SessionSnapshot, TaskKind, Work
 from operator_app.units.figure import DATA_AGE, SILENCE
 from solver.loops.closure import poses_needed
 
@@ -321,7 +321,7 @@ def may_reset(s: SessionSnapshot) -> Missing:
     return ("STOP is not latched",)
 
 
-def ends_with_any_key(task: Task | None) -> bool:
+def ends_with_any_key(task: Work | None) -> bool:
     """Hold-to-run: whether any key ends what the arm is doing."""
     return task is not None and task.moves
 

@@ -33,8 +33,8 @@ from operator_app.session.ui.snapshot import (
     Level,
     SessionSnapshot,
     StopReport,
-    Task,
     TaskKind,
+    Work,
 )
 from operator_app.session.ui.supervisor import Watchman
 from operator_app.session.workflow.session import Session
@@ -264,7 +264,7 @@ class Runner:
     # -- threads -----------------------------------------------------------------------------------
 
     def _show_task(self, kind: TaskKind, text: str) -> None:
-        task = Task(kind=kind, text=text, moves=kind in MOVING, started_s=self._monotonic())
+        task = Work(kind=kind, text=text, moves=kind in MOVING, started_s=self._monotonic())
         self.publish(lambda s: replace(s, task=task))
 
     def _work(self) -> None:

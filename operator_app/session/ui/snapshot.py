@@ -82,7 +82,7 @@ class Message:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class Work:
     """Work in hand. `moves`: the arm may move, and any key ends it."""
 
     kind: TaskKind
@@ -223,7 +223,7 @@ class SessionSnapshot:
     report: Path | None = None
     verification: Verified | None = None
     stop: StopReport | None = None
-    task: Task | None = None
+    task: Work | None = None
     messages: tuple[Message, ...] = field(default=())
     alarms: tuple[Message, ...] = ()
 

@@ -16,7 +16,7 @@ from operator_app.calibration.instrument_registration import as_calibrated
 from operator_app.calibration.joint_prediction import out_of_line
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import Prediction, fixed_by, judge_poses
+from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.clear_ways import is_clear
@@ -256,7 +256,7 @@ def _there_and_back(
 
 def verify(
     session: Session, solution: Solution, poses: int, listener: Listener
-) -> tuple[Prediction, PoseSet]:
+) -> tuple[VerificationResult, PoseSet]:
     """Take new poses, elsewhere than the session did, and judge them by a calibration as it is.
 
     The modes are set. Readings and verdict are in the journal; the poses are no part of the
@@ -313,7 +313,7 @@ def _new_places(session: Session, solution: Solution, poses: int) -> Iterator[Ma
             yield target
 
 
-def _summary(verdict: Prediction, taken: PoseSet) -> Mapping[str, object]:
+def _summary(verdict: VerificationResult, taken: PoseSet) -> Mapping[str, object]:
     found = verdict.verification
     turned = found.sigmas.orientation_rad
     return {

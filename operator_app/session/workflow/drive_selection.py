@@ -12,7 +12,7 @@ import numpy as np
 
 from operator_app.planning.drives import (
     DriveChoice,
-    Prediction,
+    DrivePrediction,
     choose_drives,
     predict_drives,
     worth_trying,
@@ -58,7 +58,7 @@ def choose_by_prediction(session: Session) -> DriveChoice:
     return _recorded(session, _predicted(session), ())
 
 
-def _predicted(session: Session) -> Prediction:
+def _predicted(session: Session) -> DrivePrediction:
     arm, model = session.model, session.fixture.model(session.model)
     here = session.arm.snapshot().positions_rad
     return predict_drives(
@@ -67,7 +67,7 @@ def _predicted(session: Session) -> Prediction:
 
 
 def _recorded(
-    session: Session, prediction: Prediction, trials: tuple[TrialWiggles, ...]
+    session: Session, prediction: DrivePrediction, trials: tuple[TrialWiggles, ...]
 ) -> DriveChoice:
     unsensed = session.procedure.unsensed_joints
     choice = choose_drives(prediction, unsensed_joints=unsensed, trials=trials)

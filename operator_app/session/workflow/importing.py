@@ -25,7 +25,7 @@ from operator_app.errors import JournalError
 from operator_app.session.store.folders import new_folder
 from operator_app.session.store.journal import Clock, utc_now
 from operator_app.session.store.journal_files import write_new
-from operator_app.session.store.journal_format import JOURNAL_NAME, Event, line_of
+from operator_app.session.store.journal_format import JOURNAL_NAME, JournalEvent, line_of
 from operator_app.session.store.replacement import replace_session
 from operator_app.session.store.replay import apply
 from operator_app.session.store.state import SessionState
@@ -92,7 +92,7 @@ class ImportedSession:
         self.state = SessionState()
         self._clock = clock
         self._lines: list[bytes] = []
-        self._events: list[Event] = []
+        self._events: list[JournalEvent] = []
         self._chain = ""
         sources = zip(KINDS, procedure.sources, strict=True)
         settings = {
@@ -170,7 +170,7 @@ class ImportedSession:
 
     def _record(self, name: str, data: Mapping[str, Any]) -> None:
         utc = self._clock().isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        event = Event(seq=len(self._lines) + 1, utc=utc, name=name, data=data)
+        event = JournalEvent(seq=len(self._lines) + 1, utc=utc, name=name, data=data)
         line, self._chain = line_of(event, self._chain)
         self._lines.append(line)
         self._events.append(event)

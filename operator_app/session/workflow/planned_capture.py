@@ -34,7 +34,7 @@ from solver.arrays import FloatArray
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
 from solver.design.campaign import Campaign
 from solver.design.campaign_settings import Phase
-from solver.design.stop_rule import Standing
+from solver.design.stop_rule import PrecisionStatus
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
 """With the drives back in place, free joints farther off are on another branch of the loop."""
@@ -287,7 +287,7 @@ class PlannedCapture:
     def _end(self, action: Finished) -> CampaignEnd:
         weak: tuple[Weak, ...] = ()
         decision = action.decision
-        if decision is not None and decision.standing is not Standing.REACHED:
+        if decision is not None and decision.standing is not PrecisionStatus.REACHED:
             weak = tuple(
                 Weak(
                     name=w.name,

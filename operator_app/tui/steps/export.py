@@ -9,7 +9,7 @@ from textual.app import ComposeResult
 from operator_app.report.results.upload import changed, difference_table
 from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line, clip, line, wrapped
-from operator_app.report.table import Table
+from operator_app.report.table import FactTable
 from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.tui.lines import Lines
@@ -70,12 +70,12 @@ class DiffPanel(TablePanel):
         "Every calibrated parameter: what the controller uses now, what it would use, the change."
     )
 
-    def table(self, s: SessionSnapshot) -> Table | None:
+    def table(self, s: SessionSnapshot) -> FactTable | None:
         """Active and new."""
         return _difference(s)
 
 
-def _difference(s: SessionSnapshot) -> Table | None:
+def _difference(s: SessionSnapshot) -> FactTable | None:
     return None if s.solution is None or not s.diff else difference_table(s.solution, s.diff)
 
 

@@ -13,7 +13,7 @@ from operator_app.report.plots.calibration_plots import misses, rvdt_deviations
 from operator_app.report.session_tables import joint_table
 from operator_app.report.spans import Line, clip, line, wrapped
 from operator_app.report.subject import Subject
-from operator_app.report.table import Table
+from operator_app.report.table import FactTable
 from operator_app.report.terminal import (
     facts_on,
     headline_spans,
@@ -111,7 +111,7 @@ class ParametersPanel(TablePanel):
         "paper's estimator gives on the same poses. Angles in deg, lengths in mm."
     )
 
-    def table(self, s: SessionSnapshot) -> Table | None:
+    def table(self, s: SessionSnapshot) -> FactTable | None:
         """Parameters."""
         facts = facts_on(s)
         return None if facts is None else facts.tables[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from operator_app.report.spans import Line, window
-from operator_app.report.table import Table
+from operator_app.report.table import FactTable
 from operator_app.report.terminal import table_spans
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.tui.lines import Lines
@@ -61,7 +61,7 @@ class TablePanel(ListPanel):
 
     MARKS = False
 
-    def table(self, s: SessionSnapshot) -> Table | None:
+    def table(self, s: SessionSnapshot) -> FactTable | None:
         """Return what is shown; None: nothing."""
         return None
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from operator_app.report.plots.braille import Canvas
-from operator_app.report.plots.plot import Axis, Band, Line, Marks, Picture, Ribbon
+from operator_app.report.plots.plot import Axis, Band, Marks, Picture, Polyline, Ribbon
 from operator_app.report.spans import Line as Row
 from operator_app.report.spans import Span
 
@@ -38,7 +38,7 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Row]
             for a, b in zip(layer.x, layer.y, strict=True)
             if math.isfinite(a) and math.isfinite(b)
         ]
-        if isinstance(layer, Line):
+        if isinstance(layer, Polyline):
             for one, other in pairwise(places):
                 canvas.segment(*one, *other, ROLES.get(layer.class_, "text"))
         if isinstance(layer, Marks):

@@ -17,7 +17,7 @@ from hardware.canopen.cia402 import (
     CONTROLWORD_SWITCH_ON,
     POWERED,
     ControlBit,
-    Event,
+    DriveEvent,
     StatusBit,
     Wish,
     after_controlword,
@@ -161,23 +161,23 @@ def test_a_late_enable_cannot_undo_a_stop() -> None:
 @pytest.mark.parametrize(
     ("state", "event", "after"),
     [
-        (S.NOT_READY_TO_SWITCH_ON, Event.INITIALISED, S.SWITCH_ON_DISABLED),
-        (S.OPERATION_ENABLED, Event.INITIALISED, S.OPERATION_ENABLED),
-        (S.FAULT_REACTION_ACTIVE, Event.FAULT_REACTION_DONE, S.FAULT),
-        (S.SWITCHED_ON, Event.FAULT_REACTION_DONE, S.SWITCHED_ON),
-        (S.OPERATION_ENABLED, Event.QUICK_STOP, S.QUICK_STOP_ACTIVE),
-        (S.SWITCHED_ON, Event.QUICK_STOP, S.SWITCHED_ON),
-        (S.FAULT, Event.QUICK_STOP, S.FAULT),
+        (S.NOT_READY_TO_SWITCH_ON, DriveEvent.INITIALISED, S.SWITCH_ON_DISABLED),
+        (S.OPERATION_ENABLED, DriveEvent.INITIALISED, S.OPERATION_ENABLED),
+        (S.FAULT_REACTION_ACTIVE, DriveEvent.FAULT_REACTION_DONE, S.FAULT),
+        (S.SWITCHED_ON, DriveEvent.FAULT_REACTION_DONE, S.SWITCHED_ON),
+        (S.OPERATION_ENABLED, DriveEvent.QUICK_STOP, S.QUICK_STOP_ACTIVE),
+        (S.SWITCHED_ON, DriveEvent.QUICK_STOP, S.SWITCHED_ON),
+        (S.FAULT, DriveEvent.QUICK_STOP, S.FAULT),
     ],
 )
-def test_events(state: DriveState, event: Event, after: DriveState) -> None:
+def test_events(state: DriveState, event: DriveEvent, after: DriveState) -> None:
     assert after_event(state, event) is after
 
 
 @pytest.mark.parametrize("state", S)
 def test_a_fault_is_taken_from_every_state(state: DriveState) -> None:
     stays = state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
-    assert after_event(state, Event.FAULT) is (state if stays else S.FAULT_REACTION_ACTIVE)
+    assert after_event(state, DriveEvent.FAULT) is (state if stays else S.FAULT_REACTION_ACTIVE)
 
 
 def test_power_is_raised_by_exactly_the_upward_transitions() -> None:
@@ -261,7 +261,7 @@ def test_next_controlword(state: DriveState, wish: Wish, word: int) -> None:
 def test_an_operator_gets_there_in_a_few_steps(state: DriveState, wish: Wish) -> None:
     word = CONTROLWORD_FAULT_RESET  # the worst word to have sent last
     faulty = state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
-    state = after_event(after_event(state, Event.INITIALISED), Event.FAULT_REACTION_DONE)
+    state = after_event(after_event(state, DriveEvent.INITIALISED), DriveEvent.FAULT_REACTION_DONE)
     for _ in range(6):
         previous, word = word, next_controlword(statusword(state), wish, previous=word)
         state = after_controlword(state, word, previous)
@@ -312,24 +312,24 @@ class DriveAndOperator(RuleBasedStateMachine):
 
     @rule()
     def fault(self) -> None:
-        self._to(after_event(self.state, Event.FAULT))
+        self._to(after_event(self.state, DriveEvent.FAULT))
         assert self.state in (S.FAULT_REACTION_ACTIVE, S.FAULT)
 
     @rule()
     def quick_stop_inside(self) -> None:
         if self.state is S.OPERATION_ENABLED:
             self.disabled_since_stop = False
-        self._to(after_event(self.state, Event.QUICK_STOP))
+        self._to(after_event(self.state, DriveEvent.QUICK_STOP))
 
     @precondition(lambda self: self.state is S.FAULT_REACTION_ACTIVE)
     @rule()
     def reaction_done(self) -> None:
-        self._to(after_event(self.state, Event.FAULT_REACTION_DONE))
+        self._to(after_event(self.state, DriveEvent.FAULT_REACTION_DONE))
 
     @precondition(lambda self: self.state is S.NOT_READY_TO_SWITCH_ON)
     @rule()
     def initialised(self) -> None:
-        self._to(after_event(self.state, Event.INITIALISED))
+        self._to(after_event(self.state, DriveEvent.INITIALISED))
 
     @invariant()
     def statusword_tells_the_state(self) -> None:

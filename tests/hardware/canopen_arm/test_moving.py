@@ -13,7 +13,7 @@ import pytest
 
 from hardware.arm import ArmSnapshot
 from hardware.control.canopen_arm import CanopenArm
-from hardware.control.tasks import Task
+from hardware.control.tasks import LoopTask
 from hardware.errors import (
     CommandRefused,
     DriveFault,
@@ -114,15 +114,15 @@ def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(
 ) -> None:
     reached_middle = threading.Event()
     bus.on_sync = lambda _sync: bus.drives[2].target > 0.3 * PER_RAD and reached_middle.set()
-    wait, interrupted = Task.wait, []
+    wait, interrupted = LoopTask.wait, []
 
-    def interrupted_wait(task: Task, someone_there: Callable[[], bool]) -> bool:
+    def interrupted_wait(task: LoopTask, someone_there: Callable[[], bool]) -> bool:
         if not interrupted:
             interrupted.append(reached_middle.wait(10))
             raise KeyboardInterrupt
         return wait(task, someone_there)
 
-    monkeypatch.setattr(Task, "wait", interrupted_wait)
+    monkeypatch.setattr(LoopTask, "wait", interrupted_wait)
     with pytest.raises(KeyboardInterrupt):
         driven.move({2: 1.5}, speed_rad_per_s=0.5)
     rest = bus.drives[2].target

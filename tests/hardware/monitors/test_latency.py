@@ -15,7 +15,7 @@ from hardware.buses.python_can import BusSettings, stamping_clock
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.objects import COB_HEARTBEAT, COB_SYNC, COB_TPDO1, NmtState
 from hardware.control.control_loop import ControlLoop
-from hardware.control.tasks import Task
+from hardware.control.tasks import LoopTask
 from hardware.errors import BusError
 from hardware.monitors.latency import LONGEST_LOOK_S, TOLD_S, Attention
 from hardware.timing import Pace, Timing
@@ -269,7 +269,7 @@ def test_nothing_new_is_commanded_by_a_sample_that_is_old_as_we_were_late(bus, l
 
     loop.begin_sync()
     loop._cycle()
-    task = Task(steps())
+    task = LoopTask(steps())
     loop._tasks._tasks.append(task)
     bus.clock.now_s += 0.02
     while loop._tasks.first is not None:
@@ -288,7 +288,7 @@ def test_steps_are_asked_in_turn_however_late_we_always_are(bus, loop) -> None:
             asked.append((yield None).sync_count)
 
     loop.begin_sync()
-    loop._tasks._tasks.append(Task(steps()))
+    loop._tasks._tasks.append(LoopTask(steps()))
     while loop._tasks.first is not None:
         bus.kept_from_answering_s = 0.4
         loop._work()

@@ -4,7 +4,7 @@ import pytest
 
 from hardware.canopen.cyclic import Sample, Setpoint
 from hardware.monitors.following import AWAY_SYNCS, Astray
-from hardware.monitors.standstill import LONGEST_REST_SYNCS, REST_SYNCS, Standing
+from hardware.monitors.standstill import LONGEST_REST_SYNCS, REST_SYNCS, StandstillMonitor
 
 STOPPED, ENABLED, OFF, FAULT = 0x1607, 0x1627, 0x0640, 0x1608
 CSP, CST = 8, 10
@@ -16,7 +16,7 @@ def watched(
     *counts: int, status: int = STOPPED, mode: int = CSP, missing: tuple[int, ...] = ()
 ) -> list[Astray | None]:
     """What is said as joint 2, stopped at SYNC 50, stands at `counts`, SYNC by SYNC."""
-    standing = Standing([WINDOW, WINDOW])
+    standing = StandstillMonitor([WINDOW, WINDOW])
     commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode))
     return [
         standing.see(
@@ -90,7 +90,7 @@ def test_only_a_led_joint_whose_drive_says_that_it_holds_is_held_to_it(
 
 
 def test_a_joint_that_was_let_go_and_stopped_again_stands_where_it_is_now() -> None:
-    standing = Standing([WINDOW])
+    standing = StandstillMonitor([WINDOW])
 
     def see(sync: int, status: int, counts: int) -> Astray | None:
         sample = Sample(
@@ -104,5 +104,5 @@ def test_a_joint_that_was_let_go_and_stopped_again_stands_where_it_is_now() -> N
 
 def test_nothing_is_looked_at_before_anything_was_commanded() -> None:
     sample = Sample(sync_count=1, statuswords=(STOPPED,), counts=(9,), torques_per_mille=(0,))
-    assert Standing([WINDOW]).see(sample, None) is None
-    assert Standing().see(sample, (Setpoint(0x0F, 0, CSP),)) is None
+    assert StandstillMonitor([WINDOW]).see(sample, None) is None
+    assert StandstillMonitor().see(sample, (Setpoint(0x0F, 0, CSP),)) is None

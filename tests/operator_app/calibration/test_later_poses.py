@@ -9,7 +9,7 @@ import pytest
 
 from operator_app.calibration.prediction import FIXTURE, MadeFrom
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import Prediction, fixed_by, judge_poses
+from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
 from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
 
@@ -35,7 +35,7 @@ def retaken(sound: Solution) -> tuple[MadeFrom, Session]:
     return MadeFrom(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
 
 
-def _judged(retaken: tuple[MadeFrom, Session], readings: np.ndarray) -> Prediction:
+def _judged(retaken: tuple[MadeFrom, Session], readings: np.ndarray) -> VerificationResult:
     made, later = retaken
     poses = poses_of(replace(later, readings=readings))
     return judge_poses(ARM, HINGE, poses, fixed_by(made.solution), made=made)

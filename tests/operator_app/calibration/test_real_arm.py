@@ -15,7 +15,7 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import pick_placements
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import Prediction, fixed_by, judge_poses
+from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -179,7 +179,7 @@ def test_what_the_papers_estimate_claims_is_what_it_is_judged_by() -> None:
     own, new = pick_placements(poses, (3,)), pick_placements(poses, (1, 6))
     by_paper = calibrate(arm, ball, own, estimator="paper", drop=True)
 
-    def judged(times: float) -> Prediction:
+    def judged(times: float) -> VerificationResult:
         claims = replace(
             by_paper,
             estimate=replace(by_paper.estimate, covariance=times**2 * by_paper.estimate.covariance),

@@ -10,7 +10,7 @@ import pytest
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
 from operator_app.planning.drives import (
-    Prediction,
+    DrivePrediction,
     choose_drives,
     predict_drives,
     worth_trying,
@@ -20,7 +20,7 @@ from solver.design.drive_joints import TrialWiggles
 
 
 @pytest.fixture(scope="module")
-def prediction() -> Prediction:
+def prediction() -> DrivePrediction:
     own = load_procedure("hinge_planned")
     model = own.fixture.fixture.model(own.arm)
     return predict_drives(own.arm, model, nominal_vector(model.parameters), own.arm.home_rad)
@@ -36,7 +36,9 @@ def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -
     return TrialWiggles(drives=drives, commanded_rad=commanded, moved_rad=moved, stopped=stopped)
 
 
-def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(prediction: Prediction) -> None:
+def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(
+    prediction: DrivePrediction,
+) -> None:
     choice = choose_drives(prediction)
     assert choice.drives == (1, 5) == choice.sets[0]
     assert 1 < len(choice.sets) <= 3
@@ -45,19 +47,19 @@ def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(prediction: P
     assert choice.ranked[0].drives == choice.drives
 
 
-def test_inexact_sensors_do_not_drive_while_others_can(prediction: Prediction) -> None:
+def test_inexact_sensors_do_not_drive_while_others_can(prediction: DrivePrediction) -> None:
     assert prediction.inexact == {6, 7}
     for drives in choose_drives(prediction).sets:
         assert not set(drives) & {6, 7}
 
 
-def test_joints_that_are_not_used_never_drive(prediction: Prediction) -> None:
+def test_joints_that_are_not_used_never_drive(prediction: DrivePrediction) -> None:
     choice = choose_drives(prediction, unsensed_joints=(1,))
     assert all(1 not in drives for drives in choice.sets)
     assert all(1 not in drives for drives in worth_trying(prediction, (1,)))
 
 
-def test_a_trial_overrules_the_prediction(prediction: Prediction) -> None:
+def test_a_trial_overrules_the_prediction(prediction: DrivePrediction) -> None:
     tried = worth_trying(prediction)
     assert tried[0] == (1, 5)
     trials = [trial(d, stopped="joint 3 needed 90 N m" if d == (1, 5) else "") for d in tried]
@@ -66,13 +68,13 @@ def test_a_trial_overrules_the_prediction(prediction: Prediction) -> None:
     assert any(reason.startswith("on the arm:") for reason in choice.reasons)
 
 
-def test_when_no_tried_set_moves_the_reason_is_said(prediction: Prediction) -> None:
+def test_when_no_tried_set_moves_the_reason_is_said(prediction: DrivePrediction) -> None:
     trials = [trial(d, follows=0.1) for d in worth_trying(prediction)]
     with pytest.raises(SessionError, match="only 10% of what it was told"):
         choose_drives(prediction, trials=trials)
 
 
-def test_at_a_fold_nothing_is_chosen(prediction: Prediction) -> None:
+def test_at_a_fold_nothing_is_chosen(prediction: DrivePrediction) -> None:
     folded = tuple(
         replace(r, usable=False, reasons=("at a fold", *r.reasons)) for r in prediction.here
     )

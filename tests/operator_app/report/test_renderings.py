@@ -21,7 +21,7 @@ import pytest
 from operator_app.cli import main
 from operator_app.report.facts import Facts
 from operator_app.report.spans import Line
-from operator_app.report.table import Table
+from operator_app.report.table import FactTable
 from operator_app.report.terminal import facts_on, headline_spans, table_spans
 from operator_app.session.ui.operations import Operations
 from operator_app.units.figure import Figure
@@ -95,7 +95,7 @@ def text_rows(text: str, title: str, heads: int) -> list[str]:
     return indented[heads:]
 
 
-def body_of(said: Renderings, table: Table) -> list[list[str]]:
+def body_of(said: Renderings, table: FactTable) -> list[list[str]]:
     return [[cell[2] for cell in row] for row in said.page.table(typeset(table.title))["tbody"]]
 
 
@@ -143,7 +143,7 @@ def figures_of(said: Renderings) -> Iterator[tuple[tuple[str | int, ...], str, s
                     yield cell.key, here, words
 
 
-def _header(table: Table, k: int) -> str:
+def _header(table: FactTable, k: int) -> str:
     column = table.columns[k]
     return f"{column.title} {column.group} " + (f"[{column.unit}]" if column.unit else "")
 

@@ -7,11 +7,11 @@ import math
 import pytest
 
 from operator_app.report.html.table import table_html
-from operator_app.report.table import Column, Table, keyed
+from operator_app.report.table import Column, FactTable, keyed
 from operator_app.report.text import table_text
 from operator_app.units.figure import ANGLE, LENGTH, NUMBER, Figure
 
-RANGES = Table(
+RANGES = FactTable(
     ident="ranges",
     title="Joints",
     columns=(
@@ -81,11 +81,11 @@ def test_text_has_groups_above_titles_and_no_room_for_detail() -> None:
 
 def test_a_row_must_fit_its_table() -> None:
     with pytest.raises(ValueError, match="one cell a column"):
-        Table(ident="t", title="T", columns=(Column("a"), Column("b")), rows=(("1",),))
+        FactTable(ident="t", title="T", columns=(Column("a"), Column("b")), rows=(("1",),))
 
 
 def test_keys_make_objects_and_whole_numbers_lists() -> None:
     columns = (Column("a"), Column("b"), Column("c"))
     row = (Figure(1.0, key=("x", "y", 1)), Figure(2.0, key=("x", "y", 0)), Figure(3.0, key=("z",)))
-    table = Table(ident="t", title="T", columns=columns, rows=(row, ("", "", Figure(4.0))))
+    table = FactTable(ident="t", title="T", columns=columns, rows=(row, ("", "", Figure(4.0))))
     assert keyed([table]) == {"x": {"y": [2.0, 1.0]}, "z": 3.0}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.chain.poses import PoseSet
-from solver.diagnostics.range_checks import Fault, ReadingsOutOfRangeError, range_findings
+from solver.diagnostics.range_checks import ReadingFault, ReadingsOutOfRangeError, range_findings
 from tests.oracles.loop_oracle import Truth
 from tests.oracles.simulated_loops import LSB_RAD, Simulation
 from tests.solver.conftest import paper_arm
@@ -40,7 +40,7 @@ def test_just_outside_is_noise_and_a_little_further_is_named(
     assert range_findings(arm, pose_set(q)) == ()
     q[7, 2] = end + side * np.deg2rad(2.0)
     (found,) = range_findings(arm, pose_set(q))
-    assert (found.joint, found.fault, found.poses) == (3, Fault.OUTSIDE, (7,))
+    assert (found.joint, found.fault, found.poses) == (3, ReadingFault.OUTSIDE, (7,))
     assert found.reading_rad == q[7, 2]
 
 
@@ -67,7 +67,7 @@ def test_an_encoder_that_counts_from_another_turn_is_said_so_and_an_rvdt_cannot(
     q = readings.copy()
     q[:, 1] -= 2.0 * np.pi
     (found,) = range_findings(paper_arm(truth), pose_set(q))
-    assert (found.joint, found.fault) == (2, Fault.WHOLE_TURN)
+    assert (found.joint, found.fault) == (2, ReadingFault.WHOLE_TURN)
     q = readings.copy()
     q[:, 6] -= 2.0 * np.pi
     with pytest.raises(ReadingsOutOfRangeError, match="joint 7"):
@@ -84,7 +84,7 @@ def test_an_rvdt_that_sits_at_its_end_in_several_poses_is_saturated(
     assert range_findings(arm, pose_set(q)) == ()
     q[[3, 9, 20], 5] = middle + np.deg2rad(60.0) - LSB_RAD
     (found,) = range_findings(arm, pose_set(q))
-    assert (found.joint, found.fault, found.poses) == (6, Fault.SATURATED, (3, 9, 20))
+    assert (found.joint, found.fault, found.poses) == (6, ReadingFault.SATURATED, (3, 9, 20))
 
 
 def test_readings_that_are_not_used_are_not_judged(truth: Truth, readings: np.ndarray) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver.chain.parameters import nominal_vector
-from solver.estimators.effects import Design, System
+from solver.estimators.effects import LinearModel, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.linearisation import Linearisation, State
@@ -49,7 +49,7 @@ def joint_variance_by_source(design: Layout, source: str) -> np.ndarray:
 
 
 def test_all_that_is_stated_is_there_and_hardly_more(model, q, errors):
-    design = Design(model, q, errors)
+    design = LinearModel(model, q, errors)
     floors = {c.name: c.floor for c in design.components}
     assert joint_variance_by_source(design, "sag").mean(0) == pytest.approx(np.ones(7), rel=1e-6)
     play = joint_variance_by_source(design, "joint_play")
@@ -64,7 +64,7 @@ def test_all_that_is_stated_is_there_and_hardly_more(model, q, errors):
 
 def test_play_of_a_known_load_is_there_half_of_the_times(model, q, errors):
     """Second moments of joints of which half lie where the load is and half where they came from."""
-    design = Design(model, q, errors)
+    design = LinearModel(model, q, errors)
     rng = np.random.default_rng(1)
     follows = rng.random(20_000) < 0.5
     leads = rng.choice((-1.0, 1.0), size=20_000)
@@ -78,13 +78,13 @@ def test_play_of_a_known_load_is_there_half_of_the_times(model, q, errors):
 
 def test_what_is_expected_is_taken_out_of_the_readings(model, q, errors):
     """Readings off by just what is expected close at the truth, and no effect is asked for it."""
-    design = Design(model, q, errors)
+    design = LinearModel(model, q, errors)
     e = design.effects_at(np.zeros(design.width - design.hard), q)[0]
     assert np.abs(e).max() > 1e-5
     x = nominal_vector(model.parameters)
     u = model.initial_unsensed(x, q)
     state = State(x=x, e=np.zeros_like(q), u=u, closed_q=q, closed_u=u)
-    plain = Design(model, q, replace(errors, loads=None, approach=None))
+    plain = LinearModel(model, q, replace(errors, loads=None, approach=None))
     assert not plain.expected.any()
     here = Linearisation(design, state).part(slice(None))
     there = Linearisation(plain, state).part(slice(None))
@@ -94,14 +94,14 @@ def test_what_is_expected_is_taken_out_of_the_readings(model, q, errors):
 
 
 def test_without_masses_all_is_as_it_was(model, q, errors):
-    bare = Design(model, q, replace(errors, loads=None, approach=None))
+    bare = LinearModel(model, q, replace(errors, loads=None, approach=None))
     np.testing.assert_array_equal(bare.play.columns, 1.0)
     assert bare.loaded is None
     assert {c.name: c.floor for c in bare.components}["joint_play"] == pytest.approx(0.4**2)
 
 
 def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
-    design = Design(model, q, errors)
+    design = LinearModel(model, q, errors)
     x = nominal_vector(model.parameters)
     error = model.loop(x, q, model.initial_unsensed(x, q))
     E = np.stack([np.linalg.svd(N)[0][:, 1:] for N in error.jac_u])
@@ -125,14 +125,14 @@ def test_exact_masses_pull_at_nothing_and_leave_the_free_function(model, q, erro
     x = nominal_vector(model.parameters)
     sure = replace(MASSES, mass_sd_kg=np.zeros(7), centre_sd_m=np.zeros(7), down_sd_rad=0.0)
     loads = load_basis(model, x, q, model.initial_unsensed(x, q), sure, give=GIVE)
-    design = Design(model, q, replace(errors, loads=loads))
+    design = LinearModel(model, q, replace(errors, loads=loads))
     assert design.loaded is None
     stated = [g.fixed for g in design.groups if g.source == "fixture_give"]
     assert sorted(stated) == pytest.approx([GIVE[1] ** 2, GIVE[0] ** 2])
 
 
 def test_without_a_sign_the_second_moments_are_the_same(model, q, errors):
-    signed, free = (Design(model, q, replace(errors, signed=s)) for s in (True, False))
+    signed, free = (LinearModel(model, q, replace(errors, signed=s)) for s in (True, False))
     assert signed.expected.any()
     assert not free.expected.any()
     for one, other in ((signed.sags, free.sags), (signed.play, free.play)):
@@ -147,6 +147,6 @@ def test_without_a_sign_the_second_moments_are_the_same(model, q, errors):
 def test_the_readings_say_whether_gravity_shows(model, errors, share, signed):
     """Readings with so much of the sag and play that is expected; those of an exact arm have none of it."""
     q = Simulation(poses=POSES, wrist_sd=1e-7, encoder_sd=1e-7).readings(0)
-    expected = Design(model, q, errors).expected
+    expected = LinearModel(model, q, errors).expected
     found = settle(model, q - share * expected, errors)
     assert found.fit.fit.design.errors.signed is signed

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver.chain.parameters import nominal_vector
-from solver.estimators.effects import Design, System
+from solver.estimators.effects import LinearModel, System
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.pose_basis import pose_process
@@ -36,14 +36,14 @@ def everything_stated(truth: Truth, poses: int = POSES) -> ErrorModel:
 
 
 @pytest.fixture(scope="module")
-def design() -> Design:
+def design() -> LinearModel:
     truth = paper_truth()
     model = loop_of(truth, names=(*NAMES, *SOFT))
-    return Design(model, Simulation(poses=POSES).readings(0), everything_stated(truth))
+    return LinearModel(model, Simulation(poses=POSES).readings(0), everything_stated(truth))
 
 
 @pytest.fixture(scope="module")
-def system(design: Design) -> System:
+def system(design: LinearModel) -> System:
     x = nominal_vector(design.model.parameters)
     error = design.model.loop(x, design.q, design.model.initial_unsensed(x, design.q))
     # An orthonormal complement of the hinge's column, by another road than the solver's.
@@ -53,7 +53,7 @@ def system(design: Design) -> System:
     return System(w=w, A=Et @ error.jac_x, B=Et @ error.jac_q, E=E, angle=design.q)
 
 
-def variances(design: Design) -> np.ndarray:
+def variances(design: LinearModel) -> np.ndarray:
     rng = np.random.default_rng(2)
     return design.stated_variances() * rng.uniform(1.0, 3.0, len(design.components))
 
@@ -61,7 +61,7 @@ def variances(design: Design) -> np.ndarray:
 class Dense:
     """Everything as N x N matrices: noise blocks and effects added up, P by inversion."""
 
-    def __init__(self, design: Design, system: System, v: np.ndarray) -> None:
+    def __init__(self, design: LinearModel, system: System, v: np.ndarray) -> None:
         m, r = system.w.shape
         self.w = system.w.reshape(-1)
         A = system.A.reshape(m * r, -1)
@@ -93,7 +93,7 @@ class Dense:
         return float(-0.5 * (log_det + self.w @ self.P @ self.w))
 
 
-def test_everything_agrees_with_dense_matrices(design: Design, system: System) -> None:
+def test_everything_agrees_with_dense_matrices(design: LinearModel, system: System) -> None:
     v = variances(design)
     fit, dense = LinearFit(design, system, v), Dense(design, system, v)
     P, w = dense.P, dense.w
@@ -114,7 +114,7 @@ def test_everything_agrees_with_dense_matrices(design: Design, system: System) -
     assert fit.covariance[np.ix_(where, where)] == pytest.approx(of_soft, rel=1e-5, abs=1e-14)
 
 
-def test_repeatability_and_budget_add_up(design: Design, system: System) -> None:
+def test_repeatability_and_budget_add_up(design: LinearModel, system: System) -> None:
     v = variances(design)
     fit, dense = LinearFit(design, system, v), Dense(design, system, v)
     gain = np.linalg.solve(dense.M, dense.A.T @ np.linalg.inv(dense.V))
@@ -133,7 +133,7 @@ def test_repeatability_and_budget_add_up(design: Design, system: System) -> None
     assert budget["lengths"][hard] == pytest.approx(((gain @ lengths) ** 2).sum(-1), rel=1e-4)
 
 
-def test_score_of_further_columns(design: Design, system: System) -> None:
+def test_score_of_further_columns(design: LinearModel, system: System) -> None:
     fit = LinearFit(design, system, variances(design))
     dense = Dense(design, system, fit.v)
     G = np.random.default_rng(3).normal(size=(POSES, 5, 4))
@@ -147,7 +147,7 @@ def test_score_of_further_columns(design: Design, system: System) -> None:
     assert np.all(np.abs(own.gradient) < 1e-6 * size)
 
 
-def test_poses_held_out_are_predicted_by_the_others(design: Design, system: System) -> None:
+def test_poses_held_out_are_predicted_by_the_others(design: LinearModel, system: System) -> None:
     fit = LinearFit(design, system, variances(design))
     dense = Dense(design, system, fit.v)
     out = np.array([2, 7])
@@ -178,7 +178,7 @@ def test_more_equations_held_out_than_there_are_columns() -> None:
     truth, poses = paper_truth(), 30
     model = loop_of(truth)
     exact = ErrorModel(joint_variance=np.full((poses, 7), 1e-8))
-    design = Design(model, Simulation(poses=poses).readings(0), exact)
+    design = LinearModel(model, Simulation(poses=poses).readings(0), exact)
     x = nominal_vector(model.parameters)
     error = model.loop(x, design.q, model.initial_unsensed(x, design.q))
     E = np.stack([np.linalg.svd(N)[0][:, 1:] for N in error.jac_u])
@@ -203,7 +203,7 @@ def test_more_equations_held_out_than_there_are_columns() -> None:
     assert chi2 == pytest.approx(difference @ np.linalg.solve(covariance, difference), rel=1e-6)
 
 
-def test_score_is_the_slope_of_the_likelihood(design: Design, system: System) -> None:
+def test_score_is_the_slope_of_the_likelihood(design: LinearModel, system: System) -> None:
     v = variances(design)
     found = LinearFit(design, system, v).derivatives
     for k, name in enumerate(c.name for c in design.components):
@@ -212,7 +212,7 @@ def test_score_is_the_slope_of_the_likelihood(design: Design, system: System) ->
         assert found.score[k] * v[k] == pytest.approx((up - down) / 2e-4, rel=1e-3, abs=1e-4), name
 
 
-def test_information_of_effects_and_across(design: Design, system: System) -> None:
+def test_information_of_effects_and_across(design: LinearModel, system: System) -> None:
     v = variances(design)
     found = LinearFit(design, system, v).derivatives
     dense = Dense(design, system, v)
@@ -244,7 +244,7 @@ def test_smooth_columns_span_the_process_they_stand_for() -> None:
     assert np.allclose(apart.phi[:20] @ apart.phi[20:].T, 0.0, atol=1e-9)
 
 
-def test_a_component_is_never_below_its_statement(design: Design) -> None:
+def test_a_component_is_never_below_its_statement(design: LinearModel) -> None:
     # Smooth or on one side all of it, and 0.4 of it anew besides.
     floors = {c.name: c.floor for c in design.components}
     assert floors["fixture_m"] == pytest.approx(0.4**2 * 2e-4**2)
@@ -260,7 +260,7 @@ def test_a_component_is_never_below_its_statement(design: Design) -> None:
     assert gives == pytest.approx([2e-4**2, 3e-4**2], rel=1e-3)
 
 
-def test_a_fit_that_is_no_number_is_no_perfect_fit(design: Design, system: System) -> None:
+def test_a_fit_that_is_no_number_is_no_perfect_fit(design: LinearModel, system: System) -> None:
     v = variances(design)
     v[0] = np.nan
     try:

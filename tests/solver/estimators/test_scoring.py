@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from solver.estimators.likelihood import Derivatives
-from solver.estimators.scoring import Ascent, Step, step
+from solver.estimators.scoring import Ascent, ScoringStep, step
 
 
 def fit_of(v: list[float]) -> SimpleNamespace:
@@ -40,7 +40,7 @@ def steps_away(ascent: Ascent, *largest: float) -> list[bool]:
     """What an ascent says of its pace after steps so large, in standard errors, are wanted one after the other."""
     said = []
     for size in largest:
-        wanted = Step(change=np.zeros(2), largest=size, slope=0.0)
+        wanted = ScoringStep(change=np.zeros(2), largest=size, slope=0.0)
         fit = SimpleNamespace(v=np.ones(2), log_likelihood=0.0)
         ascent.onward(fit, found([0.0, 0.0], [[1.0, 0.0], [0.0, 1.0]]), wanted, far=False)
         said.append(ascent.fast)

@@ -10,7 +10,7 @@ from hypothesis import example as such_as
 from hypothesis import given
 from hypothesis import strategies as st
 
-from operator_app.report.plots.plot import Band, Line, Marks, Picture, axis
+from operator_app.report.plots.plot import Band, Marks, Picture, Polyline, axis
 from operator_app.report.plots.strips import Range, Strip, ranges, strips
 from operator_app.report.plots.svg import plot
 
@@ -56,7 +56,7 @@ def example(**changes: object) -> ET.Element:
         "y": axis("error", [-2.0, 2.0], unit="mm"),
         "layers": [
             Band(low=-1.0, high=1.0, label="rms"),
-            Line(x=[1.0, 3.0], y=[-2.0, 2.0], label="fit"),
+            Polyline(x=[1.0, 3.0], y=[-2.0, 2.0], label="fit"),
             Marks(x=[1.0, 2.0, 3.0], y=[-2.0, math.nan, 2.0], label="x", tips=["a", "b", "<c>"]),
         ],
     }

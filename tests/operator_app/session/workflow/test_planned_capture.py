@@ -14,7 +14,7 @@ import pytest
 from hardware.virtual.truth import paper_loop
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
-from operator_app.session.store.journal import Event, Journal, read_journal
+from operator_app.session.store.journal import Journal, JournalEvent, read_journal
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.campaign_replay import same
 from operator_app.session.workflow.drive_selection import choose
@@ -64,7 +64,7 @@ def interrupted(session: Session, at_sync: int) -> Session:
     return session
 
 
-def events(session: Session) -> tuple[Event, ...]:
+def events(session: Session) -> tuple[JournalEvent, ...]:
     return read_journal(session.journal.path.parent).events
 
 

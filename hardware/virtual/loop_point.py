@@ -40,6 +40,11 @@ class ChainPoint(ABC):
         odd[:, 1, 0], odd[:, 1, 3] = 1.0, table.a_m
         constant[:, 2, 1], constant[:, 2, 2], constant[:, 2, 3] = s, c, table.s_m
         constant[:, 3, 3] = 1.0
+        twisted = np.zeros((links, 4, 4))
+        twisted[:, 1, 1] = twisted[:, 3, 3] = 1.0
+        twisted[:, 0, 0] = twisted[:, 2, 2] = np.cos(table.beta_rad)
+        twisted[:, 0, 2], twisted[:, 2, 0] = np.sin(table.beta_rad), -np.sin(table.beta_rad)
+        even, odd, constant = even @ twisted, odd @ twisted, constant @ twisted
         self._even, self._odd, self._constant = even, odd, constant
         self._links = np.empty((links, 4, 4))
         self._frames = np.empty((links + 1, 4, 4))

@@ -81,15 +81,8 @@ def wild_loop(
             and can_cover(loop, x, pose, closed.u[0], spread)
         ):
             table = loop.tables(x)
-            offsets = table[0] + np.concatenate(([0.0], pose - home))
-            return LoopTruth(
-                table=DhTable(
-                    theta_off_rad=wrap_angle(offsets),
-                    s_m=table[1],
-                    a_m=table[2],
-                    alpha_rad=table[3],
-                )
-            )
+            table[0] = wrap_angle(table[0] + np.concatenate(([0.0], pose - home)))
+            return LoopTruth(table=DhTable.from_stacked(table))
 
 
 def can_cover(

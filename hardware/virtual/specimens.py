@@ -105,9 +105,9 @@ class _Specimen:
     Attributes
     ----------
     free
-        (4, n): what may be identified.
+        (5, n): what may be identified.
     maker
-        (3, n): s (m), a (m), alpha (rad) where nothing identifies them.
+        (4, n): s (m), a (m), alpha, beta (rad) where nothing identifies them.
     """
 
     free: FloatArray
@@ -116,11 +116,18 @@ class _Specimen:
     @classmethod
     def drawn(cls, arm: ArmModel, rng: np.random.Generator) -> _Specimen:
         """Draw all of it, needed or not, and before anything else of `rng`: for one seed it is one arm."""
-        n = arm.joint_count
+        n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
         stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
-        offsets = OFFSET_RAD * rng.uniform(-1.0, 1.0, (1, n))
-        free = 3.0 * stated * _thirds(rng, (3, n))
-        return cls(free=np.concatenate((offsets, free)), maker=stated * rng.standard_normal((3, n)))
+        free, maker = np.zeros((5, n)), np.zeros((4, n))
+        free[DhKind.THETA_OFF] = OFFSET_RAD * rng.uniform(-1.0, 1.0, n)
+        free[1:4] = 3.0 * stated * _thirds(rng, (3, n))
+        maker[:3] = stated * rng.standard_normal((3, n))
+        # Where axes are parallel, a twist about y takes the place of a slide along z.
+        twist = arm.twist_tolerance_rad[hayati]
+        free[DhKind.BETA, hayati] = 3.0 * twist * _thirds(rng, twist.shape)
+        maker[-1, hayati] = twist * rng.standard_normal(len(hayati))
+        maker[0, hayati] = 0.0
+        return cls(free=free, maker=maker)
 
     def of(self, model: ArmLoop) -> FloatArray:
         """By how much the arm's unknowns of a loop are off (P,); 0 for those of the fixture."""
@@ -159,11 +166,11 @@ def may_be(stated: Stated, truth: LoopTruth, home_rad: FloatArray) -> bool:
     if not isinstance(model, DhLoop) or model.hinge != truth.hinge:
         return False
     off = model.table.stacked() - truth.table.stacked()
-    angles = [DhKind.THETA_OFF, DhKind.ALPHA]
+    angles = [kind for kind in DhKind if kind.is_angle]
     off[angles] = np.remainder(off[angles] + np.pi, 2.0 * np.pi) - np.pi
     allowed = np.zeros(off.shape)
     allowed[[DhKind.S, DhKind.A], 1:] = 5.0 * arm.length_tolerance_m
-    allowed[DhKind.ALPHA, 1:] = 5.0 * arm.twist_tolerance_rad
+    allowed[[DhKind.ALPHA, DhKind.BETA], 1:] = 5.0 * arm.twist_tolerance_rad
     for entry in model.entries:
         angle = stated.tolerance_rad if entry.kind.is_angle else stated.tolerance_m
         is_offset = entry.kind is DhKind.THETA_OFF
@@ -176,12 +183,12 @@ def _may_be_arm(stated: Stated, truth: LoopTruth) -> bool:
     """Whether the arm's file may mean the arm of this truth, whatever holds or sees its hand."""
     arm = stated.arm
     off = arm.table.stacked() - truth.table.stacked()[:, 1:]
-    angles = [DhKind.THETA_OFF, DhKind.ALPHA]
+    angles = [kind for kind in DhKind if kind.is_angle]
     off[angles] = np.remainder(off[angles] + np.pi, 2.0 * np.pi) - np.pi
     allowed = np.zeros(off.shape)
     allowed[DhKind.THETA_OFF] = MISREMEMBERED_RAD
     allowed[[DhKind.S, DhKind.A]] = 5.0 * arm.length_tolerance_m
-    allowed[DhKind.ALPHA] = 5.0 * arm.twist_tolerance_rad
+    allowed[[DhKind.ALPHA, DhKind.BETA]] = 5.0 * arm.twist_tolerance_rad
     for name in mounted_entries(arm.joint_count):
         entry = DhEntry.parse(name)
         allowed[entry.kind, entry.row - 1] = np.inf
@@ -285,14 +292,15 @@ def _thirds(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
 def _truth(
     model: DhLoop | PointClosure | MeasuredClosure, x: FloatArray, rows: FloatArray
 ) -> Truth:
-    """The truth with these unknowns (P,) and these arm rows (4, n) where nothing is unknown."""
+    """The truth with these unknowns (P,) and these arm rows (5, n) where nothing is unknown."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
-    here = model.with_table(_table(stacked))
+    here = model.with_table(DhTable.from_stacked(stacked))
     found = here.tables(x)
     if isinstance(model, DhLoop):
-        return LoopTruth(table=_table(found), hinge=model.hinge)
-    table, own = _table(np.concatenate((np.zeros((4, 1)), found), axis=1)), model.own_values(x)[0]
+        return LoopTruth(table=DhTable.from_stacked(found), hinge=model.hinge)
+    table = DhTable.from_stacked(np.column_stack((np.zeros(len(found)), found)))
+    own = model.own_values(x)[0]
     if isinstance(model, PointClosure):
         return BallTruth(table=table, tip_m=own[:3], ground_m=own[3:])
     return OpenTruth(
@@ -302,11 +310,6 @@ def _truth(
         tip_m=own[6:9],
         tip_rotation=rotation_matrix(own[9:]) @ model.tip_rotation,
     )
-
-
-def _table(stacked: FloatArray) -> DhTable:
-    theta_off, s, a, alpha = stacked
-    return DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
 
 
 def _pose(truth: Truth, arm: ArmModel, near_rad: FloatArray) -> FloatArray | None:

@@ -63,7 +63,7 @@ class CalibratedArm:
         The tip is turned as the last frame is.
         """
         table = self.hand if frame == "tip" else self.flange
-        frames = forward(q_rad + table.theta_off_rad, table.s_m, table.a_m, table.alpha_rad)
+        frames = forward(q_rad + table.theta_off_rad, *table.stacked()[1:])
         T = np.zeros((*np.shape(q_rad)[:-1], 4, 4))
         T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = frames.R_end, frames.p_end, 1.0
         if frame == "tip":
@@ -194,7 +194,7 @@ def _hand_rows(part: ClosureModel, nominal: DhTable, flange: DhTable) -> DhTable
     rows = flange.stacked()
     last = stated[:, -1] != ours[:, -1]
     rows[last, -1] = stated[last, -1]
-    return DhTable(theta_off_rad=rows[0], s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])
+    return DhTable.from_stacked(rows)
 
 
 def with_entries(table: DhTable, values: dict[str, float]) -> DhTable:
@@ -203,4 +203,4 @@ def with_entries(table: DhTable, values: dict[str, float]) -> DhTable:
     for name, value in values.items():
         entry = DhEntry.parse(name)
         rows[entry.kind, entry.row - 1] = value
-    return DhTable(theta_off_rad=rows[0], s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])
+    return DhTable.from_stacked(rows)

@@ -187,9 +187,10 @@ def soften(
         arm.length_tolerance_m if length_tolerance_m is None else np.full(n, length_tolerance_m)
     )
     found: dict[DhEntry, float] = {}
-    for kind in (DhKind.A, DhKind.S, DhKind.ALPHA):
-        sizes = arm.twist_tolerance_rad if kind is DhKind.ALPHA else length
-        found |= {DhEntry(kind, row): float(sizes[row - 1]) for row in range(1, n + 1)}
+    for kind in (DhKind.A, DhKind.S, DhKind.ALPHA, DhKind.BETA):
+        sizes = arm.twist_tolerance_rad if kind.is_angle else length
+        entries = (DhEntry(kind, row) for row in range(1, n + 1))
+        found |= {e: float(sizes[e.row - 1]) for e in entries if e in arm.maker_entries(e.row)}
     if arm.offset_tolerance_rad is not None:
         known = arm.offset_tolerance_rad
         blind = model.unsensed_joints

@@ -46,7 +46,7 @@ HOMES = {
 }
 
 OF_WHAT = {
-    "arm": ("urdf", "tip"),
+    "arm": ("urdf", "base", "tip"),
     "fixture": (
         "arm",
         "kind",
@@ -78,6 +78,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     urdf = parser.add_argument_group("arm")
     urdf.add_argument("--urdf", default="", metavar="FILE", help="the arm's URDF (not xacro)")
+    urdf.add_argument(
+        "--base",
+        default="",
+        metavar="LINK",
+        help="link that the chain starts at (default: the root)",
+    )
     urdf.add_argument(
         "--tip", default="", metavar="LINK", help="link that the chain ends at, e.g. the flange"
     )
@@ -135,7 +141,7 @@ def _arm(args: argparse.Namespace) -> int:
     from operator_app.config.editor import schema_line
     from operator_app.config.new_files import copied
     from operator_app.config.resources import expanded, read_limited
-    from operator_app.config.urdf import COUNTS_PER_REV, arm_file_of, parse_urdf
+    from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
     from operator_app.config.yaml_writer import dump_strict
     from operator_app.planning.homes import bent_home
 
@@ -147,7 +153,7 @@ def _arm(args: argparse.Namespace) -> int:
         say(f"Arm         {target}: a copy of {args.packaged}; change its numbers")
         return ExitCode.ACCEPTED
     data = read_limited(expanded(args.urdf), args.urdf, limit=LARGEST)
-    chain = parse_urdf(data, args.urdf, tip=args.tip)
+    chain = parse_urdf(data, args.urdf, base=args.base, tip=args.tip)
     name = _named(args.name or chain.name)
     body = dict(arm_file_of(chain, name=name))
     bent = bent_home(parse_arm(dump_strict(body), args.urdf))
@@ -160,7 +166,10 @@ def _arm(args: argparse.Namespace) -> int:
         home=HOMES[bent is not None],
     )
     target = _save(args, "arm", name, dump_strict(body, comment=comment), parse_arm)
-    say(f"Arm         {target}: {len(chain.joints)} joints")
+    say(f"Arm         {target}: {len(chain.joints)} joints, {chain.base} to {chain.tip}")
+    if chain.rounded:
+        told = ", ".join(f"{word} is {deg:g} deg" for word, deg in chain.rounded.items())
+        say(f"Angles      rounded in the file are taken for what they mean: {told}")
     if bent is not None:
         say("Home        bent, as nothing can be calibrated from the middle of the ranges")
     for T, where in (

@@ -45,13 +45,17 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 class RowModel(StrictModel):
-    """One D-H row. ``fixture`` stands for an entry that the fixture determines (Table 1's asterisk)."""
+    """One D-H row. ``fixture`` stands for an entry that the fixture determines (Table 1's asterisk).
+
+    ``beta_deg`` is Hayati's: what is identified in place of s where the row joins parallel axes.
+    """
 
     row: Count
     theta_off_deg: TurnDeg
     s_m: LengthM | Literal["fixture"]
     a_m: LengthM | Literal["fixture"]
     alpha_deg: TwistDeg | Literal["fixture"]
+    beta_deg: TwistDeg | None = None
     tolerance: RowToleranceModel = RowToleranceModel()
 
 
@@ -163,6 +167,13 @@ class ArmFile(StrictModel):
         cls, value: tuple[RowModel, ...], info: ValidationInfo
     ) -> tuple[RowModel, ...]:
         check_numbered(info, value, 1, "row")
+        if value and value[-1].beta_deg is not None:
+            report(
+                info,
+                ("dh", len(value) - 1, "beta_deg"),
+                "the last row joins no two axes of the arm",
+                "take beta_deg out",
+            )
         return value
 
     @field_validator("joints")
@@ -261,6 +272,7 @@ class ArmFile(StrictModel):
             values = [getattr(row, name) for row in self.dh]
             return [0.0 if value == "fixture" else float(value) for value in values]
 
+        hayati = tuple(row.row for row in self.dh[:-1] if _is_hayati(row))
         return ArmModel(
             name=self.name,
             table=DhTable(
@@ -268,6 +280,7 @@ class ArmFile(StrictModel):
                 s_m=frozen(column("s_m")),
                 a_m=frozen(column("a_m")),
                 alpha_rad=np.deg2rad(column("alpha_deg")),
+                beta_rad=np.deg2rad([row.beta_deg or 0.0 for row in self.dh]),
             ),
             joints=tuple(
                 Joint(
@@ -278,7 +291,7 @@ class ArmFile(StrictModel):
                 )
                 for joint in self.joints
             ),
-            free=tuple(DhEntry.parse(name) for name in self.free),
+            free=tuple(dict.fromkeys(_seen_by(DhEntry.parse(n), hayati) for n in self.free)),
             home_rad=frozen(np.deg2rad(self.home_deg)),
             tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
             offset_tolerance_rad=None
@@ -287,6 +300,7 @@ class ArmFile(StrictModel):
             masses=None
             if self.links is None or self.gravity is None
             else link_masses(self.links, self.gravity),
+            hayati_rows=hayati,
             assumed=tuple(self._assumed()),
         )
 
@@ -300,6 +314,24 @@ class ArmFile(StrictModel):
         yield from assumed_of_joints("gain", rvdts)
         yield from assumed_of_joints("backlash_deg", sensed)
         yield from assumed_of_joints("sag_deg", sensed)
+
+
+PARALLEL_RAD = math.radians(10.0)
+"""Neighbouring axes nearer to parallel than this are joined by Hayati's row [9]: where they are, a twist of
+0.1 deg moves the foot of their common normal, from which s counts, by 1 % of a and more."""
+
+
+def _is_hayati(row: RowModel) -> bool:
+    if row.beta_deg is not None or row.alpha_deg == "fixture":
+        return row.beta_deg is not None
+    return abs(math.sin(math.radians(row.alpha_deg))) < math.sin(PARALLEL_RAD)
+
+
+def _seen_by(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
+    """Return what is identified where a file frees an entry: beta for s between parallel axes."""
+    if entry.kind is DhKind.S and entry.row in hayati:
+        return DhEntry(DhKind.BETA, entry.row)
+    return entry
 
 
 def parse_arm(data: bytes, file: str) -> ArmModel:

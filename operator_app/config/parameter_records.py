@@ -73,13 +73,14 @@ class JointParameters(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DhRow(StrictRecord):
-    """One D-H row, 0 (the fixture) to n."""
+    """One D-H row, 0 (the fixture) to n; `beta_deg` is Hayati's, written where it is not zero."""
 
     row: Whole
     theta_off_deg: TurnDeg
     s_m: LengthM
     a_m: LengthM
     alpha_deg: TurnDeg
+    beta_deg: TurnDeg = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,10 +1,11 @@
-"""The result of a calibration (``sarcal/parameters/2``): what the controller is given. Knows no YAML.
+"""The result of a calibration (``sarcal/parameters/3``): what the controller is given. Knows no YAML.
 
 The document is what its file holds, in the units of the file (degrees, metres, millimetres,
 milliradians), so that writing and reading it changes no bit. `ParametersDocument.table` gives SI.
 What is made here in a program is checked as it is written, what is read as it is read. Version 1 had no `side`,
 no `rvdt` and no `forced`. Version 2 was first written without `correlations` and `budget`, and programs of that
 time refuse them; a key that comes after them raises the number, which old programs refuse in plainer words.
+Version 3 has ``beta_deg`` of rows; a document without any is written as version 2.
 """
 
 from __future__ import annotations
@@ -140,6 +141,7 @@ class ParametersDocument(StrictRecord):
             s_m=frozen([row.s_m for row in self.dh]),
             a_m=frozen([row.a_m for row in self.dh]),
             alpha_rad=np.deg2rad([row.alpha_deg for row in self.dh]),
+            beta_rad=np.deg2rad([row.beta_deg for row in self.dh]),
         )
 
     @property

@@ -1,4 +1,4 @@
-"""The parameters file (``sarcal/parameters/2``; 1 is still read), written and read strictly. Knows no controller."""
+"""The parameters file (``sarcal/parameters/3``; 1 and 2 are read), written and read strictly. Knows no controller."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from operator_app.config.schema import adapter, is_unlike_any_key, read_model, s
 from operator_app.config.yaml_writer import dump_strict
 
 COMMENT = "Written by sarcal. A controller checks it against this schema; edit it only on purpose."
+WITHOUT_BETA = "sarcal/parameters/2"
 RESULT = "the result"
 REMEDY = "this calibration cannot be exported: take more and different poses"
 OF_A_NEWER = "a newer sarcal may have written it: read the file with that one, or remove this key"
@@ -52,8 +53,10 @@ def format_parameters(document: ParametersDocument) -> bytes:
     """
     # Of the two sigmas of an entry, the one that it does not have is left out.
     body = adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
+    # Without a beta it is what programs of version 2 read.
+    name = schema_name("parameters") if document.table.beta_rad.any() else WITHOUT_BETA
     try:
-        data = dump_strict({"schema": schema_name("parameters"), **body}, comment=COMMENT)
+        data = dump_strict({"schema": name, **body}, comment=COMMENT)
     except ValueError as error:
         problem = Problem(file=RESULT, text=str(error), remedy=REMEDY)
         raise ConfigError((problem,)) from error

@@ -14,7 +14,7 @@ from solver.chain.sensors import NoSensor
 def rows_from_table(table: DhTable) -> tuple[DhRow, ...]:
     """Rows 0..n of a table in SI units, in the units of the document."""
     theta_off_deg = degrees_for_file(table.theta_off_rad)
-    alpha_deg = degrees_for_file(table.alpha_rad)
+    alpha_deg, beta_deg = map(degrees_for_file, (table.alpha_rad, table.beta_rad))
     return tuple(
         DhRow(
             row=k,
@@ -22,6 +22,7 @@ def rows_from_table(table: DhTable) -> tuple[DhRow, ...]:
             s_m=float(table.s_m[k]),
             a_m=float(table.a_m[k]),
             alpha_deg=float(alpha_deg[k]),
+            beta_deg=float(beta_deg[k]),
         )
         for k in range(table.links)
     )

@@ -22,7 +22,7 @@ from operator_app.config.schema_words import is_near_option, value_in_words, wor
 from operator_app.config.strict_yaml import load_strict
 from operator_app.config.yaml_document import Path, YamlDocument
 
-VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2)}
+VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}
 """Which versions of a kind of file are read, the one that is written last; 1 alone where nothing is said."""
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")

@@ -36,9 +36,7 @@ def at_values(arm: ArmModel, hinge: Hinge, values: Mapping[str, float]) -> tuple
         else:
             entry = DhEntry.parse(name)
             stacked[entry.kind, entry.row - 1] = value
-    theta_off, s, a, alpha = stacked
-    table = DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
-    return replace(arm, table=table), replace(hinge, **placed)
+    return replace(arm, table=DhTable.from_stacked(stacked)), replace(hinge, **placed)
 
 
 def advise(

@@ -84,9 +84,8 @@ def _rows(found: Calibration) -> list[dict[str, Any]]:
     """Rows 1..n of the arm's side, in deg and m, as a URDF of it has them."""
     arm = found.by_itself
     columns = arm.flange.stacked()
-    columns[[DhKind.THETA_OFF, DhKind.ALPHA]] = np.rad2deg(
-        columns[[DhKind.THETA_OFF, DhKind.ALPHA]]
-    )
+    angles = [kind for kind in DhKind if kind.is_angle]
+    columns[angles] = np.rad2deg(columns[angles])
     return [
         {
             "row": k,
@@ -94,9 +93,10 @@ def _rows(found: Calibration) -> list[dict[str, Any]]:
             "s_m": s,
             "a_m": a,
             "alpha_deg": alpha,
+            **({"beta_deg": beta} if k in found.arm.hayati_rows else {}),
             "calibrated": [n for n in arm.identified if n.endswith(f"_{k}")],
         }
-        for k, (off, s, a, alpha) in enumerate(columns.T.tolist(), 1)
+        for k, (off, s, a, alpha, beta) in enumerate(columns.T.tolist(), 1)
     ]
 
 
@@ -162,7 +162,7 @@ def _mat(found: Calibration) -> bytes:
             "nominal_rad_or_m": np.array([p.nominal for p in estimate.parameters]),
             "sigma_rad_or_m": estimate.standard_deviation,
             "covariance_rad_or_m": estimate.covariance,
-            # Columns of link j: theta_off_rad, s_m, a_m, alpha_rad.
+            # Columns of link j: theta_off_rad, s_m, a_m, alpha_rad, beta_rad.
             "dh_arm_rad_m": arm.flange.stacked().T,
             "dh_hand_rad_m": arm.hand.stacked().T,
             "tip_m": arm.tip_m,

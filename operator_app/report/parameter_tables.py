@@ -200,15 +200,17 @@ def dh_table(solution: Solution) -> FactTable | None:
     after = model.dh_table(solution.estimate.x)
     if before is None or after is None:
         return None
-    kinds = (DhKind.A, DhKind.S, DhKind.ALPHA, DhKind.THETA_OFF)
     nominal, found = before.stacked(), after.stacked()
+    free, kinds = set(model.entries), [DhKind.A, DhKind.S, DhKind.ALPHA, DhKind.THETA_OFF]
+    if any(e.kind is DhKind.BETA for e in free) or before.beta_rad.any():
+        kinds.insert(3, DhKind.BETA)
     every = [
         Parameter(name="", is_angle=kind.is_angle, nominal=float(value))
         for kind in kinds
         for value in nominal[kind]
     ]
     round_places, places = nominal_places(every), precision(solution.identified)
-    free, columns = set(model.entries), [*words("link")]
+    columns = [*words("link")]
     for kind in kinds:
         columns += figures("nominal", "found", group=f"{kind.symbol} [{_of(kind).unit}]")
     rows = []

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
-from solver.chain.parameters import DhEntry
+from solver.chain.parameters import DhEntry, DhKind
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 from solver.chain.statics import LinkMasses
 
@@ -48,7 +48,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowTolerance:
-    """How well the maker's table states one D-H row: standard deviation of s and a, and of alpha.
+    """How well the maker's table states one D-H row: standard deviation of s and a, of alpha and beta.
 
     0 is exact. It matters for entries that are not identified, only held.
     """
@@ -80,6 +80,8 @@ class ArmModel:
         How well the nominal offsets are known beforehand; None where nothing is known of them.
     masses
         What its links weigh; None where nobody states it.
+    hayati_rows
+        Rows that join parallel axes: beta_j in place of s_j, which there has no value of its own.
     assumed
         Which figures of its error model nobody stated, as ``key: value`` in the words of its file.
     """
@@ -92,6 +94,7 @@ class ArmModel:
     tolerances: tuple[RowTolerance, ...] = ()
     offset_tolerance_rad: float | None = None
     masses: LinkMasses | None = None
+    hayati_rows: tuple[int, ...] = ()
     assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -101,6 +104,8 @@ class ArmModel:
             raise ValueError("an arm needs one tolerance per D-H row, or none at all")
         if self.masses is not None and len(self.masses.mass_kg) != self.table.links:
             raise ValueError("an arm needs one mass per D-H row, or none at all")
+        if not set(self.hayati_rows) <= set(range(1, self.table.links)):
+            raise ValueError("only rows 1 to n-1 join axes of the arm")
 
     @property
     def joint_count(self) -> int:
@@ -123,6 +128,15 @@ class ArmModel:
         return tuple(
             j for j, joint in enumerate(self.joints, 1) if isinstance(joint.sensor, NoSensor)
         )
+
+    def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
+        """Lengths and twists of a row that the maker's table states: a, s and alpha, or a, alpha and beta."""
+        ours = (
+            (DhKind.A, DhKind.ALPHA, DhKind.BETA)
+            if row in self.hayati_rows
+            else (DhKind.A, DhKind.S, DhKind.ALPHA)
+        )
+        return tuple(DhEntry(kind, row) for kind in ours)
 
     def sigma_rad(self) -> FloatArray:
         """Standard deviation of one reading of every joint, shape (n,); 0 without a sensor."""
@@ -150,7 +164,7 @@ class ArmModel:
 
     @property
     def twist_tolerance_rad(self) -> FloatArray:
-        """Standard deviation of the maker's alpha of rows 1..n, shape (n,); 0 is exact."""
+        """Standard deviation of the maker's alpha and beta of rows 1..n, shape (n,); 0 is exact."""
         rows = self.tolerances or (RowTolerance(),) * self.joint_count
         return np.array([row.twist_rad for row in rows])
 

@@ -1,8 +1,11 @@
 """Kinematics of a Denavit-Hartenberg chain and its exact Jacobians, for all poses at once. Knows no loop.
 
-Distal convention (paper, Figure 1): ``A_j = Rz(theta_j) Tz(s_j) Tx(a_j) Rx(alpha_j)`` takes frame
-j-1 to frame j. A chain of L links has L+1 frames; frame 0 of the arrays below is the frame in which
-the chain starts (the paper's frame -1 for a hinge loop, whose first link is link 0).
+Distal convention (paper, Figure 1): ``A_j = Rz(theta_j) Tz(s_j) Tx(a_j) Rx(alpha_j) Ry(beta_j)`` takes
+frame j-1 to frame j. beta is zero but where z_{j-1} and z_j are parallel: there their common normal, and s_j
+with it, has no place of its own, and Hayati's beta_j [9] says what s_j cannot.
+
+A chain of L links has L+1 frames; frame 0 of the arrays below is the frame in which the chain starts (the
+paper's frame -1 for a hinge loop, whose first link is link 0).
 
 Every array may have leading axes (starts, poses, ...) before the last one, which counts links; they
 broadcast, so one parameter row serves many poses and many starts are evaluated in one call.
@@ -11,7 +14,7 @@ broadcast, so one parameter row serves many poses and many starts are evaluated 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,18 +34,28 @@ class DhTable:
         Offsets along z_{j-1} and lengths along x_j.
     alpha_rad
         Twists about x_j.
+    beta_rad
+        Hayati's twists about y_j; zeros where none is given.
     """
 
     theta_off_rad: FloatArray
     s_m: FloatArray
     a_m: FloatArray
     alpha_rad: FloatArray
+    beta_rad: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        for name in ("theta_off_rad", "s_m", "a_m", "alpha_rad"):
+        if not len(self.beta_rad):
+            object.__setattr__(self, "beta_rad", np.zeros(np.shape(self.theta_off_rad)))
+        for name in self.__dataclass_fields__:
             object.__setattr__(self, name, frozen(getattr(self, name)))
-        if len({a.shape for a in (self.theta_off_rad, self.s_m, self.a_m, self.alpha_rad)}) != 1:
-            raise ValueError("the four columns of a D-H table must have one entry per link each")
+        if len({getattr(self, name).shape for name in self.__dataclass_fields__}) != 1:
+            raise ValueError("the columns of a D-H table must have one entry per link each")
+
+    @classmethod
+    def from_stacked(cls, rows: FloatArray) -> DhTable:
+        """Table of the columns (5, links) of `stacked`."""
+        return cls(**dict(zip(cls.__dataclass_fields__, rows, strict=True)))
 
     @property
     def links(self) -> int:
@@ -50,8 +63,8 @@ class DhTable:
         return int(self.theta_off_rad.shape[0])
 
     def stacked(self) -> FloatArray:
-        """Return the table as (4, links): theta_off, s, a, alpha."""
-        return np.stack((self.theta_off_rad, self.s_m, self.a_m, self.alpha_rad))
+        """Return the table as (5, links), in the order of `DhKind`: theta_off, s, a, alpha, beta."""
+        return np.stack([getattr(self, name) for name in self.__dataclass_fields__])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,10 +80,14 @@ class Frames:
         (links + 1, 3, 3, ...): of every frame x, y and z, each by its three components.
     origin_of
         (links + 1, 3, ...), m.
+    normal_of
+        (links + 1, 3, ...): what a_j goes along and alpha_j turns about, x_j before beta_j turns it; None
+        where no link has a beta, and x_j is that.
     """
 
     axes_of: FloatArray
     origin_of: FloatArray
+    normal_of: FloatArray | None = None
 
     @property
     def axes(self) -> FloatArray:
@@ -93,15 +110,23 @@ class Frames:
         return poses_first(self.origin_of[-1], 0)
 
 
-def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) -> Frames:
+def forward(
+    theta: FloatArray,
+    s: FloatArray,
+    a: FloatArray,
+    alpha: FloatArray,
+    beta: FloatArray | None = None,
+) -> Frames:
     """Compute every frame of the chain (paper, eqs. 1 and 2).
 
     Parameters
     ----------
-    theta, s, a, alpha
+    theta, s, a, alpha, beta
         Actual joint angles theta' (rad), offsets (m), lengths (m) and twists (rad), shapes that
         broadcast to (..., links).
     """
+    if beta is not None and not np.any(beta):
+        beta = None
     *lead, links = np.broadcast(theta, s, a, alpha).shape
     theta, s, a, alpha = (_links_first(v, len(lead)) for v in (theta, s, a, alpha))
     c_theta, s_theta, c_alpha, s_alpha = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
@@ -110,6 +135,12 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
     turn[:, 0, 0], turn[:, 0, 1] = c_theta, s_theta
     turn[:, 1, 0], turn[:, 1, 1], turn[:, 1, 2] = -c_alpha * s_theta, c_alpha * c_theta, s_alpha
     turn[:, 2, 0], turn[:, 2, 1], turn[:, 2, 2] = s_alpha * s_theta, -s_alpha * c_theta, c_alpha
+    if beta is not None:
+        beta = _links_first(beta, len(lead))[:, None]
+        c_beta, s_beta = np.cos(beta), np.sin(beta)
+        normal, z = turn[:, 0].copy(), turn[:, 2].copy()
+        turn[:, 0] = c_beta * normal - s_beta * z
+        turn[:, 2] = s_beta * normal + c_beta * z
     axes = np.empty((links + 1, 3, 3, *lead))
     origins = np.empty((links + 1, 3, *lead))
     axes[0] = np.eye(3).reshape(3, 3, *(1 for _ in lead))
@@ -118,17 +149,24 @@ def forward(theta: FloatArray, s: FloatArray, a: FloatArray, alpha: FloatArray) 
     # Loops over links (eight of them), never over poses.
     for j in range(1, links):
         np.einsum("ab...,bc...->ac...", turn[j], axes[j], out=axes[j + 1])
-    # p_j - p_{j-1} = s_j z_{j-1} + a_j x_j (eqs. 1 and 9).
+    # p_j - p_{j-1} = s_j z_{j-1} + a_j x_j (eqs. 1 and 9), x_j as it is before beta_j.
     along = s[:, None] * axes[:-1, 2]
-    along += a[:, None] * axes[1:, 0]
+    if beta is None:
+        normals, along_normal = None, axes[1:, 0]
+    else:
+        normals = axes[:, 0].copy()
+        along_normal = normals[1:]
+        along_normal[...] = c_beta * axes[1:, 0] + s_beta * axes[1:, 2]
+    along += a[:, None] * along_normal
     for j in range(links):
         np.add(origins[j], along[j], out=origins[j + 1])
-    return Frames(axes_of=axes, origin_of=origins)
+    return Frames(axes_of=axes, origin_of=origins, normal_of=normals)
 
 
-_OF_X = np.array([kind in (DhKind.A, DhKind.ALPHA) for kind in DhKind])
+_AXIS = np.array([{DhKind.A: 0, DhKind.ALPHA: 0, DhKind.BETA: 1}.get(kind, 2) for kind in DhKind])
 _TURNS = np.array([kind.is_angle for kind in DhKind])
-"""Which kinds (4,) of entries move what follows along or about x, and which are angles."""
+"""Along or about which axis each kind (5,) of entry moves what follows (z is the frame's before), and which
+are angles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +176,7 @@ class Entries:
     Attributes
     ----------
     frame, axis
-        Frame and axis (C,), x 0 or z 2, about or along which each entry moves what follows.
+        Frame and axis (C,), x 0, y 1 or z 2, about or along which each entry moves what follows.
     turning, sliding
         Which of them are angles, and which are lengths.
     """
@@ -152,10 +190,10 @@ class Entries:
     def of(cls, kinds: Sequence[int], rows: Sequence[int]) -> Entries:
         """Entries `kinds` (`DhKind`) of links `rows`, 0 the first of the chain."""
         kind = np.array(kinds, dtype=np.int64)
-        of_x, turns = _OF_X[kind], _TURNS[kind]
+        axis, turns = _AXIS[kind], _TURNS[kind]
         return cls(
-            frame=np.array(rows, dtype=np.int64) + of_x,
-            axis=np.where(of_x, 0, 2),
+            frame=np.array(rows, dtype=np.int64) + (axis != 2),
+            axis=axis,
             turning=np.flatnonzero(turns),
             sliding=np.flatnonzero(~turns),
         )
@@ -180,10 +218,14 @@ def screws(frames: Frames, entries: Entries) -> FloatArray:
     Notes
     -----
     theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j);
-    alpha_j: (x_j, x_j x (p_e - p_j)).
+    alpha_j: (x_j, x_j x (p_e - p_j)); beta_j: (y_j, y_j x (p_e - p_j)). The x_j of a_j and alpha_j is that
+    before beta_j.
     """
     p, turning, sliding = frames.origin_of, entries.turning, entries.sliding
     axis = frames.axes_of[entries.frame, entries.axis]
+    if frames.normal_of is not None:
+        of_x = np.flatnonzero(entries.axis == 0)
+        axis[of_x] = frames.normal_of[entries.frame[of_x]]
     columns = np.zeros((len(axis), 6, *axis.shape[2:]))
     columns[sliding, 3:] = axis[sliding]
     about, lever = axis[turning], p[-1] - p[entries.frame[turning]]

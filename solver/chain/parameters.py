@@ -1,6 +1,7 @@
 """Names, quantities and nominal values of what is estimated. Knows D-H entries by name, no estimator.
 
-Names are the paper's: ``theta_off_1``, ``s_1``, ``a_0``, ``alpha_7``; the number is the D-H row.
+Names are the paper's: ``theta_off_1``, ``s_1``, ``a_0``, ``alpha_7``; the number is the D-H row. ``beta_2`` is
+Hayati's [9], in place of ``s_2`` where row 2 joins parallel axes.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ class DhKind(IntEnum):
     S = 1
     A = 2
     ALPHA = 3
+    BETA = 4
 
     @property
     def symbol(self) -> str:
@@ -32,7 +34,7 @@ class DhKind(IntEnum):
     @property
     def is_angle(self) -> bool:
         """Whether the entry is an angle (rad) rather than a length (m)."""
-        return self in (DhKind.THETA_OFF, DhKind.ALPHA)
+        return self not in (DhKind.S, DhKind.A)
 
 
 _SYMBOLS = tuple(kind.name.lower() for kind in DhKind)
@@ -59,7 +61,8 @@ class DhEntry:
         match = _NAME.fullmatch(name)
         if match is None:
             raise ValueError(
-                f"{name!r} is not a D-H entry (theta_off_<row>, s_<row>, a_<row>, alpha_<row>)"
+                f"{name!r} is not a D-H entry "
+                "(theta_off_<row>, s_<row>, a_<row>, alpha_<row>, beta_<row>)"
             )
         return cls(DhKind(_SYMBOLS.index(match[1])), int(match[2]))
 

@@ -242,7 +242,7 @@ class _Part:
                 if entry.row > 0:
                     rows[int(entry.kind), entry.row - 1] = value
         angle = self.q[poses] + rows[DhKind.THETA_OFF]
-        return forward(angle, rows[DhKind.S], rows[DhKind.A], rows[DhKind.ALPHA])
+        return forward(angle, *rows[DhKind.S :])
 
     @property
     def shapes(self) -> int:

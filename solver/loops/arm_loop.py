@@ -92,7 +92,7 @@ class ArmLoop(ClosureModel):
         return self.table.links - 1 + self.FIRST_LINK
 
     def arm_rows(self) -> FloatArray:
-        """Nominal rows 1..n (4, n): theta_off, s, a, alpha."""
+        """Nominal rows 1..n (5, n): theta_off, s, a, alpha, beta."""
         return self.table.stacked()[:, 1 - self.FIRST_LINK :]
 
     @property
@@ -106,7 +106,7 @@ class ArmLoop(ClosureModel):
         return self.components - len(self.unsensed_rows)
 
     def tables(self, x: FloatArray) -> FloatArray:
-        """Fill parameter vectors (..., P) into the nominal table: (..., 4, links)."""
+        """Fill parameter vectors (..., P) into the nominal table: (..., 5, links)."""
         x = np.asarray(x, dtype=np.float64)
         stacked = np.empty((*x.shape[:-1], *self._stacked.shape))
         stacked[...] = self._stacked
@@ -130,7 +130,7 @@ class ArmLoop(ClosureModel):
         theta[..., 1 - self.FIRST_LINK :] += q
         for k, row in enumerate(self.unsensed_rows):
             theta[..., row - self.FIRST_LINK] = u[..., k]
-        return forward(theta, table[..., 1, :], table[..., 2, :], table[..., 3, :])
+        return forward(theta, *np.moveaxis(table[..., 1:, :], -2, 0))
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
         """Readings with nominal offsets, for the unsensed joints."""

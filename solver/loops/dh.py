@@ -176,8 +176,7 @@ class DhLoop(ArmLoop):
 
     def dh_table(self, x: FloatArray) -> DhTable:
         """Links 0..n are all there is."""
-        theta_off, s, a, alpha = self.tables(x)
-        return DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
+        return DhTable.from_stacked(self.tables(x))
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Origins of frames 0..n (n + 1, 3) and the hinge axis (3,), for joint angles `q` (n,)."""

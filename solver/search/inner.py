@@ -114,7 +114,7 @@ class InnerProblem:
         theta = np.broadcast_to(self.q, (len(offsets), *self.q.shape)) + self.table.theta_off_rad
         for k, joint in enumerate(self.searched):
             theta[..., joint - 1] = offsets[:, None, k] + self.q[:, joint - 1]
-        return forward(theta, self.table.s_m, self.table.a_m, self.table.alpha_rad)
+        return forward(theta, *self.table.stacked()[1:])
 
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray

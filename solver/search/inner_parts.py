@@ -54,12 +54,7 @@ def _inner(model: ClosureModel, hold: Hold, q: FloatArray) -> InnerProblem:
     stacked[:, -1] = 0.0
     reach = float(np.abs(stacked[[DhKind.S, DhKind.A]]).sum())
     return InnerProblem(
-        table=DhTable(
-            theta_off_rad=stacked[DhKind.THETA_OFF],
-            s_m=stacked[DhKind.S],
-            a_m=stacked[DhKind.A],
-            alpha_rad=stacked[DhKind.ALPHA],
-        ),
+        table=DhTable.from_stacked(stacked),
         searched=tuple(
             e.row for e in model.entries if e.kind is DhKind.THETA_OFF and 1 < e.row < n
         ),

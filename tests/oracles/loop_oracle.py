@@ -49,9 +49,9 @@ def paper_truth() -> Truth:
     )
 
 
-def product(theta, s, a, alpha):
+def product(theta, s, a, alpha, beta=0.0):
     """A_0 A_1 ... A_n of actual joint angles (..., L); real or complex; (..., 4, 4)."""
-    theta, s, a, alpha = np.broadcast_arrays(theta, s, a, alpha)
+    theta, s, a, alpha, beta = np.broadcast_arrays(theta, s, a, alpha, beta)
     whole = np.broadcast_to(np.eye(4), (*theta.shape[:-1], 4, 4))
     for j in range(theta.shape[-1]):
         c, sn = np.cos(theta[..., j]), np.sin(theta[..., j])
@@ -64,6 +64,9 @@ def product(theta, s, a, alpha):
             [zero, zero, zero, one],
         ]
         whole = whole @ np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        cb, sb = np.cos(beta[..., j]), np.sin(beta[..., j])
+        twist = [[cb, zero, sb, zero], [zero, one, zero, zero], [-sb, zero, cb, zero], rows[3]]
+        whole = whole @ np.stack([np.stack(row, axis=-1) for row in twist], axis=-2)
     return whole
 
 

@@ -16,17 +16,17 @@ class PinocchioGravity:
         model = self.chain.model
         for link, (m, c) in enumerate(zip(mass, centre, strict=True)):
             inertia = pin.Inertia(float(m), np.asarray(c), np.zeros((3, 3)))
-            model.appendBodyToJoint(4 * link + 1, inertia, pin.SE3.Identity())
+            model.appendBodyToJoint(5 * link + 1, inertia, pin.SE3.Identity())
         model.gravity.linear = np.asarray(gravity)
         self.data = model.createData()
 
     def _q(self, theta, s, a, alpha):
-        return np.stack((theta, s, a, alpha), -1).reshape(-1)
+        return np.stack((theta, s, a, alpha, np.zeros_like(theta)), -1).reshape(-1)
 
     def holding_torque(self, theta, s, a, alpha):
         """Torque (links,) about every joint of one pose, N m."""
         model = self.chain.model
-        return pin.computeGeneralizedGravity(model, self.data, self._q(theta, s, a, alpha))[::4]
+        return pin.computeGeneralizedGravity(model, self.data, self._q(theta, s, a, alpha))[::5]
 
     def energy(self, theta, s, a, alpha):
         """Potential energy of one pose, J."""

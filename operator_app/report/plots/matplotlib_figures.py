@@ -307,9 +307,13 @@ def symbol(name: str) -> str:
     """Return a parameter's name as a formula: ``alpha_0`` has a Greek letter and an index."""
     plain, _, placement = name.partition("[")
     kind, _, row = plain.rpartition("_")
-    letter = {"theta_off": r"\theta^{\mathrm{off}}", "alpha": r"\alpha", "a": "a", "s": "s"}.get(
-        kind
-    )
+    letter = {
+        "theta_off": r"\theta^{\mathrm{off}}",
+        "alpha": r"\alpha",
+        "beta": r"\beta",
+        "a": "a",
+        "s": "s",
+    }.get(kind)
     if letter is None or not re.fullmatch(r"\d+", row):
         return name
     index = f"{row},{placement[:-1]}" if placement else row

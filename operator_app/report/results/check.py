@@ -136,6 +136,9 @@ def _arm(arm: ArmModel) -> str:
             f"twists to {ANGLE_TOLERANCE(max(arm.twist_tolerance_rad)).with_unit} (the least known row)."
         )
     )
+    if arm.hayati_rows:
+        rows = ", ".join(map(str, arm.hayati_rows))
+        lines.append(f"Parallel axes meet in D-H row {rows}: beta (Hayati) stands in place of s.")
     if arm.assumed:
         lines.append(
             paragraph(f"Assumed, as the file does not state it: {', '.join(arm.assumed)}.")

@@ -171,8 +171,8 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
             f"{kind} fixtures in several placements have no D-H table in common",
             "export the calibration of one placement",
         )
-    theta_off, s, a, alpha = np.concatenate((np.zeros((4, 1)), model.tables(x)), axis=1)
-    return DhTable(theta_off_rad=theta_off, s_m=s, a_m=a, alpha_rad=alpha)
+    rows = model.tables(x)
+    return DhTable.from_stacked(np.column_stack((np.zeros(len(rows)), rows)))
 
 
 def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:

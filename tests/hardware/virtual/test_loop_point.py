@@ -21,6 +21,7 @@ def general_loop() -> LoopTruth:
             s_m=paper.s_m + 0.01 * rng.standard_normal(8),
             a_m=paper.a_m + 0.01 * rng.standard_normal(8),
             alpha_rad=paper.alpha_rad + 0.01 * rng.standard_normal(8),
+            beta_rad=0.01 * rng.standard_normal(8),
         )
     )
 

@@ -98,7 +98,7 @@ def test_everything_is_off_within_what_is_stated_and_nothing_else_is() -> None:
 def test_without_makers_errors_the_table_is_the_files() -> None:
     what = stated("sarcos_ball")
     truth = drawn_truth(what, np.random.default_rng(0), maker_errors=False)
-    own = np.zeros((4, 8))
+    own = np.zeros((5, 8))
     own[:, 1:] = what.arm.table.stacked()
     same = truth.table.stacked() == own
     assert same[DhKind.S :].all()
@@ -168,3 +168,18 @@ def test_a_fixture_out_of_reach_is_refused_in_words() -> None:
     far = replace(stated("hinge"), fixture=replace(load_fixture("hinge").fixture, a_0_m=2.5))
     with pytest.raises(ValueError, match="no pose near the arm's home_deg"):
         drawn_truth(far, np.random.default_rng(0), maker_errors=False)
+
+
+def test_between_parallel_axes_a_twist_about_y_is_drawn_and_no_slide() -> None:
+    sarcos = load_arm("sarcos_dextrous")
+    arm = replace(sarcos, hayati_rows=(3,))
+    both = [
+        drawn_truth(stated("hinge", one), np.random.default_rng(5), maker_errors=True)
+        for one in (sarcos, arm)
+    ]
+    plain, twisted = (truth.table for truth in both)
+    assert not plain.beta_rad.any()
+    assert np.flatnonzero(twisted.beta_rad).tolist() == [3]
+    assert abs(np.rad2deg(twisted.beta_rad[3])) < 0.5
+    assert twisted.s_m[3] == sarcos.table.s_m[2] != plain.s_m[3]
+    assert may_be(stated("hinge", arm), both[1], arm.home_rad)

@@ -256,3 +256,37 @@ def test_unsensed_joint_has_no_offset_to_free() -> None:
     assert "no sensor" in problem.text
     arm = parse_arm(text.replace(" theta_off_6,", "", 1).encode(), "arm.yaml")
     assert isinstance(arm.joints[5].sensor, NoSensor)
+
+
+PARALLEL = GOOD.replace("s_m: 0.0,", "s_m: 0,").replace("alpha_deg: -90", "alpha_deg: ROW", 1)
+
+
+class TestHayati:
+    """Row 2 of the packaged arm with another twist."""
+
+    @pytest.mark.parametrize(
+        ("twist", "rows"),
+        [("0", (2,)), ("180", (2,)), ("9.9", (2,)), ("-170.1", (2,)), ("10.1", ()), ("-90", ())],
+    )
+    def test_a_row_between_parallel_axes_has_beta_in_place_of_s(
+        self, twist: str, rows: tuple[int, ...]
+    ) -> None:
+        arm = parse_arm(PARALLEL.replace("ROW", twist).encode(), "arm.yaml")
+        assert arm.hayati_rows == rows
+        assert {e.name for e in arm.maker_entries(2)} == (
+            {"a_2", "alpha_2", "beta_2"} if rows else {"a_2", "s_2", "alpha_2"}
+        )
+        assert not arm.table.beta_rad.any()
+
+    def test_a_stated_beta_makes_one_of_any_row_but_the_last(self) -> None:
+        text = PARALLEL.replace("ROW", "-90, beta_deg: 0.25")
+        arm = parse_arm(text.encode(), "arm.yaml")
+        assert arm.hayati_rows == (2,)
+        assert np.rad2deg(arm.table.beta_rad).tolist() == [0.0, 0.25] + [0.0] * 5
+        last = GOOD.replace("{row: 7,", "{beta_deg: 0.1, row: 7,")
+        assert complaint(last).problems[0].key == "dh[row 7].beta_deg"
+
+    def test_where_a_file_frees_s_between_parallel_axes_beta_is_free(self) -> None:
+        text = PARALLEL.replace("ROW", "0").replace("free: [", "free: [s_2, beta_2, s_3, ")
+        arm = parse_arm(text.encode(), "arm.yaml")
+        assert [e.name for e in arm.free[:3]] == ["beta_2", "s_3", "theta_off_1"]

@@ -92,7 +92,7 @@ BAD = [
      "quality.scaled_condition_number", "not a finite number"),
     ("code: RVDT_LINEARITY", "code: r v", "warnings[1].code", "right form"),
     ("schema: sarcal/parameters/2", "schema: sarcal/arm/1", "schema", "this is a file of kind arm"),
-    ("schema: sarcal/parameters/2", "schema: sarcal/parameters/3", "schema", "reads version 1 and 2"),
+    ("schema: sarcal/parameters/2", "schema: sarcal/parameters/4", "schema", "reads version 1 and 2 and 3"),
 ]  # fmt: skip
 
 

@@ -38,13 +38,13 @@ def test_version_1_is_still_read_and_has_neither_side_nor_correction() -> None:
     assert (found.correlations, found.budget) == ({}, {})
 
 
-KEYS_OF_VERSION_2 = {
+KEYS_OF_VERSION_3 = {
     "ParametersDocument": "arm budget calibrated correlations dh estimator fixture forced joints "
     "pose_set_sha256 quality rvdt schema software_version utc warnings",
     "WhichArm": "model serial",
     "WhichFixture": "kind name",
     "JointParameters": "home_offset_counts joint sigma_deg theta_off_deg",
-    "DhRow": "a_m alpha_deg row s_m theta_off_deg",
+    "DhRow": "a_m alpha_deg beta_deg row s_m theta_off_deg",
     "CalibratedEntry": "entry side sigma_deg sigma_m",
     "Quality": "chi2_per_dof poses rank scaled_condition_number sigma_ori_mrad sigma_pos_mm",
     "TwoFigures": "as_printed rms",
@@ -55,13 +55,24 @@ KEYS_OF_VERSION_2 = {
 
 
 def test_a_key_that_comes_raises_the_number_of_the_schema() -> None:
-    """A program that reads version 2 refuses other keys: with a new one, write VERSIONS (1, 2, 3)."""
+    """A program that reads version 3 refuses other keys: with a new one, write VERSIONS (1, 2, 3, 4)."""
     models = json_schema("parameters")["$defs"]
     found = {
         name: " ".join(sorted(m["properties"])) for name, m in models.items() if "properties" in m
     }
-    assert schema_name("parameters") == "sarcal/parameters/2"
-    assert found == KEYS_OF_VERSION_2
+    assert schema_name("parameters") == "sarcal/parameters/3"
+    assert found == KEYS_OF_VERSION_3
+
+
+def test_only_a_document_with_a_beta_is_of_version_3() -> None:
+    plain = document()
+    rows = (*plain.dh[:2], replace(plain.dh[2], beta_deg=0.05), *plain.dh[3:])
+    twisted = replace(plain, dh=rows)
+    assert b"schema: sarcal/parameters/2\n" in format_parameters(plain)
+    written = format_parameters(twisted)
+    assert b"schema: sarcal/parameters/3\n" in written
+    assert parse_parameters(written) == twisted
+    assert twisted.table.beta_rad[2] == np.deg2rad(0.05)
 
 
 def test_a_key_of_a_newer_program_is_told_from_a_misspelt_one() -> None:

@@ -18,7 +18,8 @@ from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.parameters_file import load_parameters
-from operator_app.config.urdf import format_urdf, parse_urdf
+from operator_app.config.urdf import format_urdf
+from operator_app.config.urdf_reading import parse_urdf
 from solver.chain.kinematics import DhTable, forward
 from tests.oracles import lbr_iiwa
 from tests.oracles.panda import FOLDER as PANDA
@@ -87,7 +88,7 @@ def test_new_arm_reads_it_back(hinge: sarcal.Result, tmp_path: Path) -> None:
     before = hinge.arm
     q = np.random.default_rng(2).uniform(before.lower_rad, before.upper_rad, (50, 7))
     table = load_arm(made).table
-    frames = forward(q + table.theta_off_rad, table.s_m, table.a_m, table.alpha_rad)
+    frames = forward(q + table.theta_off_rad, *table.stacked()[1:])
     wanted = hinge.fk(q, frame="flange")
     np.testing.assert_allclose(frames.p_end, wanted[:, :3, 3], rtol=0, atol=1e-9)
     np.testing.assert_allclose(frames.R_end, wanted[:, :3, :3], rtol=0, atol=1e-9)
@@ -130,7 +131,7 @@ def test_any_serial_chain_reads_as_the_same_arm(seed: int) -> None:
     chain = parse_urdf(urdf, "foreign")
     table = chain.table
     q = np.random.default_rng(seed).uniform(-2.9, 2.9, (40, 7))
-    frames = forward(q + table.theta_off_rad, table.s_m, table.a_m, table.alpha_rad)
+    frames = forward(q + table.theta_off_rad, *table.stacked()[1:])
     T = np.zeros((40, 4, 4))
     T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = frames.R_end, frames.p_end, 1.0
     ours = chain.T_link_base @ T @ chain.T_flange_tip
@@ -145,12 +146,12 @@ def test_any_serial_chain_reads_as_the_same_arm(seed: int) -> None:
     ("change", "said"),
     [
         (("<robot", "<model"), "is not XML"),
-        (('type="revolute"', 'type="prismatic"'), "of type 'prismatic'; .*revolute joints only"),
+        (('name="j1" type="revolute"', 'name="j1" type="prismatic"'), "of type 'prismatic'; .*revolute joints only"),
         (('lower="-2.9"', 'lower="3.0"'), "its range goes from 3 to 2.9 rad"),
         (('xyz="0.1 -0.2 0.4"', 'xyz="0.1 -0.2"'), "joint 'stand': xyz is '0.1 -0.2'"),
         (("<robot", "<!DOCTYPE x [<!ENTITY a 'b'>]><robot"), "declares entities"),
-        (('<link name="world"/>', ('<joint name="s" type="fixed"><parent link="base"/>'
-          '<child link="camera"/></joint>')), r"has 2 ends; say which: --tip camera\|tool0"),
+        (('<link name="world"/>', ('<joint name="s" type="fixed"><parent link="l7"/>'
+          '<child link="camera"/></joint>')), r"has 2 ends; say which with --tip: camera \(7 turning joints\), tool0"),
     ],
 )  # fmt: skip
 def test_what_is_no_arm_is_refused_with_a_reason(change: tuple[str, str], said: str) -> None:
@@ -161,8 +162,9 @@ def test_what_is_no_arm_is_refused_with_a_reason(change: tuple[str, str], said: 
 
 def test_a_table_survives_to_the_last_digits_but_one() -> None:
     arm, rng = load_arm("franka_panda"), np.random.default_rng(3)
-    off = arm.table.stacked() + rng.normal(size=(4, 7)) * np.array([[0.05], [1e-3], [1e-3], [2e-3]])
-    table = DhTable(theta_off_rad=off[0], s_m=off[1], a_m=off[2], alpha_rad=off[3])
+    off = arm.table.stacked()
+    off[:4] += rng.normal(size=(4, 7)) * np.array([[0.05], [1e-3], [1e-3], [2e-3]])
+    table = DhTable.from_stacked(off)
     read = parse_urdf(format_urdf(arm, table, comment=["a -- b"]), "x").table
     np.testing.assert_allclose(read.stacked(), off, rtol=0, atol=1e-12)
 

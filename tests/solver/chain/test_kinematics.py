@@ -16,14 +16,17 @@ def random_chain(seed: int, links: int = LINKS) -> tuple[np.ndarray, ...]:
     rng = np.random.default_rng(seed)
     theta = rng.uniform(-4.0, 4.0, links)
     alpha = rng.choice([0.0, np.pi / 2, -np.pi / 2, 1e-9, 1.1], links)
-    return theta, rng.normal(0, 0.3, links), rng.normal(0, 0.3, links), alpha
+    chain = theta, rng.normal(0, 0.3, links), rng.normal(0, 0.3, links), alpha
+    # Hayati's twist about y in every third chain, on some of its links, small and large.
+    beta = rng.choice([0.0, 0.0, 1e-9, 1e-3, -0.7], links)
+    return (*chain, beta) if seed % 3 == 1 else chain
 
 
 def columns_of(frames: Frames, links: int = LINKS) -> np.ndarray:
-    """Columns (..., 6, 4, links) of every entry of every link."""
-    every = Entries.of(np.repeat(range(4), links).tolist(), [*range(links)] * 4)
+    """Columns (..., 6, 5, links) of every entry of every link."""
+    every = Entries.of(np.repeat(range(5), links).tolist(), [*range(links)] * 5)
     found = jacobian(frames, every)
-    return found.reshape(*found.shape[:-1], 4, links)
+    return found.reshape(*found.shape[:-1], 5, links)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -39,15 +42,15 @@ def test_every_frame_agrees_with_pinocchio(seed: int) -> None:
 def test_every_column_agrees_with_pinocchio(seed: int) -> None:
     chain = random_chain(seed)
     found = columns_of(forward(*chain))
-    assert found.shape == (6, 4, LINKS)
+    assert found.shape == (6, 5, LINKS)
     assert np.abs(found - PinocchioChain(LINKS).jacobian(*chain)).max() < 1e-12
 
 
 def test_entries_come_in_the_order_that_was_asked_for() -> None:
     frames = forward(*random_chain(5))
-    asked = Entries.of([3, 1, 0, 2], [6, 0, 2, 2])
+    asked = Entries.of([3, 1, 4, 0, 2], [6, 0, 3, 2, 2])
     whole = columns_of(frames)
-    assert np.array_equal(jacobian(frames, asked), whole[:, [3, 1, 0, 2], [6, 0, 2, 2]])
+    assert np.array_equal(jacobian(frames, asked), whole[:, [3, 1, 4, 0, 2], [6, 0, 3, 2, 2]])
 
 
 @pytest.mark.parametrize("links", [1, 2, 12])
@@ -60,10 +63,10 @@ def test_any_number_of_links(links: int) -> None:
 def test_leading_axes_broadcast_and_change_nothing() -> None:
     rng = np.random.default_rng(3)
     theta = rng.uniform(-3, 3, (4, 5, LINKS))
-    s, a, alpha = random_chain(4)[1:]
-    whole = forward(theta, s, a, alpha)
+    constants = random_chain(4)[1:]
+    whole = forward(theta, *constants)
     columns = columns_of(whole)
-    one = forward(theta[2, 3], s, a, alpha)
+    one = forward(theta[2, 3], *constants)
     assert np.array_equal(whole.R_end[2, 3], one.R_end)
     assert np.array_equal(whole.p_end[2, 3], one.p_end)
     assert np.abs(columns[2, 3] - columns_of(one)).max() < 1e-15
@@ -90,3 +93,30 @@ def test_table_is_read_only_and_detached() -> None:
     assert table.s_m[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         table.s_m[0] = 1.0
+
+
+def test_columns_of_a_chain_with_hayatis_twists_by_central_differences() -> None:
+    chain = np.stack(random_chain(4))
+    assert np.count_nonzero(chain[4]) > 2
+    columns, h = columns_of(forward(*chain)), 1e-6
+    for kind in range(5):
+        for link in range(LINKS):
+            step = np.zeros_like(chain)
+            step[kind, link] = h
+            ahead, behind = forward(*(chain + step)), forward(*(chain - step))
+            rate = (ahead.p_end - behind.p_end) / (2.0 * h)
+            turn = (ahead.R_end - behind.R_end) @ forward(*chain).R_end.T / (2.0 * h)
+            expected = np.concatenate(([turn[2, 1], turn[0, 2], turn[1, 0]], rate))
+            assert np.abs(columns[:, kind, link] - expected).max() < 1e-8
+
+
+def test_a_twist_of_zero_changes_no_digit() -> None:
+    chain = random_chain(6)
+    plain, twisted = forward(*chain), forward(*chain, np.zeros(LINKS))
+    assert np.array_equal(plain.axes_of, twisted.axes_of)
+    assert np.array_equal(plain.origin_of, twisted.origin_of)
+
+
+def test_a_table_goes_through_its_stacked_columns() -> None:
+    rows = np.arange(15.0).reshape(5, 3)
+    assert np.array_equal(DhTable.from_stacked(rows).stacked(), rows)

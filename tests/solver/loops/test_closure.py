@@ -250,4 +250,4 @@ def test_entries_must_exist_once_and_have_a_sensor(truth: Truth) -> None:
     with pytest.raises(ValueError, match="twice"):
         loop_of(truth, names=("a_0", "a_0"))
     with pytest.raises(ValueError, match="not a D-H entry"):
-        loop_of(truth, names=("beta_1",))
+        loop_of(truth, names=("gamma_1",))

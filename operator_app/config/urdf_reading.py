@@ -1,0 +1,330 @@
+"""The chain of a URDF between two of its links, in D-H rows. Knows no calibration."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from operator_app.config.degrees import degrees_for_file
+from operator_app.config.rpy import meant_deg, rotation_of_rpy
+from operator_app.config.text import decode_text, only
+from operator_app.config.urdf_rows import AxisLine, rows_of
+from solver.arrays import FloatArray
+from solver.chain.kinematics import DhTable
+
+NO_LIMIT_RAD = math.pi
+"""Either way, of a joint that goes round and round."""
+GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
+"""What joints of a tool, and not of the arm, are called."""
+ENDS_SHOWN = 12
+TOLD_RAD = 1e-9
+"""A rounded angle is reported where it differs from what it stands for by more than this."""
+
+Matrix = FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UrdfJoint:
+    """One joint that turns: name, range (rad), speed (rad/s) and torque (Nm); None where not stated."""
+
+    name: str
+    lower_rad: float
+    upper_rad: float
+    velocity_rad_per_s: float | None
+    effort_nm: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UrdfStep:
+    """One joint of the file: where it is on its parent, its axis, None where it does not turn.
+
+    `rounded` holds each angle that was rounded in the file, and what it stands for, deg.
+    """
+
+    name: str
+    parent: str
+    child: str
+    T: Matrix
+    axis: FloatArray | None
+    joint: UrdfJoint | None
+    rounded: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UrdfChain:
+    """A serial chain of a URDF in D-H terms.
+
+    Attributes
+    ----------
+    base, tip
+        Its first and its last link.
+    steps
+        All joints between them, fixed ones too.
+    table
+        Rows 1..n.
+    frames
+        Frames 0..n with all joints at zero, seen in the base link, (4, 4), m.
+    T_link_base, T_flange_tip
+        Fixed steps that D-H rows cannot hold, (4, 4), m: from the base link to frame 0, and from frame n to
+        the tip. Identity for a file of ours.
+    """
+
+    name: str
+    base: str
+    tip: str
+    steps: tuple[UrdfStep, ...]
+    joints: tuple[UrdfJoint, ...]
+    table: DhTable
+    frames: tuple[Matrix, ...]
+    T_link_base: Matrix
+    T_flange_tip: Matrix
+
+    @property
+    def rounded(self) -> dict[str, float]:
+        """Rounded angles of the file, and what each stands for, deg."""
+        return {word: deg for step in self.steps for word, deg in step.rounded.items()}
+
+
+def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
+    """Read the chain of revolute joints from one link to another; nothing else of the file counts.
+
+    Parameters
+    ----------
+    base, tip
+        Names of the links; empty: the file's root, and the only end that its turning joints lead to,
+        grippers left out.
+
+    Raises
+    ------
+    ConfigError
+        It is no URDF, or its joints are no serial chain of turning ones; says which is not.
+    """
+    robot = _robot(data, file)
+    elements = {_links(e)[1]: e for e in robot.iter("joint") if e.get("type")}
+    if not elements:
+        raise only(file, None, None, "has no joint", "is it a xacro or a part of a URDF?")
+    links = {*elements, *(_links(e)[0] for e in elements.values())}
+    for option, name in (("base", base), ("tip", tip)):
+        if name and name not in links:
+            raise only(
+                file,
+                None,
+                None,
+                f"there is no link {name!r}",
+                f"--{option}: {_some(sorted(links))}",
+            )
+    tip = tip or _only_end(elements, base, file)
+    way = _way_to(tip, elements, file)
+    if base and all(_links(e)[0] != base for e in way):
+        before = [_links(e)[0] for e in way]
+        remedy = f"links on that way: {_some(before)}"
+        raise only(file, None, None, f"link {base!r} is not on the way to {tip!r}", remedy)
+    first = next((k for k, e in enumerate(way) if _links(e)[0] == base), 0)
+    steps = tuple(_step(e, file) for e in way[first:])
+    joints = tuple(step.joint for step in steps if step.joint)
+    if not joints:
+        raise only(file, None, None, "no joint turns on the way to that link", "name another --tip")
+    T, axes = np.eye(4), []
+    for step in steps:
+        T = T @ step.T
+        if step.axis is not None:
+            axes.append(AxisLine(z=T[:3, :3] @ step.axis, point_m=T[:3, 3], x=T[:3, 0]))
+    table, frames = rows_of(axes, T)
+    return UrdfChain(
+        name=robot.get("name", "arm"),
+        base=steps[0].parent,
+        tip=tip,
+        steps=steps,
+        joints=joints,
+        table=table,
+        frames=frames,
+        T_link_base=frames[0],
+        T_flange_tip=np.linalg.inv(frames[-1]) @ T,
+    )
+
+
+def _robot(data: bytes, file: str) -> ET.Element:
+    text = decode_text(data, file)
+    if re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
+        raise only(file, None, None, "declares entities", "a URDF needs none: take them out")
+    try:
+        robot = ET.fromstring(text)  # noqa: S314 - entities were refused, and there are no others
+    except ET.ParseError as error:
+        line = error.position[0]
+        raise only(file, line, None, f"is not XML: {error}", "is this the URDF?") from error
+    if robot.tag != "robot":
+        remedy = "give the URDF itself; xacro: `xacro arm.urdf.xacro > arm.urdf` first"
+        raise only(file, None, None, f"holds a <{robot.tag}>, not a <robot>", remedy)
+    return robot
+
+
+def _links(element: ET.Element) -> tuple[str, str]:
+    """Parent and child of a joint; empty where it names none."""
+    found = (element.find(key) for key in ("parent", "child"))
+    parent, child = ("" if e is None else e.get("link", "") for e in found)
+    return parent, child
+
+
+def _way_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET.Element]:
+    """Joints from the root to a link."""
+    way: list[ET.Element] = []
+    while link in elements:
+        if len(way) > len(elements):
+            raise only(file, None, None, "its links go round in a circle", "mend the parents")
+        way.insert(0, elements[link])
+        link = _links(elements[link])[0]
+    return way
+
+
+def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
+    """Link at the end of the only arm there is; what a gripper moves is none of its ends."""
+    parents = {_links(e)[0] for e in elements.values()}
+    leaves = [child for child in elements if child not in parents]
+    # A circle has no end; its links are as good as any to say so.
+    ends, turning = dict[str, int](), {"revolute", "continuous"}
+    for leaf in leaves or list(elements):
+        way = _way_to(leaf, elements, file)
+        start = next((k for k, e in enumerate(way) if _links(e)[0] == base), None if base else 0)
+        if start is None:
+            continue
+        count, end = 0, leaf
+        for e in way[start:]:
+            if count and _moves_a_tool(e):
+                end = _links(e)[0]
+                break
+            count += e.get("type") in turning
+        if count:
+            ends[end] = count
+    inner = {_links(e)[0] for end in ends for e in _way_to(end, elements, file)}
+    ends = {end: count for end, count in ends.items() if end not in inner}
+    if len(ends) == 1:
+        return next(iter(ends))
+    if not ends:
+        raise only(file, None, None, "no joint turns on the way to that link", "name another --tip")
+    most = sorted(ends, key=lambda end: -ends[end])
+    names = _some([f"{end} ({ends[end]} turning joints)" for end in most])
+    raise only(file, None, None, f"has {len(ends)} ends", f"say which with --tip: {names}")
+
+
+def _moves_a_tool(element: ET.Element) -> bool:
+    """Whether a joint is part of a gripper."""
+    named = GRIPPER.search(element.get("name", "")) is not None
+    return named or element.get("type") == "prismatic" or element.find("mimic") is not None
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - ENDS_SHOWN} more" if len(names) > ENDS_SHOWN else ""
+    return ", ".join(names[:ENDS_SHOWN]) + more
+
+
+def _step(element: ET.Element, file: str) -> UrdfStep:
+    name = element.get("name", "")
+    parent, child = _links(element)
+
+    def refuse(text: str, remedy: str) -> Exception:
+        return only(file, None, None, f"joint {name!r}: {text}", remedy)
+
+    def words(of: ET.Element | None, key: str, default: str, count: int) -> list[str]:
+        written = (default if of is None else of.get(key, default)).split()
+        try:
+            good = len(written) == count and all(math.isfinite(float(word)) for word in written)
+        except ValueError:
+            good = False
+        if not good:
+            raise refuse(f"{key} is {' '.join(written)!r}", f"write {count} numbers")
+        return written
+
+    def numbers(of: ET.Element | None, key: str, default: str, count: int) -> FloatArray:
+        return np.array([float(word) for word in words(of, key, default, count)])
+
+    if not (parent and child):
+        raise refuse("has no parent or no child", "name both links")
+    origin = element.find("origin")
+    turns = words(origin, "rpy", "0 0 0", 3)
+    rounded = {word: deg for word in turns if (deg := meant_deg(word)) is not None}
+    rpy = [math.radians(rounded[w]) if w in rounded else float(w) for w in turns]
+    T = np.eye(4)
+    T[:3, :3] = rotation_of_rpy(np.array(rpy))
+    T[:3, 3] = numbers(origin, "xyz", "0 0 0", 3)
+    kind = element.get("type", "")
+    axis, joint = None, None
+    if kind in ("revolute", "continuous"):
+        axis = numbers(element.find("axis"), "xyz", "1 0 0", 3)
+        if not np.linalg.norm(axis) > 0.0:
+            raise refuse("has no axis", "write for example <axis xyz='0 0 1'/>")
+        axis = axis / np.linalg.norm(axis)
+        limit = element.find("limit")
+        stated = limit if limit is not None else ET.Element("limit")
+        low, high = -NO_LIMIT_RAD, NO_LIMIT_RAD
+        if kind == "revolute":
+            low, high = (float(numbers(stated, key, "0", 1)[0]) for key in ("lower", "upper"))
+            if not low < high:
+                raise refuse(
+                    f"its range goes from {low:g} to {high:g} rad", "state lower and upper"
+                )
+        speed, effort = (
+            float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
+        )
+        joint = UrdfJoint(
+            name=name, lower_rad=low, upper_rad=high, velocity_rad_per_s=speed, effort_nm=effort
+        )
+    elif kind != "fixed":
+        remedy = "an arm here has revolute joints only: --base and --tip leave others out"
+        raise refuse(f"is of type {kind!r}", remedy)
+    return UrdfStep(
+        name=name,
+        parent=parent,
+        child=child,
+        T=T,
+        axis=axis,
+        joint=joint,
+        rounded={
+            w: deg for w, deg in rounded.items() if abs(float(w) - math.radians(deg)) > TOLD_RAD
+        },
+    )
+
+
+def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:
+    """Return the content of an arm file: geometry, ranges, speeds, torques as read; sensors assumed."""
+    joints = chain.joints
+    ranges = np.array([[j.lower_rad, j.upper_rad] for j in joints])
+    speeds = np.array([j.velocity_rad_per_s or ASSUMED_SPEED for j in joints])
+    stated = zip(joints, *(degrees_for_file(v).tolist() for v in (ranges, speeds)), strict=True)
+    return {
+        "schema": "sarcal/arm/1",
+        "name": name,
+        "dh": list(_row_records(chain.table)),
+        "joints": [
+            {
+                "joint": k,
+                "name": joint.name,
+                "range_deg": range_deg,
+                "sensor": {"kind": "encoder", "counts_per_rev": COUNTS_PER_REV},
+                "max_speed_deg_per_s": speed_deg,
+                "max_torque_nm": joint.effort_nm or ASSUMED_TORQUE_NM,
+            }
+            for k, (joint, range_deg, speed_deg) in enumerate(stated, 1)
+        ],
+        "free": [f"theta_off_{k}" for k in range(1, len(joints) + 1)],
+        "home_deg": degrees_for_file(ranges.mean(axis=1)).tolist(),
+    }
+
+
+def _row_records(table: DhTable) -> Iterator[dict[str, float]]:
+    # What geometry brings in rounding beyond these places is nobody's figure.
+    columns = table.stacked()
+    degrees, lengths = np.rad2deg(columns[[0, 3, 4]]).round(12), columns[1:3].round(13)
+    rows = np.column_stack((*lengths, *degrees)).tolist()
+    for k, (s, a, off, alpha, beta) in enumerate(rows, 1):
+        row = {"row": k, "theta_off_deg": off, "s_m": s, "a_m": a, "alpha_deg": alpha}
+        yield row | ({"beta_deg": beta} if beta else {})
+
+
+COUNTS_PER_REV = 400_000
+ASSUMED_SPEED = math.radians(90.0)
+ASSUMED_TORQUE_NM = 50.0

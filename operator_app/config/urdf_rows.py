@@ -1,0 +1,150 @@
+"""Axes of a chain in space turned into D-H rows, Hayati's where neighbours are parallel. Knows no file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from operator_app.config.arm_file import PARALLEL_RAD
+from solver.arrays import FloatArray
+from solver.chain.kinematics import DhTable
+
+MEET_M = 1e-9
+"""Axes closer than this meet."""
+MEETING_SINE, FAR_M = 1e-9, 2.0
+"""A tip's axis nearer to parallel, or with a common normal farther away, has none of its own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisLine:
+    """Axis of a joint seen in the base link, with all joints at zero: direction, a point, a hint for x, (3,)."""
+
+    z: FloatArray
+    point_m: FloatArray
+    x: FloatArray
+
+
+def rows_of(
+    axes: Sequence[AxisLine], T_base_tip: FloatArray
+) -> tuple[DhTable, tuple[FloatArray, ...]]:
+    """D-H rows of a chain whose last row ends at a tip.
+
+    Parameters
+    ----------
+    axes
+        Of joints 1..n.
+    T_base_tip
+        Place of the tip with all joints at zero, (4, 4), m.
+
+    Returns
+    -------
+    Rows 1..n; and frames 0..n seen in the base link with all joints at zero, (4, 4) each. Frame 0 is on axis 1
+    beside the base link's origin; frame n is as near to the tip as its row can bring it.
+    """
+    z = axes[0].z
+    # Frame 0: the file's own base where that stands on the first axis.
+    origin = axes[0].point_m - float(axes[0].point_m @ z) * z
+    x = _across(z, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+    frames, rows = [frame_of(x, z, origin)], list[tuple[float, ...]]()
+    tip = AxisLine(z=T_base_tip[:3, 2], point_m=T_base_tip[:3, 3], x=T_base_tip[:3, 0])
+    for line in (*axes[1:], tip):
+        sine = float(np.linalg.norm(np.cross(z, line.z)))
+        if sine > math.sin(PARALLEL_RAD):
+            row = _by_common_normal(frames[-1], line)
+        elif line is not tip:
+            row = _hayati(frames[-1], line)
+        else:
+            row = _to_tip(frames[-1], tip, sine)
+        rows.append(row)
+        frames.append(frames[-1] @ link_transform(row))
+        z = frames[-1][:3, 2]
+    columns = np.array(rows).T
+    # The rounding of sines and cosines is no figure.
+    return DhTable.from_stacked(np.where(np.abs(columns) < 1e-12, 0.0, columns)), tuple(frames)
+
+
+def link_transform(row: Sequence[float]) -> FloatArray:
+    """``Rz(theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` as (4, 4)."""
+    off, s, a, alpha, beta = row
+    c, n, ca, sa, cb, sb = (f(v) for v in (off, alpha, beta) for f in (math.cos, math.sin))
+    turn = np.array([[c, -n * ca, n * sa], [n, c * ca, -c * sa], [0.0, sa, ca]])
+    T = np.eye(4)
+    T[:3, :3] = turn @ np.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
+    T[:3, 3] = (a * c, a * n, s)
+    return T
+
+
+def frame_of(x: FloatArray, z: FloatArray, origin_m: FloatArray) -> FloatArray:
+    """Frame (4, 4) with these axes, at right angles to each other."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.column_stack((x, np.cross(z, x), z)), origin_m
+    return T
+
+
+def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
+    """Row to an axis that is not parallel: along the common normal."""
+    x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
+    normal = np.cross(z, line.z)
+    normal /= np.linalg.norm(normal)
+    # origin + s z + a normal = point + u next_z
+    s, a, _ = np.linalg.solve(np.column_stack((z, normal, -line.z)), line.point_m - origin)
+    if normal @ line.x < 0.0:
+        normal, a = -normal, -a
+    return (_angle(x, normal, z), float(s), float(a), _angle(z, line.z, normal), 0.0)
+
+
+def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
+    """Row to a parallel axis: frame j where that goes through the plane z = 0 of frame j-1 [9]."""
+    x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
+    apart = line.point_m - origin
+    apart = apart - (apart @ z) / (line.z @ z) * line.z
+    a = float(np.linalg.norm(apart))
+    if a > MEET_M:
+        normal = apart / a
+        if normal @ line.x < 0.0:
+            normal, a = -normal, -a
+    else:
+        normal, a = _across(z, line.x, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])), 0.0
+    # Rx(alpha) Ry(beta) takes z to (sin beta, -sin alpha cos beta, cos alpha cos beta).
+    alpha = math.atan2(-float(line.z @ np.cross(z, normal)), float(line.z @ z))
+    beta = math.asin(min(1.0, max(-1.0, float(line.z @ normal))))
+    return (_angle(x, normal, z), 0.0, a, alpha, beta)
+
+
+def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
+    """Row to a tip whose axis is nearly the joint's: by the common normal where that is at hand.
+
+    Elsewhere to the tip's origin, its small tilt left out.
+    """
+    if sine > MEETING_SINE:
+        row = _by_common_normal(before, tip)
+        if max(abs(row[1]), abs(row[2])) < FAR_M:
+            return row
+    x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
+    apart = tip.point_m - origin
+    s = float(apart @ z)
+    across = apart - s * z
+    a = float(np.linalg.norm(across))
+    if a > MEET_M:
+        normal = across / a
+        if normal @ tip.x < 0.0:
+            normal, a = -normal, -a
+    else:
+        normal, a = _across(z, tip.x, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])), 0.0
+    return (_angle(x, normal, z), s, a, 0.0 if tip.z @ z > 0.0 else math.pi, 0.0)
+
+
+def _across(z: FloatArray, *wanted: FloatArray) -> FloatArray:
+    """Return the first of `wanted` that is not along z, made square to it."""
+    for direction in wanted:
+        x = direction - (direction @ z) * z
+        if np.linalg.norm(x) > 0.1:
+            return np.asarray(x / np.linalg.norm(x))
+    return np.asarray(np.cross(z, wanted[-1]))
+
+
+def _angle(a: FloatArray, b: FloatArray, about: FloatArray) -> float:
+    return float(np.arctan2(np.cross(a, b) @ about, a @ b))

@@ -1,0 +1,169 @@
+"""Chains of URDFs as makers write them: parallel axes, rounded angles, torsos, grippers. Oracle: pinocchio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from operator_app.config.arm_file import parse_arm
+from operator_app.config.errors import ConfigError
+from operator_app.config.rpy import meant_deg, origin_words, rotation_of_rpy
+from operator_app.config.urdf import format_urdf
+from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
+from operator_app.config.yaml_writer import dump_strict
+from solver.chain.kinematics import forward
+
+HALF = "1.5707963267948966"
+SIX = (("0 0 0.0892", "0 0 0"), ("0 0.1358 0", f"0 {HALF} 0"), ("0 -0.1197 0.425", "0 0 0"),
+       ("0 0 0.39225", f"0 {HALF} 0"), ("0 0.093 0", "0 0 0"), ("0 0 0.09465", "0 0 0"))  # fmt: skip
+AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0")
+"""A six-axis arm of the common kind: axes 2, 3 and 4 are parallel."""
+
+
+def joint(name, parent, child, xyz="0 0 0", rpy="0 0 0", axis="", kind="revolute", more=""):
+    turns = f'<axis xyz="{axis}"/><limit lower="-3" upper="3" effort="9" velocity="2"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/>{turns if axis else ""}{more}</joint>'
+    )
+
+
+def robot(*joints: str) -> bytes:
+    links = {word.split('"')[1] for j in joints for word in j.split("link=")[1:]}
+    text = "".join([*joints, *(f'<link name="{link}"/>' for link in sorted(links))])
+    return f'<robot name="arm">{text}</robot>'.encode()
+
+
+def six(changes: dict[int, tuple[str, str]] | None = None) -> list[str]:
+    """Joints j1..j6 of links l0..l6, some of them with other origins, and a flange."""
+    origins = dict(enumerate(SIX, 1)) | (changes or {})
+    found = [
+        joint(f"j{k}", f"l{k - 1}", f"l{k}", *origins[k], axis=AXES[k - 1]) for k in range(1, 7)
+    ]
+    return [*found, joint("end", "l6", "flange", "0 0.0823 0", f"0 0 {HALF}", kind="fixed")]
+
+
+def worst_m(data: bytes, chain: UrdfChain, table=None) -> float:
+    """How far our tip, read through an arm file, is from pinocchio's at 50 poses (m, or entries of a rotation)."""
+    model = pin.buildModelFromXML(data.decode())
+    built, stacked = model.createData(), (table or chain.table).stacked()
+    worst = 0.0
+    for angles in np.random.default_rng(0).uniform(-3.0, 3.0, (50, len(chain.joints))):
+        q = pin.neutral(model)
+        for turning, angle in zip(chain.joints, angles, strict=True):
+            q[model.joints[model.getJointId(turning.name)].idx_q] = angle
+        pin.framesForwardKinematics(model, built, q)
+        base, tip = (built.oMf[model.getFrameId(name)] for name in (chain.base, chain.tip))
+        frames = forward(angles + stacked[0], *stacked[1:])
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = frames.R_end, frames.p_end
+        off = chain.T_link_base @ T @ chain.T_flange_tip - (base.inverse() * tip).homogeneous
+        worst = max(worst, float(np.abs(off).max()))
+    return worst
+
+
+@pytest.mark.parametrize("off_rad", [0.0, 1e-10, 1e-5, -2e-3, 0.1])
+def test_axes_that_are_parallel_or_nearly_so_have_rows_of_ordinary_size(off_rad: float) -> None:
+    data = robot(*six({3: ("0 -0.1197 0.425", f"{off_rad!r} 0 {-0.5 * off_rad!r}")}))
+    chain = parse_urdf(data, "arm.urdf")
+    arm = parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
+    assert arm.hayati_rows == (2, 3)
+    assert np.abs(chain.table.stacked()[1:3]).max() < 0.5
+    assert worst_m(data, chain, arm.table) < 1e-9
+    # Row 2 has no s; what is off parallel is a twist about x and one about y.
+    assert chain.table.s_m[1] == 0.0
+    twist = np.hypot(chain.table.beta_rad[1], chain.table.alpha_rad[1])
+    assert twist == pytest.approx(abs(off_rad) * np.hypot(1.0, 0.5), rel=1e-2, abs=1e-12)
+
+
+def test_what_is_written_of_hayatis_rows_reads_as_the_same_arm() -> None:
+    chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "1e-3 0 2e-3")})), "arm.urdf")
+    arm = parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
+    assert np.count_nonzero(arm.table.beta_rad) > 0
+    again = parse_urdf(format_urdf(arm, arm.table), "again.urdf")
+    np.testing.assert_allclose(again.table.stacked(), arm.table.stacked(), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("word", "deg"),
+    [("1.5708", 90), ("-3.1416", -180), ("0.7854", 45), ("1.57079", 90), ("3.14159", 180),
+     ("-1.57079632679", -90), ("1.570796327", 90), ("3.14", 180), ("0.2618", 15), ("2.35619", 135),
+     ("1.57080632", None), ("0.785", None), ("1.5709", None), ("0.79", None), ("0", None),
+     ("0.0", None), ("0.0000", None), ("1.5", None), (HALF, None), ("1e-5", None), ("3.1", None)],
+)  # fmt: skip
+def test_a_rounded_angle_is_taken_for_what_it_means(word: str, deg: float | None) -> None:
+    assert meant_deg(word) == deg
+
+
+def test_a_rounded_half_turn_makes_neighbours_parallel_and_is_reported() -> None:
+    chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "-3.1416 0 0")})), "arm.urdf")
+    assert chain.rounded == {"-3.1416": -180.0}
+    assert abs(chain.table.alpha_rad[1]) == np.pi
+    assert not chain.table.beta_rad.any()
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.3, np.pi / 2, -np.pi / 2, 1.5707, 3.0])
+def test_roll_pitch_yaw_come_back_at_a_pitch_of_90_deg_too(pitch: float) -> None:
+    T = np.eye(4)
+    T[:3, :3] = rotation_of_rpy(np.array([0.4, pitch, -2.2]))
+    T[:3, 3] = (0.1, -0.2, 1e-18)
+    words = origin_words(T)
+    assert words["xyz"] == "0.1 -0.2 0"
+    again = rotation_of_rpy(np.array([float(w) for w in words["rpy"].split()]))
+    assert np.abs(again - T[:3, :3]).max() < 1e-15
+
+
+HAND = (
+    joint("hand_joint", "flange", "hand", kind="fixed"),
+    joint("finger_joint1", "hand", "left", axis="0 1 0", kind="prismatic"),
+    joint("finger_joint2", "hand", "right", axis="0 1 0", kind="prismatic",
+          more='<mimic joint="finger_joint1"/>'),
+    joint("tcp", "hand", "hand_tcp", "0 0 0.1", kind="fixed"),
+)  # fmt: skip
+JAW = (joint("gripper", "flange", "jaw", axis="0 1 0"),)
+TORSO = (joint("torso_lift", "torso", "l0", axis="0 0 1", kind="prismatic"),)
+HEAD = (joint("neck", "torso", "head", axis="0 0 1"),)
+
+
+@pytest.mark.parametrize(
+    ("more", "base", "tip", "expected"),
+    [
+        (HAND, "", "", ("l0", "hand_tcp")),
+        (HAND, "", "flange", ("l0", "flange")),
+        (JAW, "", "", ("l0", "flange")),
+        ((*TORSO, *HEAD), "l0", "", ("l0", "flange")),
+        ((*TORSO, *HEAD, *HAND), "l0", "hand", ("l0", "hand")),
+        ((), "l0", "l6", ("l0", "l6")),
+    ],
+)
+def test_only_what_stands_between_base_and_tip_counts(more, base, tip, expected) -> None:
+    chain = parse_urdf(robot(*six(), *more), "arm.urdf", base=base, tip=tip)
+    assert (chain.base, chain.tip) == expected
+    assert [j.name for j in chain.joints] == ["j1", "j2", "j3", "j4", "j5", "j6"]
+
+
+@pytest.mark.parametrize(
+    ("more", "base", "tip", "said"),
+    [
+        (TORSO, "", "flange", "'torso_lift': is of type 'prismatic'"),
+        ((), "", "elbow", r"no link 'elbow'; --tip: flange, l0, l1"),
+        ((), "elbow", "", r"no link 'elbow'; --base: "),
+        (HEAD, "head", "flange", "'head' is not on the way to 'flange'; links on that way: l0, l1"),
+        (
+            (*HEAD, *TORSO),
+            "",
+            "",
+            r"2 ends; say which with --tip: flange \(6 turning joints\), head",
+        ),
+        (JAW, "", "l0", "no joint turns on the way"),
+    ],
+)
+def test_a_wrong_base_or_tip_gets_an_answer_of_its_own(more, base, tip, said) -> None:
+    with pytest.raises(ConfigError, match=said):
+        parse_urdf(robot(*six(), *more), "arm.urdf", base=base, tip=tip)
+
+
+def test_a_file_without_joints_says_so() -> None:
+    with pytest.raises(ConfigError, match="has no joint"):
+        parse_urdf(b'<robot name="ur3"><link name="base"/></robot>', "ur3.urdf")

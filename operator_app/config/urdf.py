@@ -52,11 +52,15 @@ def format_urdf(arm: ArmModel, table: DhTable, *, comment: Iterable[str] = ()) -
     ET.SubElement(element, "child", link=FLANGE)
     ET.SubElement(robot, "link", name=FLANGE)
     ET.indent(robot)
-    # Two hyphens would end a comment of XML.
-    words = re.sub("-(?=-)", "- ", "\n".join(f"  {_xml_text(line)}" for line in comment))
-    head = f"<!--\n{words}\n-->\n" if words else ""
     text = ET.tostring(robot, encoding="unicode")
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{head}{text}\n'.encode()
+    return b'<?xml version="1.0" encoding="utf-8"?>\n' + xml_comment(comment) + f"{text}\n".encode()
+
+
+def xml_comment(lines: Iterable[str]) -> bytes:
+    """Lines as a comment of XML; nothing where there are none."""
+    # Two hyphens would end it.
+    words = re.sub("-(?=-)", "- ", "\n".join(f"  {_xml_text(line)}" for line in lines))
+    return f"<!--\n{words}\n-->\n".encode() if words else b""
 
 
 def _xml_text(text: str) -> str:

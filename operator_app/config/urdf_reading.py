@@ -7,6 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -22,8 +23,9 @@ NO_LIMIT_RAD = math.pi
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """What joints of a tool, and not of the arm, are called."""
 ENDS_SHOWN = 12
-TOLD_RAD = 1e-9
-"""A rounded angle is reported where it differs from what it stands for by more than this."""
+TOLD_RAD, SEEN_RAD = 1e-8, 1e-10
+"""A rounded angle is reported where it differs from what it stands for by more than the first, and counts for
+nothing where it differs by less than the second."""
 
 Matrix = FloatArray
 
@@ -86,8 +88,9 @@ class UrdfChain:
 
     @property
     def rounded(self) -> dict[str, float]:
-        """Rounded angles of the file, and what each stands for, deg."""
-        return {word: deg for step in self.steps for word, deg in step.rounded.items()}
+        """Angles that the file rounds by more than `TOLD_RAD`, and what each stands for, deg."""
+        every = {word: deg for step in self.steps for word, deg in step.rounded.items()}
+        return {w: deg for w, deg in every.items() if abs(float(w) - math.radians(deg)) > TOLD_RAD}
 
 
 def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
@@ -104,28 +107,59 @@ def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> Urdf
     ConfigError
         It is no URDF, or its joints are no serial chain of turning ones; says which is not.
     """
-    robot = _robot(data, file)
-    elements = {_links(e)[1]: e for e in robot.iter("joint") if e.get("type")}
-    if not elements:
-        raise only(file, None, None, "has no joint", "is it a xacro or a part of a URDF?")
-    links = {*elements, *(_links(e)[0] for e in elements.values())}
-    for option, name in (("base", base), ("tip", tip)):
-        if name and name not in links:
-            raise only(
-                file,
-                None,
-                None,
-                f"there is no link {name!r}",
-                f"--{option}: {_some(sorted(links))}",
-            )
-    tip = tip or _only_end(elements, base, file)
-    way = _way_to(tip, elements, file)
-    if base and all(_links(e)[0] != base for e in way):
+    return UrdfTree.read(data, file).chain(base, tip)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UrdfTree:
+    """The joints of a URDF by the link that each carries, as its file writes them."""
+
+    name: str
+    file: str
+    elements: Mapping[str, ET.Element]
+
+    @classmethod
+    def read(cls, data: bytes, file: str) -> UrdfTree:
+        """Read a file; ConfigError if it is no URDF or has no joint."""
+        robot = _robot(data, file)
+        elements = {_links(e)[1]: e for e in robot.iter("joint") if e.get("type")}
+        if not elements:
+            raise only(file, None, None, "has no joint", "is it a xacro or a part of a URDF?")
+        return cls(name=robot.get("name", "arm"), file=file, elements=elements)
+
+    def chain(self, base: str, tip: str) -> UrdfChain:
+        """Chain between two links; empty names and errors as in `parse_urdf`."""
+        file, elements = self.file, self.elements
+        links = {*elements, *(_links(e)[0] for e in elements.values())}
+        for option, name in (("base", base), ("tip", tip)):
+            if name and name not in links:
+                remedy = f"--{option}: {_some(sorted(links))}"
+                raise only(file, None, None, f"there is no link {name!r}", remedy)
+        tip = tip or _only_end(elements, base, file)
+        way = _way_to(tip, elements, file)
         before = [_links(e)[0] for e in way]
-        remedy = f"links on that way: {_some(before)}"
-        raise only(file, None, None, f"link {base!r} is not on the way to {tip!r}", remedy)
-    first = next((k for k, e in enumerate(way) if _links(e)[0] == base), 0)
-    steps = tuple(_step(e, file) for e in way[first:])
+        if base and base not in before:
+            remedy = f"links on that way: {_some(before)}"
+            raise only(file, None, None, f"link {base!r} is not on the way to {tip!r}", remedy)
+        first = before.index(base) if base else 0
+        return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
+
+    def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
+        """Bases and tips of an arm from joint `first` to joint `last`: all links fixed to its ends."""
+        named = {e.get("name", ""): e for e in self.elements.values()}
+        if first not in named or last not in named:
+            return
+        bases, tips = [_links(named[first])[0]], [_links(named[last])[1]]
+        while (up := self.elements.get(bases[-1])) is not None and up.get("type") == "fixed":
+            bases.append(_links(up)[0])
+        for link in tips:
+            fixed = (e for e in self.elements.values() if e.get("type") == "fixed")
+            tips += [_links(e)[1] for e in fixed if _links(e)[0] == link]
+        yield from product(bases, tips)
+
+
+def chain_of(name: str, steps: tuple[UrdfStep, ...], tip: str, file: str) -> UrdfChain:
+    """Chain of these joints in D-H terms; ConfigError where none of them turns."""
     joints = tuple(step.joint for step in steps if step.joint)
     if not joints:
         raise only(file, None, None, "no joint turns on the way to that link", "name another --tip")
@@ -136,7 +170,7 @@ def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> Urdf
             axes.append(AxisLine(z=T[:3, :3] @ step.axis, point_m=T[:3, 3], x=T[:3, 0]))
     table, frames = rows_of(axes, T)
     return UrdfChain(
-        name=robot.get("name", "arm"),
+        name=name,
         base=steps[0].parent,
         tip=tip,
         steps=steps,
@@ -236,7 +270,9 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         except ValueError:
             good = False
         if not good:
-            raise refuse(f"{key} is {' '.join(written)!r}", f"write {count} numbers")
+            shown = " ".join(written)
+            remedy = "expand it with xacro first" if "$" in shown else f"write {count} numbers"
+            raise refuse(f"{key} is {shown!r}", remedy)
         return written
 
     def numbers(of: ET.Element | None, key: str, default: str, count: int) -> FloatArray:

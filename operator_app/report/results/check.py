@@ -137,8 +137,8 @@ def _arm(arm: ArmModel) -> str:
         )
     )
     if arm.hayati_rows:
-        rows = ", ".join(map(str, arm.hayati_rows))
-        lines.append(f"Parallel axes meet in D-H row {rows}: beta (Hayati) stands in place of s.")
+        listed = ", ".join(map(str, arm.hayati_rows))
+        lines.append(f"Parallel axes meet in D-H row {listed}: beta (Hayati) stands in place of s.")
     if arm.assumed:
         lines.append(
             paragraph(f"Assumed, as the file does not state it: {', '.join(arm.assumed)}.")

@@ -43,7 +43,7 @@ def test_it_is_the_arm_of_the_hinge_taken_out_of_it() -> None:
     for name in mounted_entries(7):
         entry = DhEntry.parse(name)
         off[entry.kind, entry.row - 1] = 0.0
-    assert np.array_equal(off, np.zeros((4, 7)))
+    assert np.array_equal(off, np.zeros((5, 7)))
     # The same errors of the maker's table as well, where a scenario has some.
     open_errors = scenario_of("as_reported", 3, stated()).true_loop().table.s_m[2:7]
     assert np.array_equal(open_errors, scenario("as_reported", 3).true_loop().table.s_m[2:7])
@@ -65,8 +65,8 @@ def test_the_tracker_sees_the_target_where_the_matrices_have_it() -> None:
     tracker = chosen.tracker(plant, INSTRUMENT)
     assert tracker is not None
     assert isinstance(truth, OpenTruth)
-    _, s, a, alpha = truth.table.stacked()[:, 1:]
-    hand = product(plant.true_angles_rad[None, 1:], s, a, alpha)[0]
+    constants = truth.table.stacked()[1:, 1:]
+    hand = product(plant.true_angles_rad[None, 1:], *constants)[0]
     seen = json.loads(tracker.answer('{"measure": "4"}'))
     point = truth.base_rotation @ (hand @ np.append(truth.tip_m, 1.0))[:3] + truth.base_m
     assert seen["pose"] == "4"

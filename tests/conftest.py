@@ -46,8 +46,9 @@ for _library in ("OPENBLAS", "OMP", "MKL"):
 # Whoever runs the tests may have settings of their own; they are not the tests'.
 os.environ["XDG_CONFIG_HOME"] = f"{tempfile.gettempdir()}/sarcal-no-settings-{os.getpid()}"
 
-# The programs that tests start, again and again, compile themselves once.
+# Tests, which take 14 s to compile, and the programs that they start compile themselves once.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # How long an example takes is the machine's affair. Under CI, hypothesis has a profile of its own.
 if "CI" not in os.environ:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from oracles.loop_oracle import product
-from oracles.pinocchio_chain import PinocchioChain
+from tests.oracles.loop_oracle import product
+from tests.oracles.pinocchio_chain import PinocchioChain
 from tests.oracles.shop_floor import (
     ENCODERS,
     FULL_SCALE,

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from oracles.loop_oracle import Truth, cramer_rao
 from tests.oracles import shop_floor_bound
+from tests.oracles.loop_oracle import Truth, cramer_rao
 from tests.oracles.shop_floor import PARAMETERS, RVDTS, Sizes, session
 from tests.oracles.shop_floor_bound import _equations, bound, covariance
 from tests.oracles.shop_floor_chain import Loop, frames, rotation_about_z

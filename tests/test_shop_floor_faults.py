@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from oracles.loop_oracle import product
+from tests.oracles.loop_oracle import product
 from tests.oracles.shop_floor import FULL_SCALE, session
 from tests.oracles.shop_floor_faults import CASES
 from tests.oracles.shop_floor_parallel import parallel_mount

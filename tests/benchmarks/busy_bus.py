@@ -21,7 +21,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from oracles.loaded_session import session_under_load
+from tests.oracles.loaded_session import session_under_load
 
 LIMIT_MS = 50.0
 BUFFER_MB = 8.0

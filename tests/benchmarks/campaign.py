@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.campaign [--kills 300] [--processes 3] [--seed 0] [--without-faults]
 
-Kills (``oracles.killing``): SIGKILL at random instants of `sarcal run` and of `sarcal controller`, four fifths of
+Kills (``tests.oracles.killing``): SIGKILL at random instants of `sarcal run` and of `sarcal controller`, four fifths of
 them on the loopback bus, the others of a program with its arm inside. Faults (``test_fault_campaign``): each
 kind that the virtual controller knows, in five phases of a session and in an upload. Bars: no accepted pose
 lost and none wrong, no traceback, 5 s of the processor at most until a fault is told, 500 MB at most.
@@ -30,8 +30,8 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from oracles.killing import CPU_S, MEMORY_MB, Deaths, chain
-from oracles.workers import INTERRUPTED, end_as_by_ctrl_c, workers
+from tests.oracles.killing import CPU_S, MEMORY_MB, Deaths, chain
+from tests.oracles.workers import INTERRUPTED, end_as_by_ctrl_c, workers
 
 KILLS_A_CHAIN = 12
 EMBEDDED_SHARE = 0.2

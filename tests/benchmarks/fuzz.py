@@ -4,7 +4,7 @@
 
 Bars: an answer or an error that `sarcal` says in words, five seconds of the processor and 500 MB at most
 for each. An input that breaks one is named by parser and seed, and is made again by
-``oracles.fuzzing.outcome(parser, seed, folder)``; one of the wire by all seeds of its batch up to it, for an
+``tests.oracles.fuzzing.outcome(parser, seed, folder)``; one of the wire by all seeds of its batch up to it, for an
 operator that is connected has a past. Ctrl-C prints the table so far.
 """
 
@@ -32,7 +32,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from oracles.fuzzing import PARSERS, outcome, over
+from tests.oracles.fuzzing import PARSERS, outcome, over
 
 LIMIT_S = 5.0
 """Of the processor: the machine may be busy with other things."""

@@ -2,10 +2,11 @@
 
     python -m tests.benchmarks.next_pose [--poses planned] [--kinds stated] [--arms 100] [--processes 2]
 
-Arms of ``oracles.shop_floor_remounted``: as their files state, with the paper's larger errors, and wild ones; 40
-poses each, explored. Or, without wild arms, poses of plans, or by hand (``oracles.shop_floor_elsewhere``). A slip is
-in one joint's reading, as of one that is led and whose drive makes up for it. Bar: sound sessions in which a pose is
-doubted are fewer than one in a hundred. Plans for arms with the larger errors do not meet it: 4 of 100.
+Arms of ``tests.oracles.shop_floor_remounted``: as their files state, with the paper's larger errors, and wild
+ones; 40 poses each, explored. Or, without wild arms, poses of plans, or by hand
+(``tests.oracles.shop_floor_elsewhere``). A slip is in one joint's reading, as of one that is led and whose drive makes
+up for it. Bar: sound sessions in which a pose is doubted are fewer than one in a hundred. Plans for arms with the
+larger errors do not meet it: 4 of 100.
 """
 
 # ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints

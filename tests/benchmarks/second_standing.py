@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.second_standing [--arms 100] [--poses 20] [--processes 2]
 
-Arms of ``oracles.shop_floor_remounted``: as their files state, with the paper's larger errors, and wild ones. One
+Arms of ``tests.oracles.shop_floor_remounted``: as their files state, with the paper's larger errors, and wild ones. One
 joint's reading has slipped meanwhile; found is what is refused before a drive is enabled. The last figures are
 sound arms that are refused.
 """

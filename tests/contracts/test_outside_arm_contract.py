@@ -18,7 +18,7 @@ from hardware.commissioning.bench_check import check
 from hardware.commissioning.finding import Clause, Stage
 from hardware.control.canopen_arm import CanopenArm
 from operator_app.config.description import describe
-from oracles.toy_arm import package, toy
+from tests.oracles.toy_arm import package, toy
 
 ARMS = ("virtual", "moving_line_arm", "line_arm")
 

@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from oracles.emulated_linux import in_emulated_linux
-from oracles.user_mode_linux import in_user_mode_linux
+from tests.oracles.emulated_linux import in_emulated_linux
+from tests.oracles.user_mode_linux import in_user_mode_linux
 
 pytestmark = pytest.mark.needs("candump", "ip")
 

@@ -17,8 +17,8 @@ from hardware.bus_setup import BusOpeners
 from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
-from oracles.profiles import sarcos
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus
+from tests.oracles.profiles import sarcos
 
 PER_RAD = COUNTS_PER_REV / (2 * math.pi)
 POSITION, FREE = JointMode.POSITION, JointMode.FREE

@@ -29,11 +29,11 @@ from hardware.commissioning.motion_checks import Turn, is_interrupted
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
-from oracles.foreign_arm import Axis, foreign_arm
-from oracles.profiles import sarcos
-from oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse
 from tests.hardware.test_foreign_arm import DESCRIPTION as ACME
 from tests.hardware.test_foreign_arm import JOINTS, drafted
+from tests.oracles.foreign_arm import Axis, foreign_arm
+from tests.oracles.profiles import sarcos
+from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse
 
 WATCH_S = 1.5
 STEP, SPEED = math.radians(1.0), math.radians(5.0)

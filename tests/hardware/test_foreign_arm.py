@@ -21,8 +21,8 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import MappingDiffers, UploadRefused, WrongArm
 from hardware.timing import Pace, Timing
 from operator_app.config.profile_file import format_profile, parse_profile
-from oracles.foreign_arm import Axis, ForeignArm, foreign_arm
-from oracles.profiles import sarcos
+from tests.oracles.foreign_arm import Axis, ForeignArm, foreign_arm
+from tests.oracles.profiles import sarcos
 
 JOINTS, COUNTS_PER_REV = 4, 36_000
 PER_RAD = COUNTS_PER_REV / math.tau

@@ -29,7 +29,7 @@ LONGEST_CPU_S = 60
 OPTIONS = (
     *("-x", "-q", "-p", "no:cacheprovider"),
     # No plugin, and so none of their settings: these tests are plain ones.
-    *("-c", os.devnull, "--rootdir", ".", "--import-mode=importlib", "-o", "pythonpath=. tests"),
+    *("-c", os.devnull, "--rootdir", ".", "--import-mode=importlib", "-o", "pythonpath=."),
     # What is loaded above is not pytest's to rewrite.
     *("-W", "error", "-W", "ignore::pytest.PytestAssertRewriteWarning"),
 )

@@ -9,10 +9,10 @@ import pytest
 
 from operator_app.config.procedure import Procedure
 from operator_app.session.workflow.session import Session
-from oracles.journalled_sessions import journalled_sessions
-from oracles.opened import MakeSession, opened
-from oracles.plant_arm import SERIAL, PlantArm
-from oracles.ticking import Ticking
+from tests.oracles.journalled_sessions import journalled_sessions
+from tests.oracles.opened import MakeSession, opened
+from tests.oracles.plant_arm import SERIAL, PlantArm
+from tests.oracles.ticking import Ticking
 
 
 @pytest.fixture

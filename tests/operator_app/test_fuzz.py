@@ -7,8 +7,8 @@ from random import Random
 
 import pytest
 
-from oracles.controller_fuzzing import ControllerTarget, NotStoppedError
-from oracles.fuzzing import PARSERS, outcome, over
+from tests.oracles.controller_fuzzing import ControllerTarget, NotStoppedError
+from tests.oracles.fuzzing import PARSERS, outcome, over
 
 FEWER = {"the controller's nodes": 8}
 """Each of these enables and stops an arm."""

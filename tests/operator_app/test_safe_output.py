@@ -28,7 +28,7 @@ from operator_app.safe_output import MARK, harmless, lines, say
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.tui.theme import DARK, look
-from oracles.journals import events, written
+from tests.oracles.journals import events, written
 
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\u2028z\ud800"
 """Clears a screen, names a window, colours by C1, turns text round, breaks lines, is half a character."""

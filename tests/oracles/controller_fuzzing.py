@@ -25,8 +25,8 @@ from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
-from oracles.raw_can import RawAbort, RawPeer
-from oracles.wire_fuzzing import NODES, SDO_BYTES, FellOverError
+from tests.oracles.raw_can import RawAbort, RawPeer
+from tests.oracles.wire_fuzzing import NODES, SDO_BYTES, FellOverError
 
 MODES = [8, 10, 10, 10, 8, 10, 10]
 OBJECTS = (0x1000, 0x1001, 0x1003, 0x1016, 0x1017, 0x1A00, 0x6040, 0x6060, 0x607A, 0x607C,

@@ -27,9 +27,9 @@ from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.session.store.journal_repair import repair
 from operator_app.session.workflow.opening import Choices, resume
-from oracles.journals import events, mutated, mutated_journal, written
-from oracles.odd_input import Refused, bytes_changed, in_yaml, refuse
-from oracles.parameter_documents import make_document
+from tests.oracles.journals import events, mutated, mutated_journal, written
+from tests.oracles.odd_input import Refused, bytes_changed, in_yaml, refuse
+from tests.oracles.parameter_documents import make_document
 
 FULL = (
     b"placement,pose,theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,theta7_deg,"

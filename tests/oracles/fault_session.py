@@ -35,10 +35,10 @@ from operator_app.session.workflow.capture import connect, take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
-from oracles.loop_oracle import paper_truth, product
-from oracles.opened import opened
-from oracles.profiles import sarcos
-from oracles.short_procedure import short_procedure
+from tests.oracles.loop_oracle import paper_truth, product
+from tests.oracles.opened import opened
+from tests.oracles.profiles import sarcos
+from tests.oracles.short_procedure import short_procedure
 
 CLOSES = 3e-4
 """Largest element of the loop's error, rad and m: 400,000-count encoders round to 8e-6 rad each."""

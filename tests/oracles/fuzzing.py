@@ -11,12 +11,12 @@ from pathlib import Path
 from random import Random
 
 from operator_app.exit_codes import EXPECTED_ERRORS
-from oracles.command_fuzzing import run_nearly
-from oracles.controller_fuzzing import ControllerTarget
-from oracles.document_fuzzing import DOCUMENTS
-from oracles.odd_input import Refused
-from oracles.place_fuzzing import ask_instrument, keep_slots
-from oracles.wire_fuzzing import Target
+from tests.oracles.command_fuzzing import run_nearly
+from tests.oracles.controller_fuzzing import ControllerTarget
+from tests.oracles.document_fuzzing import DOCUMENTS
+from tests.oracles.odd_input import Refused
+from tests.oracles.place_fuzzing import ask_instrument, keep_slots
+from tests.oracles.wire_fuzzing import Target
 
 _target, _told = Target(), ControllerTarget()
 

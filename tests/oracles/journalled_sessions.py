@@ -17,8 +17,8 @@ from operator_app.session.ui.snapshot import Change, SessionSnapshot
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Opening, Rig, begin, open_session, resume
 from operator_app.session.workflow.session import Session
-from oracles.plant_arm import PlantArm
-from oracles.ticking import Ticking
+from tests.oracles.plant_arm import PlantArm
+from tests.oracles.ticking import Ticking
 
 POSES = 12
 SCENARIO = "datasheet"

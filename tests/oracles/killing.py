@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from oracles.fault_session import CLOSES, loop_error
+from tests.oracles.fault_session import CLOSES, loop_error
 
 ROOT = Path(__file__).resolve().parents[2]
 SARCAL = [sys.executable, "-m", "operator_app.cli"]

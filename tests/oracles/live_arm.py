@@ -25,7 +25,7 @@ from hardware.arm import (
 )
 from hardware.errors import BusError, DriveAstray, HardwareError, StopLatched
 from operator_app.config.procedure import Procedure
-from oracles.plant_arm import PERIOD_S, SERIAL, PlantArm
+from tests.oracles.plant_arm import PERIOD_S, SERIAL, PlantArm
 
 TOKEN = 127
 

@@ -12,7 +12,7 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.workflow.opening import Choices, Opening, Rig
-from oracles.live_arm import LiveArm
+from tests.oracles.live_arm import LiveArm
 
 
 def quick_procedure(poses: int = 6) -> Procedure:

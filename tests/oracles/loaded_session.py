@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from operator_app.session.store.journal import read_journal
-from oracles.busy_bus import Rhythm, backlog_bytes, busy_bus
-from oracles.fault_session import CLOSES, loop_error
-from oracles.machine_pauses import Pauses, machine_pauses
+from tests.oracles.busy_bus import Rhythm, backlog_bytes, busy_bus
+from tests.oracles.fault_session import CLOSES, loop_error
+from tests.oracles.machine_pauses import Pauses, machine_pauses
 
 ROOT = Path(__file__).resolve().parents[2]
 SARCAL = [sys.executable, "-m", "operator_app.cli"]

@@ -7,7 +7,7 @@ from random import Random
 
 import yaml
 
-from oracles.journals import mutated
+from tests.oracles.journals import mutated
 
 WORDS = (
     b"nan", b".inf", b"-1", b"0", b"1e999", b"1e-300", b"9" * 50, b"~", b"[", b"{", b"]]", b"&a",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from oracles.loop_oracle import paper_truth, product
+from tests.oracles.loop_oracle import paper_truth, product
 
 BASE = np.array(
     [[0.36, -0.80, 0.48, 1.2], [0.93, 0.28, -0.224, -0.3], [0.0448, 0.527, 0.8486, 0.5]]

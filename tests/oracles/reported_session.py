@@ -9,8 +9,8 @@ from operator_app.report.subject import Subject, subject_of_session
 from operator_app.session.store.journal import JournalEvent
 from operator_app.session.store.replay import replay
 from operator_app.session.store.stored_calibration import calibrated, checked
-from oracles.short_procedure import short_procedure
 from solver.errors import UnidentifiableError
+from tests.oracles.short_procedure import short_procedure
 
 HOSTILE = '<script>alert("1")</script></td></table>\u202e & \x07\ud800'
 

@@ -29,9 +29,9 @@ from operator_app.session.ui.snapshot import (
     TaskKind,
     Work,
 )
-from oracles.live_arm import LiveArm
-from oracles.opened import opened
-from oracles.ticking import Ticking
+from tests.oracles.live_arm import LiveArm
+from tests.oracles.opened import opened
+from tests.oracles.ticking import Ticking
 
 POSES = 16
 NOW_S = 1000.0

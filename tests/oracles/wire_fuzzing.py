@@ -31,7 +31,7 @@ from operator_app.config.description import describe
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
-from oracles.profiles import sarcos
+from tests.oracles.profiles import sarcos
 
 NODES = (*range(1, 8), 16)
 BASES = (0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E4)

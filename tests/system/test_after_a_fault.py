@@ -18,7 +18,7 @@ import pytest
 from hardware.buses.python_can import BusSettings, open_bus
 from operator_app.cli import main
 from operator_app.session.store.journal import read_journal
-from oracles.own_process import start, wait_for_poses
+from tests.oracles.own_process import start, wait_for_poses
 
 pytestmark = pytest.mark.real_time
 

@@ -17,8 +17,8 @@ from operator_app.session.workflow.home import AT_THE_EDGE_RAD, go_home
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.session.workflow.waypoints import drive_box, waypoints_of
-from oracles.bench import Bench
-from oracles.bench import bench as running
+from tests.oracles.bench import Bench
+from tests.oracles.bench import bench as running
 
 pytestmark = pytest.mark.real_time
 

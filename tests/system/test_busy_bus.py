@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oracles.busy_bus import Rhythm
-from oracles.loaded_session import Came, session_under_load
-from oracles.machine_pauses import Pauses
+from tests.oracles.busy_bus import Rhythm
+from tests.oracles.loaded_session import Came, session_under_load
+from tests.oracles.machine_pauses import Pauses
 
 TRIPPED = "The run has ended early; the arm is held.\nsarcal: joint 1 tripped:\noperator's heartbeat lost (8130h)"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oracles.bench import bench
+from tests.oracles.bench import bench
 
 
 @pytest.mark.parametrize(

@@ -32,9 +32,9 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import replay
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller
-from oracles.fault_session import CLOSES, PATIENCE_S, Outcome, loop_error, session_with
-from oracles.parameter_documents import VALUES, make_document
-from oracles.profiles import sarcos
+from tests.oracles.fault_session import CLOSES, PATIENCE_S, Outcome, loop_error, session_with
+from tests.oracles.parameter_documents import VALUES, make_document
+from tests.oracles.profiles import sarcos
 
 BEFORE, FIRST_SYNCS, IN_CAPTURE = 0, 30, (450, 640, 700)
 """When it happens: before anybody connects, as the drives are enabled, and among the poses."""

@@ -24,8 +24,8 @@ from operator_app.headless.runner import RunResult, run
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session
 from operator_app.session.workflow.session import Session
-from oracles.foreign_arm import Axis, Physics, foreign_arm
-from oracles.parameter_documents import VALUES
+from tests.oracles.foreign_arm import Axis, Physics, foreign_arm
+from tests.oracles.parameter_documents import VALUES
 
 pytestmark = pytest.mark.real_time
 

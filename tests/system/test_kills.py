@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from oracles.killing import chain
+from tests.oracles.killing import chain
 
 pytestmark = pytest.mark.real_time
 

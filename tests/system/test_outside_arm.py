@@ -18,7 +18,7 @@ from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.description import describe
 from operator_app.session.store.journal import read_journal
-from oracles.toy_arm import PROCEDURE, package, toy
+from tests.oracles.toy_arm import PROCEDURE, package, toy
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +158,7 @@ def offered(folder: Path, name: str, code: str) -> None:
 
 BROKEN = """\
 from sarcal.arms import ArmOffer
-from oracles.plant_arm import PlantArm
+from tests.oracles.plant_arm import PlantArm
 from operator_app.config.procedure_file import load_procedure
 
 class Broken(PlantArm):

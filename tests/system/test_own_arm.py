@@ -16,9 +16,9 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import virtual_arm
-from oracles import lbr_iiwa
 from solver.chain.kinematics import forward
 from solver.chain.parameters import DhEntry
+from tests.oracles import lbr_iiwa
 
 SEED = 3
 

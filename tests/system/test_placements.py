@@ -19,8 +19,8 @@ from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.opening import Choices, begin
 from operator_app.virtual_arms import virtual_arm
-from oracles.own_process import start, wait_for_poses
 from solver.chain.parameters import DhEntry
+from tests.oracles.own_process import start, wait_for_poses
 
 POSES = 10
 

@@ -15,7 +15,7 @@ import yaml
 from operator_app.cli import main
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
-from oracles.own_process import SARCAL, environment, start
+from tests.oracles.own_process import SARCAL, environment, start
 
 HINGE = {"theta_off_1": 9.9, "theta_off_5": 27.1, "a_0": 0.202, "alpha_7": 99.8}
 """Some of Table 2, deg and m."""

@@ -17,7 +17,7 @@ from operator_app.cli import main
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
-from oracles.own_process import start, wait_for_poses
+from tests.oracles.own_process import start, wait_for_poses
 
 TRUTH = {
     "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,

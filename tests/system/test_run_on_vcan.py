@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from oracles.user_mode_linux import in_user_mode_linux
+from tests.oracles.user_mode_linux import in_user_mode_linux
 
 SCRIPT = """
 cd /run

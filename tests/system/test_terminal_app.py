@@ -16,8 +16,8 @@ import pytest
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
-from oracles.pty_program import PtyProgram
-from oracles.terminal import PATIENCE_S, POLL_S, Terminal, select
+from tests.oracles.pty_program import PtyProgram
+from tests.oracles.terminal import PATIENCE_S, POLL_S, Terminal, select
 
 pytestmark = [pytest.mark.needs("tmux"), pytest.mark.real_time]
 

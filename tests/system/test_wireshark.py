@@ -13,7 +13,7 @@ from hardware.timing import Pace
 from operator_app.cli import main
 from operator_app.composition import open_arm
 from operator_app.session.workflow.opening import Choices, begin
-from oracles.wireshark import dissected
+from tests.oracles.wireshark import dissected
 
 pytestmark = pytest.mark.needs("tshark")
 JOINTS = range(1, 8)

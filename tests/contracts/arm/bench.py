@@ -16,7 +16,7 @@ from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.config.arm_file import load_arm
 from operator_app.config.description import describe
-from oracles.profiles import sarcos
+from tests.oracles.profiles import sarcos
 
 FREE, POSITION = JointMode.FREE, JointMode.POSITION
 TWO_DRIVEN = [FREE, POSITION, FREE, FREE, POSITION, FREE, FREE]

@@ -11,9 +11,9 @@ from hardware.buses.python_can import BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
 from hardware.control.control_loop import Pace, Timing
 from operator_app.config.description import describe
-from oracles.profiles import sarcos
-from oracles.slcan_adapter import SlcanAdapter
 from tests.contracts.arm.bench import MODEL, TWO_DRIVEN, controller_on
+from tests.oracles.profiles import sarcos
+from tests.oracles.slcan_adapter import SlcanAdapter
 
 
 def test_the_arm_is_driven_and_stopped_over_a_serial_line() -> None:

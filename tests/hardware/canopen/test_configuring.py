@@ -16,11 +16,11 @@ from hardware.buses.python_can import BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.errors import MappingDiffers, NodeMissing, NotConfigured, NotZeroed, Stopped, WrongArm
 from operator_app.config.profile_file import parse_profile
-from oracles.foreign_arm import ForeignArm
-from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
 from tests.hardware.test_foreign_arm import JOINTS, PER_RAD, connected, on, unconnected
+from tests.oracles.foreign_arm import ForeignArm
+from tests.oracles.profiles import sarcos
 
 PROFILE = """\
 schema: sarcal/profile/1

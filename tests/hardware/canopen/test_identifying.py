@@ -15,7 +15,7 @@ from hardware.arm_description import (
 )
 from hardware.canopen.identifying import check_arm
 from hardware.errors import WrongArm
-from oracles.profiles import sarcos
+from tests.oracles.profiles import sarcos
 
 Objects = dict[tuple[int, int, int], int | str]
 

@@ -12,9 +12,9 @@ from hardware.errors import CommandRefused, ControlDenied, Intruder, InUse, Node
 from hardware.monitors.alarms import Seen, find_alarm
 from hardware.monitors.node_watch import NodeWatch
 from hardware.timing import Pace, Timing
-from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import capture_for_ever, make
+from tests.oracles.profiles import sarcos
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
 SDO_TIMEOUT_S = 0.5

@@ -18,7 +18,6 @@ from hardware.errors import (
     CommandRefused,
     Stopped,
 )
-from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import (
     PER_RAD,
@@ -29,6 +28,7 @@ from tests.hardware.on_fake_bus import (
     make,
     wait_for,
 )
+from tests.oracles.profiles import sarcos
 
 
 def test_stop_reaches_all_drives_and_latches(driven: CanopenArm, bus: FakeArmBus) -> None:

@@ -11,9 +11,9 @@ from hardware.canopen.sdo import ObjectAccess
 from hardware.canopen.supervision import following_windows_counts
 from hardware.errors import MappingDiffers
 from hardware.scale import JointScale
-from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
+from tests.oracles.profiles import sarcos
 
 OPERATOR = 127
 

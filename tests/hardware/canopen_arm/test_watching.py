@@ -24,9 +24,9 @@ from hardware.errors import (
 )
 from hardware.monitors.node_watch import NodeWatch
 from hardware.timing import Pace, Timing
-from oracles.profiles import sarcos
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import capture_for_ever, describe, make, wait_for
+from tests.oracles.profiles import sarcos
 
 # ---- somebody else -----------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 from hardware.commissioning.bus_monitor import BusMonitor
-from oracles.profiles import sarcos
+from tests.oracles.profiles import sarcos
 
 
 def said(monitor: BusMonitor, identifier: int, data: bytes, now_s: float = 0.0) -> list[str]:

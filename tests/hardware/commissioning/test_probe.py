@@ -10,8 +10,8 @@ import pytest
 
 from hardware.buses.python_can import BusSettings
 from hardware.commissioning.probe import Probe, probe
-from oracles.profiles import sarcos
 from tests.hardware.fake_arm import FakeArmBus
+from tests.oracles.profiles import sarcos
 
 
 @pytest.fixture(autouse=True)

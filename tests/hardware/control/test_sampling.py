@@ -6,7 +6,7 @@ import struct
 
 from hardware.canopen.cyclic import frames_of
 from hardware.control.sampling import Sampler
-from oracles.profiles import sarcos
+from tests.oracles.profiles import sarcos
 
 PATIENCE = 3
 ANSWER = struct.pack("<Hih", 0x1237, 1000, 50)

@@ -13,7 +13,7 @@ from hardware.buses.shared_bus import Wire
 from hardware.canopen.cyclic import Setpoint, frames_of
 from hardware.control.stop_line import StopLatch, StopLine
 from hardware.errors import BusError
-from oracles.profiles import sarcos
+from tests.oracles.profiles import sarcos
 
 COUNTS = (11, -22, 33)
 ALL = [0x201, 0x202, 0x203]

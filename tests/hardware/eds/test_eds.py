@@ -19,7 +19,7 @@ from hardware.canopen import objects
 from hardware.canopen.bus_profile import Pdo
 from hardware.eds.dictionary import EDS_FILES, node_dictionary, product_dictionary, variables
 from hardware.virtual.drive_node import RPDO1, TPDO1
-from oracles.profiles import sarcos
+from tests.oracles.profiles import sarcos
 
 NODE = 3
 OWN = sarcos().joints[NODE - 1]

@@ -12,7 +12,7 @@ import pytest
 from hardware.canopen.cyclic import Sample, frames_of
 from hardware.control.sampling import Sampler
 from hardware.monitors.continuity import QUIET_SYNCS, SPAN, TAKING_UP_SYNCS, Continuity, Jump
-from oracles.profiles import sarcos
+from tests.oracles.profiles import sarcos
 
 SYNCS = 200
 AT = 100

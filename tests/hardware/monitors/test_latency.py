@@ -19,7 +19,7 @@ from hardware.control.tasks import LoopTask
 from hardware.errors import BusError
 from hardware.monitors.latency import LONGEST_LOOK_S, TOLD_S, Attention
 from hardware.timing import Pace, Timing
-from oracles.profiles import sarcos
+from tests.oracles.profiles import sarcos
 
 JOINTS = 2
 TIME_OF_DAY_S = 1.7e9

@@ -11,7 +11,7 @@ import pytest
 from operator_app.calibration.comparison import IncomparableError, Side, compare
 from operator_app.config.parameter_records import CalibratedEntry, DocumentWarning, WhichFixture
 from operator_app.report.results.comparison import comparison_json, comparison_text
-from oracles.parameter_documents import VALUES, make_document
+from tests.oracles.parameter_documents import VALUES, make_document
 
 ARM_SIDE = {f"theta_off_{j}" for j in range(2, 7)}
 GROUND_SIDE = {"theta_off_1", "a_0", "s_0", "alpha_0", "s_1"}

@@ -12,8 +12,8 @@ from operator_app.calibration.new_poses import NoTestError, judge_new, require_n
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
-from oracles.open_arm import measured_csv
 from solver.chain.poses import PoseSet
+from tests.oracles.open_arm import measured_csv
 
 SIGMA_M = 5e-5
 

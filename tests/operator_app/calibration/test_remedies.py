@@ -23,7 +23,7 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameter_records import Correction, RvdtRemedy
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import load_poses
-from oracles.parameter_documents import VALUES, make_document
+from tests.oracles.parameter_documents import VALUES, make_document
 
 DATA = Path(__file__).parents[2] / "data" / "hinge"
 CURVED, EXACT = DATA / "hinge_rvdt1pct.csv", DATA / "hinge_exact.csv"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from operator_app.cli import main
-from oracles import lbr_iiwa
+from tests.oracles import lbr_iiwa
 
 POSES = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 ARM = (files("operator_app") / "data/arms/sarcos_dextrous.yaml").read_text()

@@ -13,7 +13,7 @@ from operator_app.config.parameter_records import WhichArm
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import save_parameters
 from operator_app.session.store.journal import Journal
-from oracles.parameter_documents import VALUES, make_document
+from tests.oracles.parameter_documents import VALUES, make_document
 
 
 def saved(path: Path, document: ParametersDocument) -> str:

@@ -18,7 +18,7 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller, slots_in
-from oracles.raw_can import RawPeer
+from tests.oracles.raw_can import RawPeer
 
 
 def test_a_state_that_is_no_folder_is_one_error_that_names_it(

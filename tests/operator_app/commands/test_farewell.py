@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from operator_app.commands.app import farewell
-from oracles.live_source import FakeSource
+from tests.oracles.live_source import FakeSource
 
 
 def left(source: FakeSource, reason: str = "left") -> str:

@@ -12,8 +12,8 @@ import yaml
 from operator_app.cli import main
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
-from oracles.json_schema import complaints
-from oracles.panda import panda_columns
+from tests.oracles.json_schema import complaints
+from tests.oracles.panda import panda_columns
 
 HOME_DEG = np.array([0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0])
 S_M, A_M, ALPHA = panda_columns()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from operator_app.cli import main
-from oracles.open_arm import measured_csv
+from tests.oracles.open_arm import measured_csv
 
 
 def judged(

@@ -12,8 +12,8 @@ import yaml
 from operator_app.config.json_schemas import json_schema
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.resources import Kind, builtin_names, resolve
-from oracles.json_schema import complaints
-from oracles.parameter_documents import make_document
+from tests.oracles.json_schema import complaints
+from tests.oracles.parameter_documents import make_document
 
 PACKAGED = [(kind, name) for kind in get_args(Kind) for name in builtin_names(kind)]
 HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")

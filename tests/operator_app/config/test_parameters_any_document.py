@@ -30,8 +30,8 @@ from operator_app.config.parameters_file import (
     parse_parameters,
 )
 from operator_app.config.parameters_from_table import rows_from_table
-from oracles.nominal_document import GOOD
 from solver.chain.kinematics import DhTable
+from tests.oracles.nominal_document import GOOD
 
 FLOAT = st.floats(-360.0, 360.0)
 LENGTH = st.floats(-10.0, 10.0)

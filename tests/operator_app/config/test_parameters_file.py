@@ -20,7 +20,7 @@ from operator_app.config.parameters_file import (
     parse_parameters,
     save_parameters,
 )
-from oracles.nominal_document import GOOD, complaint, document
+from tests.oracles.nominal_document import GOOD, complaint, document
 
 
 class TestContent:

@@ -13,7 +13,7 @@ from operator_app.config.parameters_file import load_parameters
 from operator_app.headless.plain import Plain
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
-from oracles.live_source import FakeSource
+from tests.oracles.live_source import FakeSource
 
 
 class Script:

@@ -24,9 +24,9 @@ import numpy as np
 import pytest
 
 from operator_app.cli import main
-from oracles.manual_pages import NOT_OURS, Block, blocks, written_topics
-from oracles.open_arm import measured_csv
-from oracles.panda import panda_readings
+from tests.oracles.manual_pages import NOT_OURS, Block, blocks, written_topics
+from tests.oracles.open_arm import measured_csv
+from tests.oracles.panda import panda_readings
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 START = [sys.executable, "-c", "import sys; from operator_app.cli import main; sys.exit(main())"]

@@ -7,7 +7,7 @@ import pytest
 
 from operator_app.config.procedure_file import load_procedure
 from operator_app.planning.clear_ways import is_clear
-from oracles.loop_oracle import Truth, closure, closure_rates, paper_truth, product
+from tests.oracles.loop_oracle import Truth, closure, closure_rates, paper_truth, product
 
 STEP_RAD = np.deg2rad(1.0)
 FREE = np.array([0, 2, 3, 4, 6, 7])

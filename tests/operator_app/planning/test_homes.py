@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from operator_app.cli import main
-from oracles import lbr_iiwa
+from tests.oracles import lbr_iiwa
 
 HAND = np.array([0.06, 0.0, 0.08])
 AXIS = np.array([1.0, 0.3, -0.2]) / np.linalg.norm([1.0, 0.3, -0.2])

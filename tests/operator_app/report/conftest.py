@@ -17,9 +17,9 @@ from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.workflow.listener import Listener
-from oracles.opened import MakeSession
-from oracles.reported_session import HOSTILE, subject_of
-from oracles.short_procedure import short_procedure
+from tests.oracles.opened import MakeSession
+from tests.oracles.reported_session import HOSTILE, subject_of
+from tests.oracles.short_procedure import short_procedure
 
 VOID = {"meta", "br", "col", "link", "hr", "img", "input"}
 

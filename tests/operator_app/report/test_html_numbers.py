@@ -12,7 +12,7 @@ import pytest
 from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject
 from operator_app.session.store.journal import read_journal
-from oracles.reported_session import number, subject_of
+from tests.oracles.reported_session import number, subject_of
 
 
 def test_parameters_are_those_of_the_solution(page: object, subject: Subject) -> None:

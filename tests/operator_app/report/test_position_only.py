@@ -15,7 +15,7 @@ from operator_app.report.results.verification import verification_json, verified
 from operator_app.report.terminal import table_spans
 from operator_app.report.text import facts_text
 from operator_app.session.ui.snapshot import Verified
-from oracles.parameter_documents import make_document
+from tests.oracles.parameter_documents import make_document
 
 NOT_KNOWN = {"rms": None, "as_printed": None}
 

@@ -10,9 +10,9 @@ import pytest
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.store.folders import find_session, list_sessions, new_folder
 from operator_app.session.store.journal import read_journal
-from oracles.journals import POSE
-from oracles.opened import opened
-from oracles.plant_arm import PlantArm
+from tests.oracles.journals import POSE
+from tests.oracles.opened import opened
+from tests.oracles.plant_arm import PlantArm
 
 RIGHT = datetime(2026, 11, 23, 12, tzinfo=UTC)
 

@@ -8,9 +8,9 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.capture import connect
 from operator_app.session.workflow.listener import Listener
-from oracles.journalled_sessions import Quiet
-from oracles.opened import MakeSession
-from oracles.short_procedure import short_procedure
+from tests.oracles.journalled_sessions import Quiet
+from tests.oracles.opened import MakeSession
+from tests.oracles.short_procedure import short_procedure
 
 
 def test_what_was_written_into_drives_is_said_and_journalled(make_session: MakeSession) -> None:

@@ -19,8 +19,8 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from oracles.live_source import FakeSource
-from oracles.opened import MakeSession, opened
+from tests.oracles.live_source import FakeSource
+from tests.oracles.opened import MakeSession, opened
 
 PATIENCE_S = 60.0
 

@@ -17,9 +17,9 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, begin
 from operator_app.session.workflow.session import Session
-from oracles.opened import MakeSession, opened
-from oracles.plant_arm import PlantArm
-from oracles.short_procedure import short_procedure
+from tests.oracles.opened import MakeSession, opened
+from tests.oracles.plant_arm import PlantArm
+from tests.oracles.short_procedure import short_procedure
 
 
 class Faulty(PlantArm):

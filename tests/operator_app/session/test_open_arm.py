@@ -24,8 +24,8 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
 from operator_app.session.workflow.session import Session
 from operator_app.virtual_arms import virtual_arm
-from oracles.journalled_sessions import Quiet
-from oracles.plant_arm import PlantArm
+from tests.oracles.journalled_sessions import Quiet
+from tests.oracles.plant_arm import PlantArm
 
 DRIVES = (1, 2, 3, 4, 5, 6, 7)
 

@@ -18,8 +18,8 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.home import SLOWLY_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from oracles.opened import opened
-from oracles.plant_arm import PlantArm
+from tests.oracles.opened import opened
+from tests.oracles.plant_arm import PlantArm
 
 POSES = 6
 OUTSIDE_RAD = float(np.deg2rad(102.5))

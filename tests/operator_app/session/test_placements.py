@@ -20,7 +20,7 @@ from operator_app.session.store.journal import Journal, read_journal
 from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, begin, resume
-from oracles.journals import POSE, sources
+from tests.oracles.journals import POSE, sources
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
 SETTINGS = {"poses": 12, "placements": 2, "interface": "loopback", "channel": "bench"}

@@ -9,10 +9,10 @@ from operator_app.errors import Cancelled
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Change, Level
 from operator_app.session.workflow.session import Session
-from oracles.journalled_sessions import first_picture
-from oracles.opened import MakeSession
-from oracles.short_procedure import short_procedure
 from solver.design.actions import GoTo
+from tests.oracles.journalled_sessions import first_picture
+from tests.oracles.opened import MakeSession
+from tests.oracles.short_procedure import short_procedure
 
 
 class Publisher:

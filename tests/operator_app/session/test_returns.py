@@ -22,9 +22,9 @@ from operator_app.session.workflow.exploration import visit
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
-from oracles.opened import MakeSession
-from oracles.short_procedure import short_procedure
 from solver.diagnostics import hypothesis_tests
+from tests.oracles.opened import MakeSession
+from tests.oracles.short_procedure import short_procedure
 
 
 def begun(session: Session) -> Session:

@@ -23,8 +23,8 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.placements import keep_remounted, keep_remounting
 from operator_app.session.workflow.session import Session
-from oracles.opened import opened
-from oracles.plant_arm import PlantArm
+from tests.oracles.opened import opened
+from tests.oracles.plant_arm import PlantArm
 from tests.oracles.shop_floor_remounted import Remounted, remounted
 
 POSES = 12

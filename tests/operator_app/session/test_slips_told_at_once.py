@@ -22,10 +22,10 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.exploration import visit
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from oracles.journalled_sessions import Quiet
-from oracles.opened import opened
-from oracles.plant_arm import PlantArm
 from solver.chain.poses import PoseSet
+from tests.oracles.journalled_sessions import Quiet
+from tests.oracles.opened import opened
+from tests.oracles.plant_arm import PlantArm
 from tests.oracles.shop_floor import Sizes, session
 
 COUNT_RAD = 2.0 * np.pi / 400_000

@@ -18,8 +18,8 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
-from oracles.opened import opened
-from oracles.plant_arm import PlantArm
+from tests.oracles.opened import opened
+from tests.oracles.plant_arm import PlantArm
 
 
 class WrongZero(PlantArm):

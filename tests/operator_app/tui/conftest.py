@@ -17,8 +17,8 @@ from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.driver import watched
-from oracles.live_source import FakeSource
-from oracles.still_runner import StillSource
+from tests.oracles.live_source import FakeSource
+from tests.oracles.still_runner import StillSource
 
 PATIENCE_S = 30.0
 

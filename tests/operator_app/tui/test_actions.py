@@ -10,7 +10,7 @@ from operator_app.session.ui.snapshot import Level
 from operator_app.session.ui.user_interface import Action, OnScreen
 from operator_app.tui.dialogs import Read
 from operator_app.tui.palette import ActionProvider, title
-from oracles.story import busy, real, story
+from tests.oracles.story import busy, real, story
 
 WHISTLE = Action(
     name="whistle",

@@ -9,7 +9,7 @@ import pytest
 
 from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot
-from oracles.story import story
+from tests.oracles.story import story
 
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\nz\u2028"
 OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")

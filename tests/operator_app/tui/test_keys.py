@@ -11,8 +11,8 @@ import pytest
 from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.tui.dialogs import Ask, Choose, Confirm
-from oracles.still_runner import entry
-from oracles.story import busy, real, stale, story
+from tests.oracles.still_runner import entry
+from tests.oracles.story import busy, real, stale, story
 
 ASKS = [
     # step, told, key, what the runner is asked

@@ -8,7 +8,7 @@ from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.tui.dialogs import Read
 from operator_app.tui.lines import Clicked
-from oracles.story import busy, story
+from tests.oracles.story import busy, story
 
 LONG = " ".join(f"word{k}" for k in range(90)) + ". Do what the last word says"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
@@ -13,22 +14,26 @@ from operator_app.session.store.steps import Step
 from operator_app.session.ui.action_handlers import apply_prompt
 from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.snapshot import TaskKind, Verified
-from oracles.story import astray, busy, lost, real, stale, stopped, story, tripped
+from tests.oracles.story import astray, busy, lost, real, stale, stopped, story, tripped
 
-PICTURES = {
-    **story(),
-    **{
-        f"{name}, {how.__name__}": how(picture)
-        for name, picture in story().items()
-        for how in (real, *((stopped, stale, lost, astray, tripped) if picture.arm else ()))
-    },
-    "moving": busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True),
-}
+
+@cache
+def pictures():
+    told = story()
+    return {
+        **told,
+        **{
+            f"{name}, {how.__name__}": how(picture)
+            for name, picture in told.items()
+            for how in (real, *((stopped, stale, lost, astray, tripped) if picture.arm else ()))
+        },
+        "moving": busy(told["capturing"], TaskKind.AUTOMATIC, moves=True),
+    }
 
 
 @pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
 def test_two_rows_of_80_columns_hold_it(step):
-    for name, picture in PICTURES.items():
+    for name, picture in pictures().items():
         hint = next_thing(step, picture).hint
         assert len(wrapped(f" Next {hint}", 79, indent=" " * 6)) <= 2, (name, hint)
 

@@ -17,8 +17,8 @@ from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.workflow.opening import Choices
 from operator_app.tui.app import SarcalApp
-from oracles.toy_arm import PROCEDURE, Toy, package, toy
 from tests.operator_app.tui.conftest import Driver, running
+from tests.oracles.toy_arm import PROCEDURE, Toy, package, toy
 
 
 @asynccontextmanager

@@ -19,7 +19,7 @@ from operator_app.tui.steps.fixture import ChecksPanel
 from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
 from operator_app.tui.widgets.joint_table import JointTable
-from oracles.story import busy, stale, story
+from tests.oracles.story import busy, stale, story
 
 
 def said(panel, picture, width: int, height: int) -> list[str]:

@@ -9,9 +9,12 @@ import pytest
 from hardware.arm import DriveState
 from operator_app.session.ui.snapshot import DataState, StopReport, TaskKind
 from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
-from oracles.story import busy, lost, real, stale, stopped, story, tripped
+from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped
 
-CAPTURING = story()["capturing"]
+
+@pytest.fixture(scope="module")
+def capturing():
+    return story()["capturing"]
 
 
 def said(panel, picture, width: int = 80) -> str:
@@ -19,52 +22,53 @@ def said(panel, picture, width: int = 80) -> str:
     return "".join(text for text, _ in row)
 
 
-def silent_and_tripped():
+def silent_and_tripped(capturing):
     """Joint 5 does not answer, and its drive tripped before."""
-    s = tripped(stale(CAPTURING))
+    s = tripped(stale(capturing))
     arm = replace(s.arm, heartbeat_age_s={**s.arm.heartbeat_age_s, 5: 0.9})
     return replace(s, arm=arm)
 
 
 @pytest.mark.parametrize(
-    "picture",
+    "how",
     [
-        pytest.param(stopped(CAPTURING), id="stopped"),
-        pytest.param(real(stopped(CAPTURING)), id="stopped for real"),
-        pytest.param(real(CAPTURING), id="real"),
-        pytest.param(lost(CAPTURING), id="lost"),
-        pytest.param(busy(CAPTURING, TaskKind.AUTOMATIC, moves=True), id="moving"),
-        pytest.param(silent_and_tripped(), id="silent and tripped"),
+        pytest.param(stopped, id="stopped"),
+        pytest.param(lambda s: real(stopped(s)), id="stopped for real"),
+        pytest.param(real, id="real"),
+        pytest.param(lost, id="lost"),
+        pytest.param(lambda s: busy(s, TaskKind.AUTOMATIC, moves=True), id="moving"),
+        pytest.param(silent_and_tripped, id="silent and tripped"),
     ],
 )
-def test_nothing_in_strip_and_banner_is_cut(picture):
+def test_nothing_in_strip_and_banner_is_cut(capturing, how):
+    picture = how(capturing)
     assert "…" not in said(SafetyStrip(), picture) + said(Banner(), picture)
 
 
-def test_where_little_room_is_left_the_strip_says_what_the_drives_do():
-    strip = said(SafetyStrip(), silent_and_tripped())
+def test_where_little_room_is_left_the_strip_says_what_the_drives_do(capturing):
+    strip = said(SafetyStrip(), silent_and_tripped(capturing))
     assert strip.endswith("│DRV ■ J4 FAULT")
     assert "HB ▲ N5 LATE" in strip
     assert "DATA ▲ J5 STALE" in strip
 
 
-def test_a_stop_that_was_not_sent_says_what_to_do_before_why():
+def test_a_stop_that_was_not_sent_says_what_to_do_before_why(capturing):
     why = "the interface has gone away and does not come back"
     report = StopReport(
         asked_s=0.0, sent_after_s=0.0, acknowledged_after_s=None, drives_stopped=0, problem=why
     )
     assert "could NOT be sent: use the hardware stop" in said(
-        Banner(), replace(CAPTURING, stop=report)
+        Banner(), replace(capturing, stop=report)
     )
 
 
-def test_an_arm_that_was_stopped_for_its_silence_is_not_said_to_be_stopped_by_hand():
-    joints = tuple(replace(j, drive=DriveState.QUICK_STOP_ACTIVE) for j in CAPTURING.arm.joints)
+def test_an_arm_that_was_stopped_for_its_silence_is_not_said_to_be_stopped_by_hand(capturing):
+    joints = tuple(replace(j, drive=DriveState.QUICK_STOP_ACTIVE) for j in capturing.arm.joints)
     silent = replace(
-        CAPTURING,
-        arm=replace(CAPTURING.arm, joints=joints, stopped=True),
+        capturing,
+        arm=replace(capturing.arm, joints=joints, stopped=True),
         data=DataState.LOST,
         stop=None,
     )
     assert "DATA LOST" in said(Banner(), silent)
-    assert "SOFTWARE STOP" in said(Banner(), replace(silent, stop=stopped(CAPTURING).stop))
+    assert "SOFTWARE STOP" in said(Banner(), replace(silent, stop=stopped(capturing).stop))

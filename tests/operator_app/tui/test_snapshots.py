@@ -8,8 +8,8 @@ from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR
-from oracles.still_runner import StillSource
-from oracles.story import astray, busy, lost, stale, stopped, story
+from tests.oracles.still_runner import StillSource
+from tests.oracles.story import astray, busy, lost, stale, stopped, story
 
 SIZES = [(120, 36), (80, 24)]
 SCREENS = {

@@ -7,7 +7,7 @@ from textual import events
 from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.tui.dialogs import Ask, Confirm, Read
-from oracles.story import busy, stopped, story
+from tests.oracles.story import busy, stopped, story
 
 
 async def test_stop_works_at_every_step(still):

@@ -10,7 +10,7 @@ from operator_app.session.ui.snapshot import TaskKind
 from operator_app.tui.dialogs import Read
 from operator_app.tui.help import help_text
 from operator_app.tui.palette import ActionProvider, title
-from oracles.story import story
+from tests.oracles.story import story
 
 
 def test_no_key_means_two_things_at_one_step():

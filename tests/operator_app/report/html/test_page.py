@@ -15,7 +15,7 @@ import pytest
 from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject
 from operator_app.session.store.journal import read_journal
-from oracles.reported_session import HOSTILE, subject_of
+from tests.oracles.reported_session import HOSTILE, subject_of
 
 DIMENSIONLESS = {"/ stated", "gain, reading per angle", "gain", "chi2"}
 

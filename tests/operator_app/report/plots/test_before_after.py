@@ -11,8 +11,8 @@ import sarcal
 
 from operator_app.report.plots.before_after import arm_pair, hand_pair
 from operator_app.report.subject import Subject
-from oracles.open_arm import measured_csv
-from oracles.reported_session import number
+from tests.oracles.open_arm import measured_csv
+from tests.oracles.reported_session import number
 
 
 def test_before_and_after_stand_side_by_side(page: object, subject: Subject) -> None:

@@ -22,9 +22,9 @@ from operator_app.session.store.replay import session_state
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.exploration import visit
 from operator_app.session.workflow.session import Session
-from oracles.journalled_sessions import Quiet
-from oracles.opened import opened
-from oracles.plant_arm import PlantArm
+from tests.oracles.journalled_sessions import Quiet
+from tests.oracles.opened import opened
+from tests.oracles.plant_arm import PlantArm
 
 
 def late(times: int, last_s: float, longest_s: float) -> Lateness:

@@ -20,7 +20,7 @@ from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, resume
-from oracles.journals import events, mutated_journal, written
+from tests.oracles.journals import events, mutated_journal, written
 
 Q = [0.1] * 7
 

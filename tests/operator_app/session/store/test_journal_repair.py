@@ -14,7 +14,7 @@ from operator_app.errors import JournalDamagedError, JournalError
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
 from operator_app.session.store.journal_repair import examined, repair
-from oracles.journals import events, written
+from tests.oracles.journals import events, written
 
 SOUND = written(events())
 SHORT = written([(name, data) for name, data in events() if name != "opened"])

@@ -18,8 +18,8 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from operator_app.errors import Cancelled, SessionError
 from operator_app.session.store.solver_process import NICENESS, SolvingProcess
-from oracles import solving_jobs as jobs
 from solver.errors import SolverError, UnidentifiableError
+from tests.oracles import solving_jobs as jobs
 
 PATIENCE_S = 60.0
 
@@ -127,7 +127,7 @@ def test_whoever_solves_runs_behind_everybody_else() -> None:
 PARENT = """
 import sys
 from operator_app.session.store.solver_process import NICENESS, SolvingProcess
-from oracles import solving_jobs as jobs
+from tests.oracles import solving_jobs as jobs
 from solver.errors import SolverError, UnidentifiableError
 with SolvingProcess() as process:
     process(jobs.never, sys.argv[1], progress=lambda *_: print("solving", flush=True))

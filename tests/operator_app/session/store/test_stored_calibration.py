@@ -18,8 +18,8 @@ from operator_app.session.store.stored_calibration import calibrated, checked, r
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from oracles.opened import MakeSession
-from oracles.short_procedure import short_procedure
+from tests.oracles.opened import MakeSession
+from tests.oracles.short_procedure import short_procedure
 
 
 def solved_session(make_session: MakeSession, procedure: Procedure) -> Session:

@@ -12,7 +12,7 @@ from operator_app.session.store.steps import Step
 from operator_app.session.ui import guards
 from operator_app.session.ui.message_log import ARM_AGAIN, told
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
-from oracles.story import busy, lost, real, stale, stopped, story, tripped
+from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped
 
 TOLD = (
     "start", "connected", "ticked", "modes", "capturing", "captured", "solved", "written", "uploaded",

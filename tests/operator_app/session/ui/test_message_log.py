@@ -24,7 +24,7 @@ from operator_app.session.ui.message_log import (
     until,
 )
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
-from oracles.story import story
+from tests.oracles.story import story
 
 
 def say(s: SessionSnapshot, level: Level, text: str, *until: TaskKind) -> SessionSnapshot:

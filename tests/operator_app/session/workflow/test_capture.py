@@ -22,11 +22,11 @@ from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.session.workflow.waypoints import waypoints_of
-from oracles.journalled_sessions import Quiet
-from oracles.opened import MakeSession
-from oracles.short_procedure import short_procedure
 from solver.errors import TooFewPosesError
 from solver.loops.dh import DhLoop
+from tests.oracles.journalled_sessions import Quiet
+from tests.oracles.opened import MakeSession
+from tests.oracles.short_procedure import short_procedure
 
 
 class Counting(Listener):

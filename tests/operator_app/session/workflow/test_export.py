@@ -16,8 +16,8 @@ from operator_app.report.results.session import session_text
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.export import export
 from operator_app.session.workflow.listener import Listener
-from oracles.opened import MakeSession
-from oracles.short_procedure import short_procedure
+from tests.oracles.opened import MakeSession
+from tests.oracles.short_procedure import short_procedure
 
 
 @pytest.mark.parametrize("silent", ["upload_parameters", "active_parameters"])

@@ -19,7 +19,7 @@ from operator_app.errors import SessionError
 from operator_app.session.store.folders import read_session
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
-from oracles.plant_arm import PlantArm
+from tests.oracles.plant_arm import PlantArm
 
 CHANNEL = f"test-opening-{os.getpid()}"
 

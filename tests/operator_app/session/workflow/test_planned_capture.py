@@ -21,9 +21,9 @@ from operator_app.session.workflow.drive_selection import choose
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
-from oracles.opened import MakeSession, opened
-from oracles.plant_arm import PlantArm
-from oracles.short_procedure import short_procedure
+from tests.oracles.opened import MakeSession, opened
+from tests.oracles.plant_arm import PlantArm
+from tests.oracles.short_procedure import short_procedure
 
 CANDIDATES = 300
 """A tenth of what the product uses: these tests are about the session, not about the best poses."""

@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
     a_path,
@@ -21,6 +22,9 @@ from operator_app.commands.options import (
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
+
+if TYPE_CHECKING:
+    from operator_app.report.exports import Calibration
 
 FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 
@@ -44,6 +48,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "arm.urdf or result.mat; - is stdout)",
     )
     parser.add_argument(
+        "--into",
+        type=a_path,
+        metavar="FILE",
+        help="your own URDF, xacro with literal numbers or UR default_kinematics.yaml: written anew with only "
+        "origins of joints changed (default -o: FILE_calibrated in the session folder)",
+    )
+    parser.add_argument(
         "--upload", action="store_true", help="upload them to the controller and read them back"
     )
     force_option(parser)
@@ -60,7 +71,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.composition import carried_procedure, unattended
     from operator_app.config.atomic import write_atomically
     from operator_app.config.parameters_file import format_parameters
-    from operator_app.report.exports import FILES, Calibration, in_format
+    from operator_app.report.exports import Calibration
     from operator_app.session.store.folders import PARAMETERS_NAME, read_session
     from operator_app.session.store.journal import utc_now
     from operator_app.session.store.parameters import document_of
@@ -97,7 +108,6 @@ def execute(args: argparse.Namespace) -> int:
             return ExitCode.NOT_ACCEPTED
     receipt, name = None, PARAMETERS_NAME
     if kind != "yaml":
-        name = FILES[kind]
         what = Calibration(
             solution=solution,
             checks=found.checks,
@@ -106,7 +116,7 @@ def execute(args: argparse.Namespace) -> int:
             poses=state.pose_set(),
             forced=forced,
         )
-        data = in_format(what, kind)
+        name, data = _converted(args, what, kind)
     elif args.upload:
         # In the session: what its arm is given, and why, is in its journal.
         with unattended(opening, record_to=recording(args, opening)) as session:
@@ -145,9 +155,29 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
 
 
+def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[str, bytes]:
+    """Name in the session's folder and content of a file for another tool."""
+    from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
+    from operator_app.report.exports import FILES, in_format, into_description
+
+    if args.into is None:
+        return FILES[kind], in_format(what, kind)
+    data = read_limited(expanded(args.into), str(args.into), limit=DESCRIPTION_LIMIT_BYTES)
+    name = f"{args.into.stem}_calibrated{args.into.suffix}"
+    return name, into_description(what, data, args.into.name)
+
+
 def _format(args: argparse.Namespace) -> str:
     """Return the format asked for: by name, or by what the file's name ends in."""
     asked: str | None = args.format
+    if args.into is not None:
+        if asked not in (None, "urdf"):
+            raise UsageError(
+                f"--into {args.into}: a description takes the format urdf, not {asked}"
+            )
+        if args.output is not None and args.output.absolute() == args.into.absolute():
+            raise UsageError(f"-o {args.output}: it is the file of --into; name another")
+        return "urdf"
     ending = args.output.suffix.removeprefix(".").lower() if args.output else ""
     named = "yaml" if ending == "yml" else ending
     if named not in FORMATS:

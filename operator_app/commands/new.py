@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from operator_app.config.json_schemas import FileKind
     from solver.arrays import FloatArray
 
-LARGEST = 16 * 1024 * 1024
-
 COMMENT = """\
 {line}
 Made from {urdf} by `sarcal new arm`. Geometry, ranges, speeds and torques are that file's.
@@ -140,7 +138,7 @@ def _arm(args: argparse.Namespace) -> int:
     from operator_app.config.degrees import short_degrees
     from operator_app.config.editor import schema_line
     from operator_app.config.new_files import copied
-    from operator_app.config.resources import expanded, read_limited
+    from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
     from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
     from operator_app.config.yaml_writer import dump_strict
     from operator_app.planning.homes import bent_home
@@ -152,7 +150,7 @@ def _arm(args: argparse.Namespace) -> int:
         target = _save(args, "arm", name, copied("arm", args.packaged, name=name), parse_arm)
         say(f"Arm         {target}: a copy of {args.packaged}; change its numbers")
         return ExitCode.ACCEPTED
-    data = read_limited(expanded(args.urdf), args.urdf, limit=LARGEST)
+    data = read_limited(expanded(args.urdf), args.urdf, limit=DESCRIPTION_LIMIT_BYTES)
     chain = parse_urdf(data, args.urdf, base=args.base, tip=args.tip)
     name = _named(args.name or chain.name)
     body = dict(arm_file_of(chain, name=name))

@@ -21,6 +21,8 @@ Kind = Literal["arm", "fixture", "procedure", "profile"]
 
 WORDS = {kind: kind for kind in ("arm", "fixture", "procedure")} | {"profile": "bus profile"}
 
+DESCRIPTION_LIMIT_BYTES = 16 * 1024 * 1024
+"""Of a URDF."""
 YAML_LIMIT_BYTES = 256 * 1024
 """Far above any file of ours (the largest is some 10 kB); a larger one is the wrong file."""
 

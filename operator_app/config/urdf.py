@@ -12,26 +12,40 @@ from collections.abc import Iterable
 
 from operator_app.config.rpy import origin_words
 from operator_app.config.urdf_rows import link_transform
+from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 
-BASE, FLANGE = "base_link", "flange"
+BASE, FLANGE, TIP = "base_link", "flange", "tip"
 
 
-def format_urdf(arm: ArmModel, table: DhTable, *, comment: Iterable[str] = ()) -> bytes:
+def format_urdf(
+    arm: ArmModel,
+    table: DhTable,
+    *,
+    T_tip: FloatArray | None = None,
+    comment: Iterable[str] = (),
+) -> bytes:
     """Write links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
+
+    Joints have the arm's names for them where those are names in a URDF: without spaces, each its own.
 
     Parameters
     ----------
+    T_tip
+        Place of the link 'tip' on the last one at a reading of zero, (4, 4), m; None: there is none.
     comment
         Lines for whoever opens the file.
     """
+    names = [joint.name for joint in arm.joints]
+    if len({re.sub(r"\s", "", name) for name in names} & set(names)) != len(names):
+        names = [f"joint_{j}" for j in range(1, len(names) + 1)]
     robot = ET.Element("robot", name=_xml_text(arm.name))
     ET.SubElement(robot, "link", name=BASE)
     origin = {"xyz": "0 0 0", "rpy": "0 0 0"}
     parent = BASE
     for j, (joint, row) in enumerate(zip(arm.joints, table.stacked().T.tolist(), strict=True), 1):
-        element = ET.SubElement(robot, "joint", name=f"joint_{j}", type="revolute")
+        element = ET.SubElement(robot, "joint", name=_xml_text(names[j - 1]), type="revolute")
         ET.SubElement(element, "origin", origin)
         ET.SubElement(element, "parent", link=parent)
         ET.SubElement(element, "child", link=f"link_{j}")
@@ -46,11 +60,13 @@ def format_urdf(arm: ArmModel, table: DhTable, *, comment: Iterable[str] = ()) -
         ET.SubElement(robot, "link", name=f"link_{j}")
         parent = f"link_{j}"
         origin = origin_words(link_transform(row))
-    element = ET.SubElement(robot, "joint", name="flange_fixed", type="fixed")
-    ET.SubElement(element, "origin", origin)
-    ET.SubElement(element, "parent", link=parent)
-    ET.SubElement(element, "child", link=FLANGE)
-    ET.SubElement(robot, "link", name=FLANGE)
+    ends = {FLANGE: origin} | ({} if T_tip is None else {TIP: origin_words(T_tip)})
+    for link, place in ends.items():
+        element = ET.SubElement(robot, "joint", name=f"{link}_fixed", type="fixed")
+        ET.SubElement(element, "origin", place)
+        ET.SubElement(element, "parent", link=parent)
+        ET.SubElement(element, "child", link=link)
+        ET.SubElement(robot, "link", name=link)
     ET.indent(robot)
     text = ET.tostring(robot, encoding="unicode")
     return b'<?xml version="1.0" encoding="utf-8"?>\n' + xml_comment(comment) + f"{text}\n".encode()

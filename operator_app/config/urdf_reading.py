@@ -22,6 +22,8 @@ NO_LIMIT_RAD = math.pi
 """Either way, of a joint that goes round and round."""
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 """What joints of a tool, and not of the arm, are called."""
+FLANGES = ("tool0", "flange")
+"""Ends that are taken where others have the same turning joints (REP 199)."""
 ENDS_SHOWN = 12
 TOLD_RAD, SEEN_RAD = 1e-8, 1e-10
 """A rounded angle is reported where it differs from what it stands for by more than the first, and counts for
@@ -236,8 +238,9 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
             ends[end] = count
     inner = {_links(e)[0] for end in ends for e in _way_to(end, elements, file)}
     ends = {end: count for end, count in ends.items() if end not in inner}
-    if len(ends) == 1:
-        return next(iter(ends))
+    usual = [end for end in FLANGES if end in ends and len(set(ends.values())) == 1]
+    if len(ends) == 1 or usual:
+        return (usual or list(ends))[0]
     if not ends:
         raise only(file, None, None, "no joint turns on the way to that link", "name another --tip")
     most = sorted(ends, key=lambda end: -ends[end])

@@ -20,6 +20,8 @@ from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.config.csv_table import write_records
 from operator_app.config.urdf import format_urdf
+from operator_app.config.urdf_editing import with_calibration
+from operator_app.config.urdf_rows import link_transform
 from operator_app.report.facts import facts_of
 from operator_app.units.figure import quantity_of
 from solver.chain.arm_model import ArmModel
@@ -116,8 +118,44 @@ def _csv(found: Calibration) -> bytes:
     return write_records([(*CSV_HEADER, "forced"), *((*row, why) for row in rows)])
 
 
+def into_description(found: Calibration, data: bytes, file: str) -> bytes:
+    """Return the user's own URDF, xacro or UR kinematics file with the calibrated arm in its origins.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read, or is of another arm.
+    """
+    estimate, own = found.solution.identified, set(found.by_itself.identified)
+    figures = [
+        f"{p.name}: {quantity_of(p).per_si * value:.6f}, sigma {quantity_of(p).per_si * sigma:.6f} "
+        f"{quantity_of(p).unit}"
+        for p, value, sigma in zip(
+            estimate.parameters,
+            estimate.x.tolist(),
+            estimate.standard_deviation.tolist(),
+            strict=True,
+        )
+        if p.name in own
+    ]
+    told = ["Nothing but origins of joints is changed.", *_provenance(found), *figures]
+    return with_calibration(data, file, found.arm, found.by_itself.flange, told)
+
+
 def _urdf(found: Calibration) -> bytes:
     arm, n = found.by_itself, found.arm.joint_count
+    said = [
+        *_provenance(found),
+        f"The link 'flange' is frame {n} of the D-H table, 'tip' the fixture's point. No masses, no shapes.",
+    ]
+    T_tip = link_transform(arm.hand.stacked()[:, -1].tolist())
+    T_tip[:3, 3] += T_tip[:3, :3] @ arm.tip_m
+    return format_urdf(found.arm, arm.flange, T_tip=T_tip, comment=said)
+
+
+def _provenance(found: Calibration) -> list[str]:
+    """Say of which arm and poses it is, what was calibrated, and why it is used where it was not accepted."""
+    arm = found.by_itself
     model = found.solution.model.parts()[0][0]
     mounting = [
         name
@@ -131,11 +169,10 @@ def _urdf(found: Calibration) -> bytes:
         f"Calibrated: {', '.join(arm.identified) or 'nothing of the arm itself'}.",
         "As in the arm file, for they belong to the mounting and not to the arm:",
         f"{', '.join(mounting)}.",
-        f"The link 'flange' is frame {n} of the D-H table. No masses, no shapes.",
     ]
     if not found.solution.accepted:
         said += [f"NOT ACCEPTED: {'; '.join(found.solution.reasons)}.", f"Used: {found.forced}"]
-    return format_urdf(found.arm, arm.flange, comment=said)
+    return said
 
 
 def _mat(found: Calibration) -> bytes:

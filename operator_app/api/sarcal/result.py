@@ -21,7 +21,7 @@ from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
-from operator_app.report.exports import FILES, Calibration, in_format
+from operator_app.report.exports import FILES, Calibration, in_format, into_description
 from operator_app.report.facts import Facts, facts_of
 from operator_app.report.html.markup import element, join
 from operator_app.report.html.page import report_html
@@ -255,7 +255,13 @@ class Result:
         write_atomically(where / REPORT_NAME, report_html(subject))
         return where
 
-    def export(self, path: str | PathLike[str], *, force: str = "") -> Path:
+    def export(
+        self,
+        path: str | PathLike[str],
+        *,
+        force: str = "",
+        into: str | PathLike[str] | None = None,
+    ) -> Path:
         """Write one file for another tool, as ``sarcal export --format`` does.
 
         Parameters
@@ -266,11 +272,16 @@ class Result:
         force
             Why a calibration that is not accepted is to be used all the same: it is kept in the file. Has no
             effect on one that is accepted.
+        into
+            Your own URDF, xacro with literal numbers or UR ``default_kinematics.yaml``: what is written is
+            that file with only origins of joints changed, whatever the ending.
 
         Raises
         ------
         ValueError
             It has another ending.
+        ConfigError
+            The file of `into` cannot be read, or is of another arm.
         SessionError
             It is not accepted, and `force` says no reason; or a parameters file of a calibration that has
             no D-H table of the whole loop (a ball).
@@ -279,10 +290,10 @@ class Result:
             raise TypeError(f'force={force!r}: say why, as force="why"')
         target = Path(path)
         kind = target.suffix.removeprefix(".")
-        if kind not in (*YAML, *FILES):
+        if into is None and kind not in (*YAML, *FILES):
             raise ValueError(f"{target.name}: end in .yaml, .{', .'.join(FILES)}")
         forced = why_used(self._solution, force, say_it_by='force="why"')
-        if kind in YAML:
+        if into is None and kind in YAML:
             save_parameters(target, self._document(forced=forced))
             return target
         what = Calibration(
@@ -293,7 +304,11 @@ class Result:
             poses=self.poses._set,
             forced=forced,
         )
-        write_atomically(target, in_format(what, kind))
+        if into is None:
+            data = in_format(what, kind)
+        else:
+            data = into_description(what, Path(into).read_bytes(), Path(into).name)
+        write_atomically(target, data)
         return target
 
     def __repr__(self) -> str:

@@ -63,6 +63,31 @@ def test_pinocchio_puts_the_flange_where_we_do(
     np.testing.assert_allclose(model.upperPositionLimit, arm.upper_rad, rtol=0, atol=1e-12)
 
 
+def test_pinocchio_puts_the_tip_where_fk_has_it(ball: sarcal.Result, tmp_path: Path) -> None:
+    urdf = ball.export(tmp_path / "arm.urdf").read_bytes()
+    q = ball.poses.q_rad[:50]
+    np.testing.assert_allclose(pinocchio_hands(urdf, q, "tip"), ball.fk(q), rtol=0, atol=1e-9)
+
+
+def test_into_ones_own_urdf(hinge: sarcal.Result, tmp_path: Path) -> None:
+    arm = load_arm("sarcos_dextrous")
+    own, sessions = tmp_path / "own.urdf", ["--sessions", str(tmp_path / "sessions")]
+    own.write_bytes(format_urdf(arm, arm.table))
+    assert main(["import", str(HINGE), *sessions]) == 0
+    (folder,) = (tmp_path / "sessions").iterdir()
+    assert main(["export", str(folder), "--format", "urdf", "--into", str(own)]) == 0
+    written = (folder / "own_calibrated.urdf").read_bytes()
+    q = hinge.poses.q_rad
+    wanted = hinge.fk(q, frame="flange")
+    np.testing.assert_allclose(pinocchio_hands(written, q), wanted, rtol=0, atol=1e-9)
+    assert b"theta_off_3: " in written
+    program = hinge.export(tmp_path / "program.urdf", into=own).read_bytes()
+    np.testing.assert_allclose(pinocchio_hands(program, q), wanted, rtol=0, atol=1e-9)
+    assert main(["export", str(folder), "--format", "csv", "--into", str(own)]) == 2
+    assert main(["export", str(folder), "--into", str(own), "-o", str(own)]) == 2
+    assert main(["export", str(folder), "--into", str(PANDA / "panda_1.csv")]) == 2
+
+
 def test_a_urdf_holds_what_outlives_the_mounting_and_nothing_else(
     hinge: sarcal.Result, tmp_path: Path
 ) -> None:
@@ -151,7 +176,8 @@ def test_any_serial_chain_reads_as_the_same_arm(seed: int) -> None:
         (('xyz="0.1 -0.2 0.4"', 'xyz="0.1 -0.2"'), "joint 'stand': xyz is '0.1 -0.2'"),
         (("<robot", "<!DOCTYPE x [<!ENTITY a 'b'>]><robot"), "declares entities"),
         (('<link name="world"/>', ('<joint name="s" type="fixed"><parent link="l7"/>'
-          '<child link="camera"/></joint>')), r"has 2 ends; say which with --tip: camera \(7 turning joints\), tool0"),
+          '<child link="tool1"/></joint><joint name="u" type="fixed"><parent link="l6"/>'
+          '<child link="eye"/></joint>')), r"has 3 ends; say which with --tip: tool1 \(7 turning joints\), tool0"),
     ],
 )  # fmt: skip
 def test_what_is_no_arm_is_refused_with_a_reason(change: tuple[str, str], said: str) -> None:
@@ -253,6 +279,11 @@ def test_what_was_not_accepted_says_so_in_the_file(tmp_path: Path) -> None:
     assert main(["export", str(folder), "--format", "urdf", "--force", "a test"]) == 4
     assert "NOT ACCEPTED" in (folder / "arm.urdf").read_text()
     assert "Used: a test" in (folder / "arm.urdf").read_text()
+    into = ["export", str(folder), "--into", str(folder / "arm.urdf")]
+    assert main(into) == 4
+    assert not (folder / "arm_calibrated.urdf").exists()
+    assert main([*into, "--force", "another test"]) == 4
+    assert "Used: another test" in (folder / "arm_calibrated.urdf").read_text()
 
 
 def test_a_program_too_has_to_say_why_it_uses_what_was_not_accepted(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def basis(model, q, masses=MASSES, *, give=GIVE, **columns) -> LoadBasis:
 
 
 def arm_torque(model: DhLoop, q: np.ndarray, masses: LinkMasses) -> np.ndarray:
-    offsets, s, a, alpha = model.arm_rows()
+    offsets, s, a, alpha, _ = model.arm_rows()
     return gravity_torque(forward(q + offsets, s, a, alpha), masses)
 
 
@@ -160,7 +160,7 @@ def test_other_masses_within_their_tolerance_twist_joints_along_the_columns(mode
             mass_kg=MASSES.mass_kg + MASSES.mass_sd_kg * rng.normal(size=7),
             centre_m=MASSES.centre_m + 0.015 * rng.normal(size=(7, 3)),
         )
-        offsets, s, a, alpha = model.arm_rows()
+        offsets, s, a, alpha, _ = model.arm_rows()
         oracle = PinocchioGravity(other.mass_kg, other.centre_m, 9.81 * other.down)
         torque = np.array([oracle.holding_torque(p + offsets, s, a, alpha) for p in q])
         for j in range(7):
@@ -172,7 +172,7 @@ def test_other_masses_within_their_tolerance_twist_joints_along_the_columns(mode
 def test_links_are_expected_to_sag_downwards_as_half_normal_compliances_do(model, q):
     """Where they twist is where the links would fall, against the torque that holds them."""
     found = basis(model, q)
-    offsets, s, a, alpha = model.arm_rows()
+    offsets, s, a, alpha, _ = model.arm_rows()
     oracle = PinocchioGravity(MASSES.mass_kg, MASSES.centre_m, 9.81 * MASSES.down)
     falling = -np.array([oracle.holding_torque(p + offsets, s, a, alpha) for p in q])
     rng = np.random.default_rng(5)

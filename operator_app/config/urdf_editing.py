@@ -1,0 +1,230 @@
+"""A calibration written into somebody's own URDF, or UR's kinematics file: only origins of joints change."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from xml.parsers import expat
+
+import numpy as np
+
+from operator_app.config.rpy import origin_words, rpy_of
+from operator_app.config.text import decode_text, only
+from operator_app.config.urdf import xml_comment
+from operator_app.config.urdf_reading import UrdfChain, UrdfTree, parse_urdf
+from operator_app.config.urdf_rows import link_transform
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry, DhKind, wrap_angle
+
+SAME = 1e-11
+"""Origins nearer to each other than this (m, or entries of a rotation) are one."""
+OTHER_ARM_M, OTHER_ARM_RAD = 0.05, math.radians(10.0)
+"""A file whose rows differ more than this from the arm's is of another arm."""
+
+UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+"""Blocks of UR's kinematics file: where each link's joint is on the link before; joints turn about z."""
+
+
+def with_calibration(
+    data: bytes, file: str, arm: ArmModel, table: DhTable, comment: Sequence[str]
+) -> bytes:
+    """The same file with the geometry of `table` in the origins of its joints, and a comment.
+
+    Parameters
+    ----------
+    data, file
+        A URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``; and its name.
+    arm
+        Whose calibration it is, as its file states it.
+    comment
+        Lines for whoever opens the file.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, or is of another arm; says where they differ.
+    """
+    if file.lower().endswith((".yaml", ".yml")):
+        chain = _matching([_ur_chain(data, file)], arm, file)
+        return _into_yaml(data, calibrated_origins(chain, table), comment)
+    chain = _matching(_chains(data, file, arm), arm, file)
+    return _into_xml(data, calibrated_origins(chain, table), comment)
+
+
+def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
+    """Origins (4, 4) by joint of those that have to change for the chain to be that of `table`.
+
+    Of joint j, ``C_j`` leads from frame j-1, seen with all joints at zero, to the file's own frame. With the
+    change d_j of its offset its link is at ``Rz(q_j + d_j) C_j``, so that shapes turn with their joints.
+    """
+    rows, stated = table.stacked().T, chain.table.stacked().T
+    turned = [_about_z(d) for d in wrap_angle(rows[:, 0] - stated[:, 0])]
+    rows[:, 0] = stated[:, 0]
+    place: FloatArray = chain.frames[0]
+    before: FloatArray = np.eye(4)
+    T: FloatArray = np.eye(4)
+    fixed: FloatArray = np.eye(4)
+    found, j = dict[str, FloatArray](), 0
+    for step in chain.steps:
+        T = T @ step.T
+        wanted: FloatArray = step.T
+        if step.axis is None:
+            fixed = fixed @ step.T
+        else:
+            own = _inverse(chain.frames[j]) @ T
+            wanted = _inverse(fixed) @ before @ place @ turned[j] @ own
+            before, place, fixed = _inverse(own), link_transform(rows[j]), np.eye(4)
+            j += 1
+        if step.rounded or np.abs(wanted - step.T).max() > SAME:
+            found[step.name] = wanted
+    after: FloatArray = before @ place @ chain.T_flange_tip
+    if np.abs(after - fixed).max() > SAME and chain.steps[-1].axis is None:
+        last = next(s for s in reversed(chain.steps[:-1]) if s.axis is not None)
+        first = chain.steps[chain.steps.index(last) + 1]
+        found[first.name] = after @ _inverse(fixed) @ first.T
+    return found
+
+
+def _inverse(T: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(T), dtype=np.float64)
+
+
+def _about_z(angle: float) -> FloatArray:
+    return link_transform((angle, 0.0, 0.0, 0.0, 0.0))
+
+
+def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
+    """Chains of the arm's joints, by their names, between all links fixed to their ends."""
+    tree = UrdfTree.read(data, file)
+    ends = list(tree.around(arm.joints[0].name, arm.joints[-1].name)) or [("", "")]
+    yield from (tree.chain(base, tip) for base, tip in ends)
+
+
+def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChain:
+    """The chain whose rows are nearest to the arm's; ConfigError where that is another arm's."""
+    n, found = arm.joint_count, list[tuple[float, str, UrdfChain]]()
+    for chain in chains:
+        if len(chain.joints) != n:
+            text = f"has {len(chain.joints)} turning joints from {chain.base} to {chain.tip}"
+            raise only(file, None, None, text, f"{arm.name} has {n}: is this its URDF?")
+        off = chain.table.stacked() - arm.table.stacked()
+        angles = [kind for kind in DhKind if kind.is_angle]
+        off[angles] = wrap_angle(off[angles]) / OTHER_ARM_RAD
+        off[[DhKind.S, DhKind.A]] /= OTHER_ARM_M
+        kind, row = np.unravel_index(np.argmax(np.abs(off)), off.shape)
+        entry = DhEntry(DhKind(int(kind)), int(row) + 1)
+        found.append((float(np.abs(off).max()), entry.name, chain))
+    size, entry_name, nearest = min(found, key=lambda item: item[0])
+    if size > 1.0:
+        text = f"its {entry_name} is {size:.0f} times further from {arm.name}'s than an arm of that model can be"
+        raise only(file, None, None, text, "is this the file that the arm's was made of?")
+    return nearest
+
+
+# ---- the text ----------------------------------------------------------------------------------
+
+_TAG = re.compile(rb"""<[^\s>/]+(?:[^>"']|"[^"]*"|'[^']*')*>""")
+
+
+def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[str]) -> bytes:
+    """Bytes of an XML file with these origins in its joints of the robot, and the comment before it."""
+    cuts, way, joint = list[tuple[int, int, bytes]](), list[str](), ""
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal joint
+        at = parser.CurrentByteIndex
+        match = _TAG.match(data, at)
+        if match is None:
+            raise ValueError(f"no tag stands at byte {at}")
+        if not way:
+            cuts.append((at, at, xml_comment(comment)))
+        if tag == "joint" and "type" in attributes and attributes.get("name") in origins:
+            joint = attributes["name"]
+            cuts.append((match.end(), match.end(), _origin_tag(origins[joint])))
+        elif tag == "origin" and joint and way[-1] == "joint":
+            # In place of the new one that was to be put in.
+            cuts[-1] = (at, match.end(), _changed_tag(match[0], origins[joint]))
+        way.append(tag)
+
+    def end(tag: str) -> None:
+        nonlocal joint
+        way.pop()
+        joint = "" if tag == "joint" else joint
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.Parse(data, True)
+    return _replaced(data, cuts)
+
+
+def _origin_tag(T: FloatArray) -> bytes:
+    words = origin_words(T)
+    return f'<origin xyz="{words["xyz"]}" rpy="{words["rpy"]}"/>'.encode()
+
+
+def _changed_tag(tag: bytes, T: FloatArray) -> bytes:
+    for key, value in origin_words(T).items():
+        word = f'{key}="{value}"'.encode()
+        tag, count = re.subn(rb"\b" + key.encode() + rb"""\s*=\s*("[^"]*"|'[^']*')""", word, tag)
+        if not count:
+            tag = re.sub(rb"\s*/?>$", lambda m, w=word: b" " + w + m[0], tag)  # type: ignore[misc]
+    return tag
+
+
+def _replaced(data: bytes, cuts: Sequence[tuple[int, int, bytes]]) -> bytes:
+    parts, at = list[bytes](), 0
+    for start, stop, new in sorted(cuts, key=lambda cut: cut[0]):
+        parts += [data[at:start], new]
+        at = stop
+    return b"".join([*parts, data[at:]])
+
+
+# ---- UR's kinematics file ----------------------------------------------------------------------
+
+
+def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[str], int]]:
+    """Link, key, the value's match in its line, and the line's place in the text."""
+    link, at = "", 0
+    for line in decode_text(data, file).splitlines(keepends=True):
+        if (head := re.match(r"\s+(\w+):\s*(#.*)?$", line.rstrip())) is not None:
+            link = head[1]
+        value = re.match(r"\s+(x|y|z|roll|pitch|yaw):\s*(\S+)", line)
+        if value is not None and link in UR_LINKS:
+            yield link, value[1], value, at
+        at += len(line)
+
+
+def _ur_chain(data: bytes, file: str) -> UrdfChain:
+    """The six joints of UR's kinematics file; the tip is the last link, wrist_3."""
+    found: dict[str, dict[str, str]] = {}
+    for link, key, value, _ in _ur_lines(data, file):
+        found.setdefault(link, {})[key] = value[2]
+    origins = [
+        "".join(
+            f' {word}="{" ".join(found.get(link, {}).get(key, "?") for key in keys)}"'
+            for word, keys in (("xyz", ("x", "y", "z")), ("rpy", ("roll", "pitch", "yaw")))
+        )
+        for link in UR_LINKS
+    ]
+    parents = ("base", *UR_LINKS)
+    joints = "".join(
+        f'<joint name="{link}" type="continuous"><origin{origin}/><parent link="{parent}"/>'
+        f'<child link="{link}"/><axis xyz="0 0 1"/></joint>'
+        for link, parent, origin in zip(UR_LINKS, parents, origins, strict=False)
+    )
+    return parse_urdf(f'<robot name="ur">{joints}</robot>'.encode(), file)
+
+
+def _into_yaml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[str]) -> bytes:
+    head = "".join(f"# {line}\n" for line in comment)
+    cuts = [(0, 0, head.encode())]
+    for link, key, value, at in _ur_lines(data, ""):
+        if link in origins:
+            T = origins[link]
+            keys = ("x", "y", "z", "roll", "pitch", "yaw")
+            new = float((*T[:3, 3], *rpy_of(T[:3, :3]))[keys.index(key)])
+            cuts.append((at + value.start(2), at + value.end(2), repr(new).encode()))
+    return _replaced(data, cuts)

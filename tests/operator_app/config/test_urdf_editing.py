@@ -1,0 +1,274 @@
+"""A calibration put into somebody's own file: what changes, what does not, and where pinocchio has the tip."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from operator_app.config.arm_file import parse_arm
+from operator_app.config.errors import ConfigError
+from operator_app.config.urdf_editing import with_calibration
+from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
+from operator_app.config.yaml_writer import dump_strict
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable, forward
+from solver.chain.rotations import rotation_vector
+
+URDF = """<?xml version='1.0'?>\r
+<!-- maker's comment <origin xyz="9 9 9"/> -->\r
+<robot name="six" xmlns:xacro="http://ros.org/wiki/xacro">\r
+  <link name="world"/><link name="l0"><inertial><origin xyz="1 2 3"/><mass value="4"/>
+    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="stand" type="fixed"><parent link="world"/><child link="l0"/>
+    <origin xyz="0.1 -0.2 0.4" rpy="0.1 0.2 0.3"/></joint>
+  <joint name="pan" type="revolute"><parent link="l0"/><child link="l1"/>
+    <origin  rpy='0 0 0.5'  xyz='0 0 0.0892'/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" effort="9" velocity="2"/></joint>
+  <link name="l1"><visual><origin xyz="0 0 0.1" rpy="0 0 0"/><geometry><box size="1 1 1"/></geometry></visual></link>
+  <joint name="lift" type="revolute"><parent link="l1"/><child link="l2"/>
+    <origin xyz="0 0.1358 0" rpy="0 1.5708 0"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="9" velocity="2"/></joint>
+  <link name="l2"/>
+  <joint name="spacer" type="fixed"><parent link="l2"/><child link="l2b"/><origin xyz="0 -0.1 0.2"/></joint>
+  <link name="l2b"/>
+  <joint name="elbow" type="revolute"><origin xyz="0 -0.0197 0.225"/><parent link="l2b"/><child link="l3"/>
+    <axis xyz="0 -1 0"/><limit lower="-3" upper="3" effort="9" velocity="2"/></joint>
+  <link name="l3"/>
+  <joint name="w1" type="revolute"><parent link="l3"/><child link="l4"/>
+    <origin xyz="0 0 0.39225" rpy="0 1.5707963267948966 0"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="9" velocity="2"/></joint>
+  <link name="l4"/>
+  <joint name="w2" type="revolute"><parent link="l4"/><child link="l5"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" effort="9" velocity="2"/></joint>
+  <link name="l5"/>
+  <joint name="w3" type="continuous"><parent link="l5"/><child link="l6"/>
+    <origin xyz="0 0.1 0.09465"/><axis xyz="0 0.6 0.8"/></joint>
+  <link name="l6"/>
+  <joint name="end" type="fixed"><parent link="l6"/><child link="tool"/>
+    <origin xyz="0.02 0.0823 0" rpy="0.2 0 1"/></joint>
+  <link name="tool"/>
+  <joint name="finger" type="prismatic"><parent link="tool"/><child link="f"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+  <link name="f"/>
+  <transmission name="t"><joint name="elbow"/></transmission>
+</robot>\r
+"""
+POSES = 1000
+
+
+def arm_of(data: bytes, tip: str = "", base: str = "") -> tuple[UrdfChain, ArmModel]:
+    chain = parse_urdf(data, "six.urdf", base=base, tip=tip)
+    return chain, parse_arm(dump_strict(dict(arm_file_of(chain, name="six"))), "six")
+
+
+def off_by(table: DhTable, entries: dict[str, float]) -> DhTable:
+    columns = {name: np.array(getattr(table, name)) for name in table.__dataclass_fields__}
+    for name, change in entries.items():
+        column, _, row = name.rpartition("_")
+        columns[next(c for c in columns if c.startswith(f"{column}_"))][int(row) - 1] += change
+    return DhTable(**columns)
+
+
+EVERY = {
+    f"{kind}_{row}": size * (1 + 0.1 * row) * (-1) ** row
+    for kind, size in (("theta_off", 0.02), ("a", 1e-3), ("alpha", 3e-3))
+    for row in range(1, 7)
+} | {"beta_2": 1e-3, "beta_3": -2e-3, "s_1": 2e-3, "s_4": -1e-3, "s_5": 1e-3, "s_6": 3e-3}
+
+
+def ours(chain: UrdfChain, table: DhTable, q: FloatArray) -> FloatArray:
+    frames, T = forward(q + table.theta_off_rad, *table.stacked()[1:]), np.zeros((len(q), 4, 4))
+    T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = frames.R_end, frames.p_end, 1.0
+    return np.asarray(chain.T_link_base @ T @ chain.T_flange_tip)
+
+
+def off(found: FloatArray, wanted: FloatArray) -> tuple[float, float]:
+    """Largest distance (m) and turn (rad) between places (m, 4, 4)."""
+    turn = rotation_vector(found[:, :3, :3] @ np.swapaxes(wanted[:, :3, :3], 1, 2))
+    return (
+        float(np.linalg.norm(found[:, :3, 3] - wanted[:, :3, 3], axis=-1).max()),
+        float(np.linalg.norm(turn, axis=-1).max()),
+    )
+
+
+def pinocchios(data: bytes, chain: UrdfChain, q: FloatArray) -> FloatArray:
+    model = pin.buildModelFromXML(data.decode())
+    built, places = model.createData(), []
+    for angles in q:
+        whole = pin.neutral(model)
+        for joint, angle in zip(chain.joints, angles, strict=True):
+            part = model.joints[model.getJointId(joint.name)]
+            whole[part.idx_q : part.idx_q + part.nq] = (
+                [angle] if part.nq == 1 else [np.cos(angle), np.sin(angle)]
+            )
+        pin.framesForwardKinematics(model, built, whole)
+        base, tip = (
+            built.oMf[model.getFrameId(name, pin.FrameType.BODY)]
+            for name in (chain.base, chain.tip)
+        )
+        places.append((base.inverse() * tip).homogeneous)
+    return np.array(places)
+
+
+def without_origins(text: str, joints: set[str]) -> str:
+    """The text without the origins of these joints and without the comment of ours."""
+    text = re.sub(r"<!--\n  calibrated.*?-->\n", "", text, flags=re.DOTALL)
+    for name in joints:
+        block = re.search(rf'<joint name="{name}" type.*?</joint>', text, re.DOTALL)
+        assert block is not None
+        text = text.replace(block[0], re.sub(r"<origin[^>]*/>", "", block[0]))
+    return text
+
+
+@pytest.mark.parametrize("tip", ["tool", "l6"])
+@pytest.mark.parametrize("base", ["world", "l0"])
+def test_pinocchio_has_the_tip_within_a_nanometre_of_ours(tip: str, base: str) -> None:
+    chain, arm = arm_of(URDF.encode(), tip, base)
+    changes = {
+        k: v for k, v in EVERY.items() if tip == "tool" or k not in ("a_6", "alpha_6", "s_6")
+    }
+    table = off_by(arm.table, changes)
+    written = with_calibration(URDF.encode(), "six.urdf", arm, table, ["calibrated"])
+    q = np.random.default_rng(1).uniform(-3.0, 3.0, (POSES, 6))
+    found, wanted = pinocchios(written, chain, q), ours(chain, table, q)
+    distance_m, turn_rad = off(found, wanted)
+    assert distance_m < 1e-9
+    assert turn_rad < 1e-9
+    assert off(wanted, ours(chain, arm.table, q))[0] > 5e-3
+
+
+def test_nothing_but_origins_of_the_chains_joints_changes() -> None:
+    _, arm = arm_of(URDF.encode())
+    written = with_calibration(
+        URDF.encode(),
+        "six.urdf",
+        arm,
+        off_by(arm.table, EVERY),
+        ["calibrated by somebody", "a -- b"],
+    )
+    text, turning = written.decode(), {"pan", "lift", "elbow", "w1", "w2", "w3", "end"}
+    assert without_origins(text, turning) == without_origins(URDF, turning)
+    assert text.index("calibrated by somebody") < text.index("<robot")
+    assert "a - - b" in text
+
+
+def test_a_joint_that_is_not_calibrated_keeps_its_very_words() -> None:
+    _, arm = arm_of(URDF.encode())
+    table = off_by(arm.table, {"theta_off_3": 0.01})
+    text = with_calibration(URDF.encode(), "six.urdf", arm, table, ["calibrated"]).decode()
+    # The elbow turns; the lift's angle was rounded and is written in full.
+    assert without_origins(text, {"elbow", "lift"}) == without_origins(URDF, {"elbow", "lift"})
+    assert "1.5707963267948966" in text.split('name="lift"')[1].split("</joint>")[0]
+
+
+@pytest.mark.skipif(shutil.which("check_urdf") is None, reason="no check_urdf (liburdfdom-tools)")
+def test_check_urdf_passes(tmp_path: Path) -> None:
+    _, arm = arm_of(URDF.encode())
+    file = tmp_path / "six.urdf"
+    file.write_bytes(with_calibration(URDF.encode(), "six.urdf", arm, off_by(arm.table, EVERY), []))
+    done = subprocess.run(["check_urdf", str(file)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "Successfully Parsed" in done.stdout
+
+
+def test_a_file_of_another_arm_is_refused() -> None:
+    _, arm = arm_of(URDF.encode())
+    longer = off_by(arm.table, {"a_2": 0.3})
+    with pytest.raises(ConfigError, match="its a_2 is 6 times further"):
+        with_calibration(URDF.encode(), "x.urdf", replace(arm, table=longer), longer, [])
+    named = replace(arm, joints=(replace(arm.joints[0], name="elbow"), *arm.joints[1:]))
+    with pytest.raises(ConfigError, match="4 turning joints from l2b to l6; six has 6"):
+        with_calibration(URDF.encode(), "x.urdf", named, arm.table, [])
+
+
+def test_a_xacro_without_literal_numbers_says_what_to_do() -> None:
+    _, arm = arm_of(URDF.encode())
+    text = URDF.replace('xyz="0 0 0.39225"', 'xyz="0 0 ${r}"')
+    with pytest.raises(ConfigError, match="expand it with xacro first"):
+        with_calibration(text.encode(), "six.urdf.xacro", arm, arm.table, [])
+
+
+UR = """# maker's
+kinematics:
+  shoulder:
+    x: 0
+    y: 0
+    z: 0.1625
+    roll: -0
+    pitch: 0
+    yaw: 0.002
+  upper_arm: {block}
+  forearm:
+    x: -0.425
+    y: 0
+    z: 0
+    roll: 1e-05
+    pitch: 0
+    yaw: 0
+  wrist_1:
+    x: -0.3922
+    y: 0
+    z: 0.1333
+    roll: 0
+    pitch: 0
+    yaw: -0
+  wrist_2:
+    x: 0
+    y: -0.0997
+    z: -2.044881182297852e-11
+    roll: 1.570796327
+    pitch: 0
+    yaw: -0
+  wrist_3:
+    x: 0
+    y: 0.0996
+    z: -2.042830148012698e-11
+    roll: 1.570796326589793
+    pitch: 3.141592653589793
+    yaw: 3.141592653589793
+  hash: calib_1
+""".replace("{block}", "\n" + "\n".join(
+    f"    {k}: {v}" for k, v in zip(("x", "y", "z", "roll", "pitch", "yaw"),
+                                    (0, 0, 0, 1.570796327, 0, -0.0), strict=True)))  # fmt: skip
+
+
+def urs_urdf(text: str) -> bytes:
+    """UR's file as a URDF, by a reader of its own."""
+    links, joints, parent = yaml.safe_load(text)["kinematics"], "", "base"
+    for name in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"):
+        xyz, rpy = (" ".join(repr(float(links[name][k])) for k in keys)
+                    for keys in (("x", "y", "z"), ("roll", "pitch", "yaw")))  # fmt: skip
+        joints += (
+            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+            f'<limit lower="-3" upper="3" effort="9" velocity="2"/></joint><link name="{name}"/>'
+        )
+        parent = name
+    return f'<robot name="ur"><link name="base"/>{joints}</robot>'.encode()
+
+
+def test_urs_kinematics_file_gets_the_same_arm() -> None:
+    chain, arm = arm_of(urs_urdf(UR))
+    assert arm.hayati_rows == (2, 3)
+    table = off_by(
+        arm.table, {k: v for k, v in EVERY.items() if k not in ("a_6", "alpha_6", "s_6")}
+    )
+    written = with_calibration(
+        UR.encode(), "default_kinematics.yaml", arm, table, ["by us"]
+    ).decode()
+    q = np.random.default_rng(1).uniform(-3.0, 3.0, (POSES, 6))
+    distance_m, turn_rad = off(pinocchios(urs_urdf(written), chain, q), ours(chain, table, q))
+    assert distance_m < 1e-9
+    assert turn_rad < 1e-9
+    assert written.startswith("# by us\n# maker's\n")
+    bare = [re.sub(r": [-+.\de]+$", "", line) for line in written.splitlines()[1:]]
+    assert bare == [re.sub(r": [-+.\de]+$", "", line) for line in UR.splitlines()]

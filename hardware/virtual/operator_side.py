@@ -53,7 +53,7 @@ OPERATOR_SIDE: Mapping[str, FaultWords] = MappingProxyType(
             arm=ArmReaction.HOLDS,
         ),
         # tests/contracts/arm/test_contract.py, two operators exclude each other;
-        # tests/hardware/canopen_arm/test_watching.py
+        # tests/hardware/control/canopen_arm/test_watching.py
         "second operator": FaultWords(
             broken="another program wants to command the arm",
             says=("in control", "Somebody else commands this arm"),

@@ -27,8 +27,8 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 TESTS = {
     "hardware/limits.py": ["tests/hardware/test_limits.py"],
-    "hardware/canopen/cia402.py": ["tests/hardware/test_cia402.py"],
-    "hardware/monitors/admission.py": ["tests/hardware/test_admission.py"],
+    "hardware/canopen/cia402.py": ["tests/hardware/canopen/test_cia402.py"],
+    "hardware/monitors/admission.py": ["tests/hardware/monitors/test_admission.py"],
 }
 
 

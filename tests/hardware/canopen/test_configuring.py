@@ -16,9 +16,15 @@ from hardware.buses.python_can import BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.errors import MappingDiffers, NodeMissing, NotConfigured, NotZeroed, Stopped, WrongArm
 from operator_app.config.profile_file import parse_profile
+from tests.hardware.commissioning.test_profile_draft import (
+    JOINTS,
+    PER_RAD,
+    connected,
+    on,
+    unconnected,
+)
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
-from tests.hardware.test_foreign_arm import JOINTS, PER_RAD, connected, on, unconnected
 from tests.oracles.foreign_arm import ForeignArm
 from tests.oracles.profiles import sarcos
 

@@ -13,7 +13,7 @@ import sarcal
 
 from operator_app.cli import main
 
-EXACT = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
+EXACT = Path(__file__).parents[3] / "data/hinge/hinge_exact.csv"
 HINGE: Any = {"arm": "sarcos_dextrous", "fixture": "hinge"}
 Q = np.zeros((12, 7))
 

@@ -29,8 +29,8 @@ from hardware.commissioning.motion_checks import Turn, is_interrupted
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
-from tests.hardware.test_foreign_arm import DESCRIPTION as ACME
-from tests.hardware.test_foreign_arm import JOINTS, drafted
+from tests.hardware.commissioning.test_profile_draft import DESCRIPTION as ACME
+from tests.hardware.commissioning.test_profile_draft import JOINTS, drafted
 from tests.oracles.foreign_arm import Axis, foreign_arm
 from tests.oracles.profiles import sarcos
 from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse

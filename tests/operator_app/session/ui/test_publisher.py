@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mypy import api
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 SNIPPET = """
 from dataclasses import replace
 

@@ -1,0 +1,101 @@
+"""A module's tests stand where the module stands: solver/chain/poses.py -> tests/solver/chain/test_poses.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("solver", "fixtures", "hardware", "operator_app")
+
+TOPICS = """
+fixtures/test_parallel_axes.py
+hardware/virtual/test_any_drive.py
+hardware/virtual/test_bus_faults.py
+hardware/virtual/test_control_and_heartbeat.py
+hardware/virtual/test_forced_modes.py
+hardware/virtual/test_objects.py
+hardware/virtual/test_tshark.py
+operator_app/calibration/test_all_readings.py
+operator_app/calibration/test_honesty.py
+operator_app/calibration/test_large_sets.py
+operator_app/calibration/test_later_poses.py
+operator_app/calibration/test_mistakes_of_files.py
+operator_app/calibration/test_naming.py
+operator_app/calibration/test_real_arm.py
+operator_app/calibration/test_rvdt_noise.py
+operator_app/calibration/test_rvdt_within.py
+operator_app/calibration/test_scale.py
+operator_app/calibration/test_settles.py
+operator_app/calibration/test_verdicts.py
+operator_app/commands/test_bad_input.py
+operator_app/commands/test_farewell.py
+operator_app/commands/test_habits.py
+operator_app/commands/test_nothing_is_solved_twice.py
+operator_app/commands/test_open_loop.py
+operator_app/config/test_parameters_any_document.py
+operator_app/config/test_parameters_version_2.py
+operator_app/manual/test_commands.py
+operator_app/manual/test_help.py
+operator_app/manual/test_notebooks.py
+operator_app/manual/test_site.py
+operator_app/planning/test_hidden.py
+operator_app/planning/test_many_poses.py
+operator_app/report/test_html_numbers.py
+operator_app/report/test_position_only.py
+operator_app/report/test_renderings.py
+operator_app/session/test_clock_set_back.py
+operator_app/session/test_connecting.py
+operator_app/session/test_journal_lost.py
+operator_app/session/test_journal_watched.py
+operator_app/session/test_noticing.py
+operator_app/session/test_open_arm.py
+operator_app/session/test_outside_box.py
+operator_app/session/test_placements.py
+operator_app/session/test_planned_operations.py
+operator_app/session/test_returns.py
+operator_app/session/test_second_standing.py
+operator_app/session/test_slips_told_at_once.py
+operator_app/session/test_standing_asked.py
+operator_app/test_fuzz.py
+operator_app/test_recording.py
+operator_app/tui/test_actions.py
+operator_app/tui/test_escapes.py
+operator_app/tui/test_faults.py
+operator_app/tui/test_keys.py
+operator_app/tui/test_messages.py
+operator_app/tui/test_outside_arm.py
+operator_app/tui/test_panels.py
+operator_app/tui/test_snapshots.py
+operator_app/tui/test_stop.py
+operator_app/tui/test_table_of_actions.py
+operator_app/tui/test_walk.py
+solver/estimators/test_mixed_model.py
+solver/estimators/test_monte_carlo.py
+solver/estimators/test_panda.py
+solver/loops/test_endpoints.py
+solver/test_errors_travel.py
+solver/test_map.py
+"""
+"""Files that are about several modules of their folder. The list may only get shorter."""
+
+
+def named(file: Path) -> bool:
+    """Whether a module or package has the file's name, or its folder is all about one module."""
+    stem, folder = file.stem.removeprefix("test_"), ROOT / file.parent
+    own = folder / stem
+    return (
+        own.with_suffix(".py").is_file()
+        or (own / "__init__.py").is_file()
+        or folder.with_suffix(".py").is_file()
+        or (folder.name == stem and folder.is_dir())
+    )
+
+
+def test_every_test_file_names_a_module_or_package_or_is_listed() -> None:
+    tests = ROOT / "tests"
+    files = [f.relative_to(tests) for p in PACKAGES for f in (tests / p).rglob("test_*.py")]
+    assert len(files) > 200
+    unnamed = {f.as_posix() for f in files if not named(f)}
+    topics = set(TOPICS.split())
+    assert sorted(unnamed - topics) == [], "give it the name of its module, where that stands"
+    assert sorted(topics - unnamed) == [], "gone or named by now: take it from the list"

@@ -12,6 +12,7 @@ from hardware.canopen.objects import HEARTBEAT_TIMEOUT_S, Slot
 from hardware.line_port import CalledLines
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
+from hardware.virtual.embedded_bus import EmbeddedBus
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
 from hardware.virtual.parameters import ValidatedParameters
@@ -92,7 +93,7 @@ def run_controller(
             "change its file as said, or connect a real bus with -i",
         ) from error
     store = slots_in(slots)
-    bus = open_bus(settings)
+    bus = EmbeddedBus(settings.channel) if attended else open_bus(settings)
     controller = VirtualController(
         bus,
         plant,

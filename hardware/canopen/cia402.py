@@ -11,7 +11,8 @@ of bit 7 only, never by a bit that stays set.
 
 from __future__ import annotations
 
-from enum import Enum, IntFlag
+from enum import Enum, IntEnum
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Final
 
@@ -20,7 +21,7 @@ from hardware.arm import DriveState
 _S = DriveState
 
 
-class ControlBit(IntFlag):
+class ControlBit(IntEnum):
     """Bits of 6040h."""
 
     SWITCH_ON = 1 << 0
@@ -30,7 +31,7 @@ class ControlBit(IntFlag):
     FAULT_RESET = 1 << 7
 
 
-class StatusBit(IntFlag):
+class StatusBit(IntEnum):
     """Bits of 6041h beside those that code the state."""
 
     VOLTAGE_ENABLED = 1 << 4
@@ -87,7 +88,6 @@ _DECODED: Final = MappingProxyType(
         },
     }
 )
-_MASK: Final = MappingProxyType({state: mask for (mask, _), state in _DECODED.items()})
 
 
 class Command(Enum):
@@ -205,16 +205,24 @@ def drive_state(status: int) -> DriveState:
     ValueError
         If the bits are no state of the standard.
     """
+    state = _decoded(status)
+    if state is None:
+        raise ValueError(f"statusword {status:04X}h shows no CiA 402 state")
+    return state
+
+
+def shows(status: int, state: DriveState) -> bool:
+    """Whether a statusword shows that state."""
+    return _decoded(status) is state
+
+
+@lru_cache(maxsize=4096)
+def _decoded(status: int) -> DriveState | None:
     for mask in (_WITH_QUICK_STOP_BIT, _WITHOUT_QUICK_STOP_BIT):
         state = _DECODED.get((mask, status & mask))
         if state is not None:
             return state
-    raise ValueError(f"statusword {status:04X}h shows no CiA 402 state")
-
-
-def shows(status: int, state: DriveState) -> bool:
-    """Whether a statusword shows that state; for what is asked with every sample."""
-    return status & _MASK[state] == STATE_BITS[state]
+    return None
 
 
 def reached(state: DriveState, wish: Wish) -> bool:
@@ -263,7 +271,4 @@ def next_controlword(status: int, wish: Wish, *, previous: int = 0) -> int:
 
 def state_of(statusword: int) -> DriveState:
     """State a statusword shows; bits that mean nothing are a drive that is not ready."""
-    try:
-        return drive_state(statusword)
-    except ValueError:
-        return DriveState.NOT_READY_TO_SWITCH_ON
+    return _decoded(statusword) or DriveState.NOT_READY_TO_SWITCH_ON

@@ -27,6 +27,8 @@ from solver.arrays import FloatArray, frozen
 CONVERGED_RAD = 1e-9
 """Newton stops after a step this small; convergence is fast, the next one would be far smaller."""
 MAX_NEWTON_STEPS = 12
+RESTING_RAD = 1e-13
+"""Increment below which a chain under unchanged commands stays where it is: far below a count."""
 BOUND_NM_PER_RAD = 6e4
 """A hinge that binds gives as little as ten servos."""
 LONGEST_NEWTON_STEP_RAD = 0.1
@@ -122,6 +124,7 @@ class Plant:
         self._angles = np.concatenate(([start_hinge_rad], start_rad))
         self._offsets = np.concatenate(([0.0], truth.offsets_rad))
         self._last = np.zeros(n + 1)
+        self._drive: bytes | None = None
         self._bristle = np.zeros(n + 1)
         self._valve: list[float | None] = [None] * n
         self._point = truth.point()
@@ -150,6 +153,7 @@ class Plant:
     def slip(self, slip_m: float) -> None:
         """Shift what holds the hand along x of its frame; where nothing holds it nothing slips."""
         self._slip[-3:-2] += slip_m
+        self._drive = None
 
     def bind_hinge(self) -> None:
         """Let the hinge turn no more; where there is none, nothing binds."""
@@ -167,7 +171,10 @@ class Plant:
         if len(commands) != n:
             raise ValueError(f"{len(commands)} commands for {n} joints")
         stiffness, target = self._servos(commands)
-        self._advance(stiffness, target)
+        drive = stiffness.tobytes() + np.where(stiffness > 0.0, target, 0.0).tobytes()
+        if drive != self._drive or float(np.abs(self._last).max()) > RESTING_RAD:
+            self._advance(stiffness, target)
+        self._drive = drive
         angles = self._angles
         torque = stiffness * (target - angles)
         speed = self._last / self._dynamics.period_s

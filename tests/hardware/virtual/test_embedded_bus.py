@@ -14,7 +14,7 @@ from hardware.buses.python_can import BusSettings, open_bus
 from hardware.canopen.objects import COB_SYNC, COB_TPDO1
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.embedded_bus import attending
+from hardware.virtual.embedded_bus import EmbeddedBus, attending
 from hardware.virtual.port import PlantReading
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
@@ -162,3 +162,27 @@ def test_an_arm_that_breaks_is_silent_and_its_operator_lives(
     plant.broken = False
     sync(bus)
     assert answers(bus, 0.05) == 0
+
+
+def test_frames_pass_between_embedded_and_stock_buses_and_filters_hold() -> None:
+    channel = "embedded-and-stock"
+    with (
+        EmbeddedBus(channel) as embedded,
+        EmbeddedBus(channel) as other,
+        can.Bus(interface="virtual", channel=channel) as stock,
+    ):
+        embedded.set_filters([{"can_id": 0x181, "can_mask": 0x7FF, "extended": False}])
+        for identifier in (0x80, 0x182, 0x181):
+            stock.send(can.Message(arbitration_id=identifier, data=b"x", is_extended_id=False))
+        # A frame that the filter keeps out does not hide the one behind it, even without waiting.
+        received = embedded.recv(0.0)
+        assert received is not None
+        assert (received.arbitration_id, received.is_rx) == (0x181, True)
+        assert embedded.recv(0.0) is None
+        embedded.send(can.Message(arbitration_id=0x7F, is_extended_id=False))
+        assert [m.arbitration_id for m in iter(lambda: other.recv(0.0), None)] == [
+            0x80, 0x182, 0x181, 0x7F,
+        ]  # fmt: skip
+        assert (answer := stock.recv(1.0)) is not None
+        assert answer.arbitration_id == 0x7F
+        assert embedded.recv(0.01) is None

@@ -112,13 +112,20 @@ def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(
 def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(
     driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    reached_middle = threading.Event()
-    bus.on_sync = lambda _sync: bus.drives[2].target > 0.3 * PER_RAD and reached_middle.set()
+    reached_middle, pressed = threading.Event(), threading.Event()
+
+    def wait_in_the_middle(_sync: int) -> None:
+        if bus.drives[2].target > 0.3 * PER_RAD:
+            reached_middle.set()
+            pressed.wait(10)  # the simulated move would else be over before Ctrl-C is seen
+
+    bus.on_sync = wait_in_the_middle
     wait, interrupted = LoopTask.wait, []
 
     def interrupted_wait(task: LoopTask, someone_there: Callable[[], bool]) -> bool:
         if not interrupted:
             interrupted.append(reached_middle.wait(10))
+            pressed.set()
             raise KeyboardInterrupt
         return wait(task, someone_there)
 

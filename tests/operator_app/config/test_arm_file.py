@@ -11,8 +11,10 @@ import pytest
 
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.errors import ConfigError
+from operator_app.config.resources import builtin_names, resolve
 from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
+from tests.oracles.makers_chains import CHAINS, flange
 
 GOOD = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 
@@ -82,7 +84,28 @@ class TestPackaged:
             np.testing.assert_allclose(ours.R_end, theirs[:3, :3], atol=1e-14)
             np.testing.assert_allclose(ours.p_end, theirs[:3, 3], atol=1e-14)
 
-    @pytest.mark.parametrize("name", ["sarcos_dextrous", "franka_panda"])
+    @pytest.mark.parametrize("name", sorted(CHAINS))
+    def test_flange_is_where_the_makers_description_has_it(self, name: str) -> None:
+        arm, rng = load_arm(name), np.random.default_rng(4)
+        # The Gen3's frame 0 is its base link turned half round about x; the others' are their base links.
+        base = np.diag([1.0, -1.0, -1.0, 1.0]) if name == "kinova_gen3" else np.eye(4)
+        for q in rng.uniform(arm.lower_rad, arm.upper_rad, (20, arm.joint_count)):
+            frames = forward(q + arm.table.theta_off_rad, *arm.table.stacked()[1:])
+            theirs = base @ flange(name, q)
+            np.testing.assert_allclose(frames.p_end, theirs[:3, 3], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(frames.R_end, theirs[:3, :3], rtol=0, atol=1e-9)
+
+    @pytest.mark.parametrize("name", builtin_names("arm"))
+    def test_what_is_packaged_says_from_where_and_knows_parallel_axes(self, name: str) -> None:
+        arm, text = load_arm(name), resolve("arm", name).data.decode()
+        assert "source: >-" in text
+        assert [e.name for e in arm.free] == [
+            f"theta_off_{j}" for j in range(1, arm.joint_count + 1)
+        ]
+        parallel = {"ur5e": (2, 3), "ur10e": (2, 3), "xarm6": (2,), "abb_irb120": (2,)}
+        assert arm.hayati_rows == parallel.get(name, (2,) if name == "kinova_gen3_lite" else ())
+
+    @pytest.mark.parametrize("name", builtin_names("arm"))
     def test_home_is_inside_the_ranges(self, name: str) -> None:
         arm = load_arm(name)
         assert arm.name == name

@@ -19,7 +19,20 @@ def refusal(kind: Kind, reference: str | Path, folder: Path | None = None) -> st
 
 
 def test_built_in_names() -> None:
-    assert builtin_names("arm") == ("franka_panda", "sarcos_dextrous")
+    assert builtin_names("arm") == (
+        "abb_irb120",
+        "franka_fr3",
+        "franka_panda",
+        "kinova_gen3",
+        "kinova_gen3_lite",
+        "kuka_iiwa14",
+        "kuka_iiwa7",
+        "sarcos_dextrous",
+        "ur10e",
+        "ur5e",
+        "xarm6",
+        "xarm7",
+    )
     assert {"hinge", "rigid"} <= set(builtin_names("fixture"))
     assert {"hinge", "rigid"} <= set(builtin_names("procedure"))
 

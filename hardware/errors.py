@@ -44,6 +44,18 @@ class FramesLost(BusError):
         )
 
 
+class HostLate(BusError):
+    """The operator's computer was too busy to listen: `times` so often in control, by `longest_s` at most."""
+
+    def __init__(self, times: int, longest_s: float) -> None:
+        self.times, self.longest_s = times, longest_s
+        often = "once" if times == 1 else f"{times} times"
+        super().__init__(
+            f"this computer was too busy to listen to the arm: late {often} since it took control, by {longest_s:.1f} "
+            "s at most. Answers were missed, or control lapsed, each time that it was tried"
+        )
+
+
 class NodeMissing(HardwareError):
     """Nodes that should answer do not."""
 

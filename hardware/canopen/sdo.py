@@ -19,6 +19,8 @@ from hardware.errors import BusError, FramesLost, HardwareError, SdoRefused, Two
 
 ANSWER_TIMEOUT_S = 1.0
 READ_ATTEMPTS = 3
+COMMAND_PATIENCE = 5.0
+"""A command is answered when it is done: a document is parsed, or written to a disk."""
 FEWEST_LOST, LOST_SHARE = 8, 0.1
 """Requests not answered in time, at the least and of all, from which on a bus is not gone on with: each was waited
 for, and of the 600 of a connection some would fail three times. Where 1 % of all frames are lost, 2 connections in
@@ -141,6 +143,19 @@ class ObjectAccess:
     def write_unsigned(self, node: int, index: int, subindex: int, value: int, size: int) -> None:
         """Write an unsigned integer of `size` bytes."""
         self.write(node, index, subindex, value.to_bytes(size, "little"))
+
+    def command(self, node: int, index: int, subindex: int, value: int) -> None:
+        """Write one byte that has the node do something: it has `COMMAND_PATIENCE` times as long for its answer."""
+
+        def ordered(client: Any) -> None:
+            timeout_s = client.RESPONSE_TIMEOUT
+            client.RESPONSE_TIMEOUT = COMMAND_PATIENCE * timeout_s
+            try:
+                client.download(index, subindex, bytes([value]))
+            finally:
+                client.RESPONSE_TIMEOUT = timeout_s
+
+        self._guarded(node, index, subindex, ordered)
 
     def _guarded(self, node: int, index: int, subindex: int, access: Callable[[Any], Any]) -> Any:
         outside = sys.exception()  # what a caller is busy with is nothing that this access met

@@ -367,7 +367,7 @@ class CanopenArm:
         link = self._link
         if not link.in_control:
             raise CommandRefused("parameters are uploaded by whoever is in control: take control")
-        return uploading.upload(link.access, document, link.profile)
+        return uploading.upload(link, document)
 
     def active_parameters(self) -> bytes:
         """The parameter document active on the controller; empty if there is none."""

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 import can
 
-from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode
+from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, Lateness
 from hardware.arm_description import EncoderDescription
 from hardware.bus_setup import ArmOnBus
 from hardware.buses.acceptance_filters import keep_out, operator_filters
@@ -26,6 +27,7 @@ from hardware.canopen.objects import (
     OPERATOR_NODE,
     STATUSWORD,
     TOKEN,
+    Abort,
 )
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control.control_loop import ControlLoop
@@ -35,7 +37,11 @@ from hardware.control.stop_line import StopLatch, StopLine
 from hardware.errors import (
     BusError,
     ControlDenied,
+    FramesLost,
+    HardwareError,
+    HostLate,
     SdoRefused,
+    TwoDevices,
 )
 from hardware.monitors.admission import admit
 from hardware.monitors.continuity import ENCODER_COUNTS, RVDT_COUNTS
@@ -85,6 +91,7 @@ class Connection:
         self.modes: tuple[JointMode | None, ...] = (None,) * len(profile.joints)
         self.token = 0
         self.in_control = self.took_control = False
+        self._late_before_control = 0
         self._rated_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         bus = on_bus.openers.main(settings)
         if record_to is None:  # a recording is of everything
@@ -211,7 +218,37 @@ class Connection:
                 self.token = self.access.read_unsigned(supervisor, TOKEN)
                 words = uploading.refusal(self.access, supervisor)
                 raise ControlDenied(self.token, words) from refused
+        self._late_before_control = self.loop.attention.lateness.times
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
+
+    def may_repeat(self, error: HardwareError) -> bool:
+        """Whether what failed so may be done again: the arm is heard, and control is held, or held again.
+
+        Control that lapsed as this program was late is taken again; not what somebody else has, or gave back.
+        """
+        if self.deserted():
+            return False
+        supervisor = self.profile.supervisor
+        if not isinstance(error, SdoRefused) or error.code != Abort.LOCAL_CONTROL or not supervisor:
+            return True
+        if not self.in_control or self._late_since_control() is None:
+            return False
+        with suppress(SdoRefused, BusError):  # not given yet, it is asked for again
+            self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
+        return True
+
+    def explain(self, error: HardwareError) -> HardwareError:
+        """Return the error, or in its place this program's own lateness since it took control."""
+        late = self._late_since_control()
+        refused = isinstance(error, SdoRefused) and error.code != Abort.LOCAL_CONTROL
+        if late is None or refused or isinstance(error, TwoDevices | FramesLost):
+            return error
+        return HostLate(late.times, late.longest_s)
+
+    def _late_since_control(self) -> Lateness | None:
+        """Return how late this program has been since it took control; None if it was not."""
+        late = self.loop.attention.lateness
+        return late if late.times > self._late_before_control else None
 
     def give_token_back(self) -> None:
         """Let others have control."""

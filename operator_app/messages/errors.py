@@ -18,6 +18,7 @@ from hardware.errors import (
     DriveFault,
     DriveLeft,
     HardwareError,
+    HostLate,
     Intruder,
     MappingDiffers,
     ModeNotReached,
@@ -75,6 +76,8 @@ def _remedy(error: BaseException) -> str:
 _REMEDIES: Mapping[type, str] = {
     BusError: "The drives hold by themselves when the heartbeat is gone. Check cable and interface, "
     "then connect again",
+    HostLate: "The drives hold by themselves when the heartbeat is gone. End other programs on this computer, then "
+    "connect again",
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
     WrongArm: "Connect the arm that the arm file describes, or name its own arm file",
     MappingDiffers: "Nothing was enabled and nothing moves",

@@ -20,16 +20,16 @@ from pathlib import Path
 from fixtures.measured import Measured
 from hardware.arm_plugins import ArmOffer, ArmOrder, offer
 from hardware.bus_setup import BusOpeners
-from hardware.buses.python_can import BusSettings, bus_settings
+from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.control.process_priority import first_in_line
 from hardware.outside_arm import OutsideArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attending
+from operator_app.carried_procedure import carried_procedure, named_scenario, session_bus
 from operator_app.config.description import describe
 from operator_app.config.procedure import Procedure
-from operator_app.config.user_settings import usual_bus
 from operator_app.errors import SessionError
 from operator_app.safe_output import say
 from operator_app.session.workflow.instrument import Instrument, port_of
@@ -42,7 +42,7 @@ from operator_app.session.workflow.opening import (
 )
 from operator_app.session.workflow.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
-from operator_app.virtual_arms import named_scenario, run_controller, virtual_instrument
+from operator_app.virtual_arms import run_controller, virtual_instrument
 
 EMBEDDED_PATIENCE_S = 10.0
 """An embedded arm and its operator share a processor: either may wait for it, and neither is lost."""
@@ -104,7 +104,7 @@ def open_arm(
         )
     be_punctual()
     procedure = carried_procedure(opening)
-    bus = settings = _bus(opening.choices, procedure)
+    bus = settings = session_bus(opening.choices, procedure)
     outside = offer(bus.interface)
     if outside is not None:
         choices = _completed(opening.choices, bus, embedded=False)
@@ -282,16 +282,6 @@ def _timing(procedure: Procedure, *, speed: float, embedded: bool) -> Timing:
     return timing if patience is None else replace(timing, sdo_timeout_s=patience)
 
 
-def carried_procedure(opening: Opening) -> Procedure:
-    """Return the procedure with the arm that is really there: a virtual one may carry other sensors."""
-    procedure, choices = opening.procedure, opening.choices
-    # A session says which bus it had; whether that can be opened here is nothing to a report of it.
-    interface = choices.interface or _bus(choices, procedure).interface
-    if interface != "virtual" and choices.scenario is None:
-        return procedure
-    return replace(procedure, arm=named_scenario(choices).arm(procedure.arm))
-
-
 def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices:
     if not embedded:
         return replace(choices, interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate)
@@ -310,18 +300,3 @@ def _instrument(
         return virtual_instrument(controller, fixture)
     source = choices.tracker or procedure.tracker
     return None if source is None else Instrument(port_of(source), full_pose=fixture.full_pose)
-
-
-def _bus(choices: Choices, procedure: Procedure) -> BusSettings:
-    """Command line over procedure file over environment and can.conf over the user's settings."""
-    from_file = procedure.bus
-    interface = choices.interface
-    if interface is None and from_file.interface != "virtual":
-        interface = from_file.interface
-    return bus_settings(
-        interface,
-        choices.channel or from_file.channel,
-        choices.bitrate or from_file.bitrate,
-        # Who names a virtual arm means one.
-        otherwise=None if choices.scenario or choices.seed is not None else usual_bus(interface),
-    )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from operator_app.composition import carried_procedure
-from operator_app.config.parameters import ParametersDocument
+from operator_app.carried_procedure import carried_procedure
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.resources import expanded
 from operator_app.errors import SessionError
@@ -14,6 +14,9 @@ from operator_app.session.store.folders import PARAMETERS_NAME, find_session, re
 from operator_app.session.store.parameters import document_of
 from operator_app.session.store.stored_calibration import StoredCalibration, recorded
 from operator_app.session.workflow.opening import Choices, resume
+
+if TYPE_CHECKING:
+    from operator_app.config.parameters import ParametersDocument
 
 
 def parameters_at(reference: str, root: Path) -> ParametersDocument:

@@ -16,10 +16,10 @@ from hardware.virtual.embedded_bus import EmbeddedBus
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
 from hardware.virtual.parameters import ValidatedParameters
-from hardware.virtual.scenario_names import DEFAULT_SCENARIO
-from hardware.virtual.scenarios import Scenario, scenario, scenario_of
+from hardware.virtual.scenarios import Scenario, scenario_of
 from hardware.virtual.specimens import Stated
 from hardware.virtual.supervisor_node import ArmLabel
+from operator_app.carried_procedure import named_scenario
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import FixtureSpec, load_fixture
 from operator_app.config.parameters_file import parse_parameters
@@ -30,11 +30,6 @@ from solver.chain.arm_model import ArmModel
 
 SERIAL_NUMBER = "SDA-0001"
 """Of every virtual arm."""
-
-
-def named_scenario(choices: Choices) -> Scenario:
-    """Return the scenario these choices name, whatever arm it is of."""
-    return scenario(choices.scenario or DEFAULT_SCENARIO, choices.seed or 0)
 
 
 def virtual_arm(

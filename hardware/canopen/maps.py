@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from hardware.canopen.bus_profile import BusProfile, Entry, JointProfile, Pdo, map_words
 from hardware.canopen.objects import (
@@ -30,9 +31,11 @@ from hardware.canopen.objects import (
     TPDO_EVERY_SYNC,
     Abort,
 )
-from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import InProfile, MappingDiffers, ObjectMismatch, SdoRefused
-from hardware.scale import JointScale
+
+if TYPE_CHECKING:
+    from hardware.canopen.sdo import ObjectAccess
+    from hardware.scale import JointScale
 
 AGREES_RAD = 0.01
 """Position by PDO and by SDO: an RVDT's noise, and what a joint at rest creeps between the two."""

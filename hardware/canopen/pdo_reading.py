@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from hardware.canopen.bus_profile import ANSWERED, COMMANDED, Entry
 from hardware.canopen.maps import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
@@ -18,8 +18,10 @@ from hardware.canopen.objects import (
     TPDO1_COMMUNICATION,
     TPDO1_MAP,
 )
-from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import SdoRefused
+
+if TYPE_CHECKING:
+    from hardware.canopen.sdo import ObjectAccess
 
 DESCRIBING: Final = (POSITION_LIMITS, ENCODER_RESOLUTION, CONTROL_PERIOD, SENSOR)
 """What can be compared with an arm file."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from fixtures.base import Fixture
 from operator_app.calibration.instrument_registration import as_calibrated
@@ -102,6 +101,8 @@ def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray
         size = np.repeat((SAME_M, SAME_RAD), 3)[:columns]
         ends = [p.endpoint[:, :columns] / size for p in (new, made_from) if p.endpoint is not None]
         both = [np.hstack(pair) for pair in zip(both, ends, strict=True)]
+    from scipy.spatial import KDTree
+
     distance, _ = KDTree(both[1]).query(both[0], p=np.inf)
     return np.asarray(distance < 1.0)
 

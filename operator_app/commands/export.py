@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Read the session's calibration, write the document, and upload it if asked."""
-    from operator_app.composition import carried_procedure, unattended
+    from operator_app.carried_procedure import carried_procedure
     from operator_app.config.atomic import write_atomically
     from operator_app.config.parameters_file import format_parameters
     from operator_app.report.exports import Calibration
@@ -76,9 +76,6 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.session.store.journal import utc_now
     from operator_app.session.store.parameters import document_of
     from operator_app.session.store.stored_calibration import calibrated
-    from operator_app.session.workflow.capture import connect
-    from operator_app.session.workflow.export import export
-    from operator_app.session.workflow.listener import Listener
     from operator_app.session.workflow.opening import resume
 
     kind = _format(args)
@@ -118,6 +115,11 @@ def execute(args: argparse.Namespace) -> int:
         )
         name, data = _converted(args, what, kind)
     elif args.upload:
+        from operator_app.composition import unattended
+        from operator_app.session.workflow.capture import connect
+        from operator_app.session.workflow.export import export
+        from operator_app.session.workflow.listener import Listener
+
         # In the session: what its arm is given, and why, is in its journal.
         with unattended(opening, record_to=recording(args, opening)) as session:
             connect(session, Listener())

@@ -156,7 +156,7 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None
 
 def _of_session(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None, str]:
     """Return the session's procedure and what its poses tell."""
-    from operator_app.composition import carried_procedure
+    from operator_app.carried_procedure import carried_procedure
     from operator_app.planning.preview import PlanningBasis
     from operator_app.session.store.folders import read_session
     from operator_app.session.workflow.opening import Choices, resume

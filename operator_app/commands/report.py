@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Read the session's calibration and show it."""
+    from operator_app.carried_procedure import carried_procedure
     from operator_app.commands.options import require_joints
-    from operator_app.composition import carried_procedure
     from operator_app.report.subject import subject_of_session
     from operator_app.session.store.journal import read_journal
     from operator_app.session.store.replay import session_state

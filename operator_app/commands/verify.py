@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Judge and report."""
     from operator_app.calibration.new_poses import NoTestError, judge_new
-    from operator_app.composition import carried_procedure
+    from operator_app.carried_procedure import carried_procedure
     from operator_app.report.results.verification import verification_json, verification_text
     from operator_app.session.store.folders import read_session
     from operator_app.session.store.stored_calibration import calibrated
@@ -134,7 +134,7 @@ def _open_loop(
     """Judge the session by endpoints that another instrument measured, from a file or on the arm."""
     from fixtures.measured import Measured
     from operator_app.calibration.open_loop import check_open_loop
-    from operator_app.composition import carried_procedure
+    from operator_app.carried_procedure import carried_procedure
     from operator_app.config.fixture_file import load_fixture
     from operator_app.report.results.open_loop import open_loop_json, open_loop_text
 

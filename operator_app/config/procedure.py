@@ -9,12 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from hardware.canopen.bus_profile import BusProfile
-from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.quantities import (
     AngleDeg,
     Count,
@@ -27,10 +25,14 @@ from operator_app.config.quantities import (
     in_si,
     refuse,
 )
-from operator_app.config.resources import Resource
 from operator_app.config.schema import StrictRecord
-from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
+
+if TYPE_CHECKING:
+    from hardware.canopen.bus_profile import BusProfile
+    from operator_app.config.fixture_file import FixtureSpec
+    from operator_app.config.resources import Resource
+    from solver.chain.arm_model import ArmModel
 
 MOST_PLACEMENTS = 20
 """How often a session may mount its fixture."""

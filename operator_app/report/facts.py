@@ -9,14 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import side_of
-from operator_app.calibration.cross_validation import Checks
-from operator_app.calibration.notices import Notice
-from operator_app.calibration.result import Solution
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.json_schema import calibration_data, checks_data, estimate_data
 from operator_app.report.parameter_tables import (
@@ -42,9 +39,14 @@ from operator_app.report.table import FactTable, Headline, keyed
 from operator_app.report.uncertainty_tables import budget_table, components_table, halving_table
 from operator_app.report.verdict_tables import causes_table, tests_table
 from operator_app.units.figure import CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
-from solver.arrays import FloatArray
-from solver.estimators.estimate import Estimate
-from solver.estimators.goodness import TwoReadings
+
+if TYPE_CHECKING:
+    from operator_app.calibration.cross_validation import Checks
+    from operator_app.calibration.notices import Notice
+    from operator_app.calibration.result import Solution
+    from solver.arrays import FloatArray
+    from solver.estimators.estimate import Estimate
+    from solver.estimators.goodness import TwoReadings
 
 CONDITION_PAPER = 28
 

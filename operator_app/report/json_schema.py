@@ -7,23 +7,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
-from operator_app.calibration.cross_validation import Checks
-from operator_app.calibration.notices import Notice
-from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import halvings
 from operator_app.units.figure import ANGLE
-from solver.diagnostics.cross_validation import HoldOut
-from solver.diagnostics.rvdt import RvdtVerdict
 from solver.diagnostics.statistics import chi2_test, correlations
-from solver.errors import UnidentifiableError
-from solver.estimators.estimate import Estimate
-from solver.estimators.variance_components import VarianceComponents
+
+if TYPE_CHECKING:
+    from operator_app.calibration.cross_validation import Checks
+    from operator_app.calibration.notices import Notice
+    from operator_app.calibration.result import Solution
+    from solver.diagnostics.cross_validation import HoldOut
+    from solver.diagnostics.rvdt import RvdtVerdict
+    from solver.errors import UnidentifiableError
+    from solver.estimators.estimate import Estimate
+    from solver.estimators.variance_components import VarianceComponents
 
 
 def calibration_data(solution: Solution) -> dict[str, Any]:

@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.notices import Notice
-from operator_app.calibration.result import Solution
-from operator_app.config.procedure import Procedure
 from operator_app.report.facts import Facts, facts_of
-from operator_app.session.store.journal_format import JournalEvent
 from operator_app.session.store.replay import replay
-from operator_app.session.store.state import CapturedPose, SessionState
-from operator_app.session.store.stored_calibration import StoredCalibration
-from solver.arrays import FloatArray
-from solver.errors import UnidentifiableError
-from solver.estimators.estimate import Estimate
+
+if TYPE_CHECKING:
+    from operator_app.calibration.cross_validation import Checks
+    from operator_app.calibration.result import Solution
+    from operator_app.config.procedure import Procedure
+    from operator_app.session.store.journal_format import JournalEvent
+    from operator_app.session.store.state import CapturedPose, SessionState
+    from operator_app.session.store.stored_calibration import StoredCalibration
+    from solver.arrays import FloatArray
+    from solver.errors import UnidentifiableError
+    from solver.estimators.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
-from operator_app.calibration.notices import Notice
-from operator_app.report.facts import Facts
 from operator_app.report.table import Column, FactTable, shown
 from operator_app.safe_output import harmless
 from operator_app.units.numbers import joints_named, names
-from solver.errors import UnidentifiableError
+
+if TYPE_CHECKING:
+    from operator_app.calibration.notices import Notice
+    from operator_app.report.facts import Facts
+    from solver.errors import UnidentifiableError
 
 WIDTH = 80
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from operator_app.composition import carried_procedure
+from operator_app.carried_procedure import carried_procedure
 from operator_app.headless.runner import run
 from operator_app.session.store.journal import JOURNAL_NAME, Clock, utc_now
 from operator_app.session.ui.operations import Operations

@@ -16,8 +16,8 @@ from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import scenario
+from operator_app.carried_procedure import carried_procedure
 from operator_app.cli import main
-from operator_app.composition import carried_procedure
 from operator_app.config.arm_file import load_arm
 from operator_app.config.description import describe
 from operator_app.headless.runner import RunResult, run

@@ -23,25 +23,59 @@ the last digit: a better error model moves them within their sigmas. Everything 
 (``operator_app``, ``hardware``, ``fixtures``, ``solver``) may change with any release.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from operator_app.package_names import require_own_names
 
 # Before anything is imported by these names: what fails later fails far from the cause.
 require_own_names()
 
-from fixtures.errors import FixtureError  # noqa: E402
-from operator_app.calibration.comparison import IncomparableError  # noqa: E402
-from operator_app.config.errors import ConfigError, WriteError  # noqa: E402
-from operator_app.errors import SessionError  # noqa: E402
-from solver.errors import SolverError, UnidentifiableError  # noqa: E402
+if TYPE_CHECKING:
+    from fixtures.errors import FixtureError
+    from operator_app.calibration.comparison import IncomparableError
+    from operator_app.config.errors import ConfigError, WriteError
+    from operator_app.errors import SessionError
+    from solver.errors import SolverError, UnidentifiableError
 
-from .calibrating import calibrate  # noqa: E402
-from .judging import Comparison, Verification, compare, verify  # noqa: E402
-from .loading import load_result  # noqa: E402
-from .machines import Arm, Fixture, load_arm, load_fixture  # noqa: E402
-from .planning import Plan, Simulation, plan, simulate  # noqa: E402
-from .poses import Poses, load_poses, poses_of  # noqa: E402
-from .result import Result  # noqa: E402
-from .tables import Table  # noqa: E402
+    from .calibrating import calibrate
+    from .judging import Comparison, Verification, compare, verify
+    from .loading import load_result
+    from .machines import Arm, Fixture, load_arm, load_fixture
+    from .planning import Plan, Simulation, plan, simulate
+    from .poses import Poses, load_poses, poses_of
+    from .result import Result
+    from .tables import Table
+
+_HOME = {
+    "Arm": "sarcal.machines",
+    "Comparison": "sarcal.judging",
+    "ConfigError": "operator_app.config.errors",
+    "Fixture": "sarcal.machines",
+    "FixtureError": "fixtures.errors",
+    "IncomparableError": "operator_app.calibration.comparison",
+    "Plan": "sarcal.planning",
+    "Poses": "sarcal.poses",
+    "Result": "sarcal.result",
+    "SessionError": "operator_app.errors",
+    "Simulation": "sarcal.planning",
+    "SolverError": "solver.errors",
+    "Table": "sarcal.tables",
+    "UnidentifiableError": "solver.errors",
+    "Verification": "sarcal.judging",
+    "WriteError": "operator_app.config.errors",
+    "calibrate": "sarcal.calibrating",
+    "compare": "sarcal.judging",
+    "load_arm": "sarcal.machines",
+    "load_fixture": "sarcal.machines",
+    "load_poses": "sarcal.poses",
+    "load_result": "sarcal.loading",
+    "plan": "sarcal.planning",
+    "poses_of": "sarcal.poses",
+    "simulate": "sarcal.planning",
+    "verify": "sarcal.judging",
+}
+"""Where each name is defined; it is imported when it is first used, so that `import sarcal` costs next to nothing."""
 
 __all__ = [
     "Arm",
@@ -71,3 +105,15 @@ __all__ = [
     "simulate",
     "verify",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'sarcal' has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

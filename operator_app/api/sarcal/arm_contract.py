@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -23,10 +24,12 @@ from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode
 from hardware.commissioning import clauses, motion_checks
 from hardware.commissioning.finding import Bounds, Clause
 from operator_app.composition import open_arm
-from operator_app.config.procedure import Procedure
 from operator_app.session.workflow.opening import Choices, begin
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import rank_at_pose
+
+if TYPE_CHECKING:
+    from operator_app.config.procedure import Procedure
 
 STEP_RAD = math.radians(2.0)
 BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0.5))

@@ -11,11 +11,12 @@ import operator
 import reprlib
 from collections.abc import Iterable
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from solver.arrays import FloatArray
+if TYPE_CHECKING:
+    from solver.arrays import FloatArray
 
 LARGEST_TOLERANCE_MM = 100.0
 """As ``--length-tolerance``."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.comparison import DEFAULT_LEVEL
 from operator_app.calibration.comparison import CalibrationComparison as Found
 from operator_app.calibration.comparison import compare as compared
 from operator_app.calibration.new_poses import judge_new
-from operator_app.calibration.verification import VerificationResult
-from operator_app.config.parameters import ParametersDocument
 from operator_app.documents import parameters_at
 from operator_app.report.results.comparison import comparison_json, comparison_text
 from operator_app.report.results.verification import verification_json, verification_text
@@ -20,6 +18,10 @@ from operator_app.report.results.verification import verification_json, verifica
 from .given import number, shown
 from .poses import Poses, load_poses
 from .result import Result
+
+if TYPE_CHECKING:
+    from operator_app.calibration.verification import VerificationResult
+    from operator_app.config.parameters import ParametersDocument
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from os import PathLike, fspath
 from pathlib import Path
 
-from operator_app.composition import carried_procedure
+from operator_app.carried_procedure import carried_procedure
 from operator_app.errors import SessionError
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.stored_calibration import calibrated

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from os import PathLike, fspath
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.fixture_file import FixtureSpec, parse_fixture
 from operator_app.config.resources import Resource, resolve
-from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
 
 from .given import shown
+
+if TYPE_CHECKING:
+    from solver.arrays import FloatArray
+    from solver.chain.arm_model import ArmModel
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from operator_app.units.figure import ANGLE, LENGTH
-from solver.chain.parameters import Parameter
+
+if TYPE_CHECKING:
+    from solver.chain.parameters import Parameter
 
 
 def with_units(parameters: Iterable[Parameter], values: Iterable[float]) -> Mapping[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +13,14 @@ from operator_app.planning.preview import Preview, preview
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.results.plan import plan_text
 from operator_app.report.results.plan_json import plan_json
-from solver.arrays import FloatArray
 
 from .given import joints, whole
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .naming import with_units
 from .poses import Poses
+
+if TYPE_CHECKING:
+    from solver.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

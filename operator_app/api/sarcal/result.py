@@ -8,18 +8,12 @@ from datetime import UTC, datetime
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, get_args
-
-from numpy.typing import ArrayLike
+from typing import TYPE_CHECKING, Any, get_args
 
 from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibrated_arm
-from operator_app.calibration.cross_validation import Checks
-from operator_app.calibration.result import Solution
 from operator_app.config.atomic import write_atomically
-from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import save_poses
-from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.report.exports import FILES, Calibration, in_format, into_description
 from operator_app.report.facts import Facts, facts_of
@@ -34,16 +28,25 @@ from operator_app.report.text import facts_text
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.parameters import document_of, why_used
-from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import StoredCalibration
 from operator_app.session.workflow.importing import How, ImportedSession
-from solver.arrays import FloatArray
 
 from .given import one_of, readings_rad
-from .machines import Arm, Fixture
 from .naming import with_units
-from .poses import Poses
 from .tables import Table
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from operator_app.calibration.cross_validation import Checks
+    from operator_app.calibration.result import Solution
+    from operator_app.config.parameters import ParametersDocument
+    from operator_app.config.procedure import Procedure
+    from operator_app.session.store.state import SessionState
+    from solver.arrays import FloatArray
+
+    from .machines import Arm, Fixture
+    from .poses import Poses
 
 YAML = ("yaml", "yml")
 """Endings of a parameters file."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from operator_app.report.html.elements import figure
-from operator_app.report.html.markup import Html
 from operator_app.report.plots.calibration_plots import pose_axis
-from operator_app.report.plots.plot import Picture
 from operator_app.report.plots.strips import Range, Strip, ranges, strips
 from operator_app.report.plots.svg import plot
 from operator_app.report.session_tables import CORRECTION_ODD, sensed_joints
-from operator_app.report.subject import Subject
 from operator_app.units.figure import ANGLE, CLOSURE_ANGLE, SHARE, Figure
-from solver.estimators.estimate import Estimate
+
+if TYPE_CHECKING:
+    from operator_app.report.html.markup import Html
+    from operator_app.report.plots.plot import Picture
+    from operator_app.report.subject import Subject
+    from solver.estimators.estimate import Estimate
 
 
 def drawn(picture: Picture) -> Html:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from operator_app.report.facts import Facts
 from operator_app.report.html.elements import bullets, sentence
 from operator_app.report.html.markup import Html, element
-from operator_app.report.subject import Subject
+
+if TYPE_CHECKING:
+    from operator_app.report.facts import Facts
+    from operator_app.report.subject import Subject
 
 
 def verdict_words(subject: Subject) -> str:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from operator_app.report.html.elements import Section
+from typing import TYPE_CHECKING
+
 from operator_app.report.html.head import banner, tiles, verdict, verdict_words
 from operator_app.report.html.markup import Html, element
 from operator_app.report.html.sections import sections_of
 from operator_app.report.html.style import STYLE
-from operator_app.report.subject import Subject
+
+if TYPE_CHECKING:
+    from operator_app.report.html.elements import Section
+    from operator_app.report.subject import Subject
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 """What a browser may load for this page: nothing."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.html import figures
 from operator_app.report.html.elements import (
@@ -22,12 +24,14 @@ from operator_app.report.session_tables import (
     rvdt_joints,
     rvdt_table,
 )
-from operator_app.report.subject import Subject
-from operator_app.report.table import FactTable
 from operator_app.units.figure import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure
 from operator_app.units.numbers import joints_named, names, plural
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness
-from solver.estimators.estimate import Estimate
+
+if TYPE_CHECKING:
+    from operator_app.report.subject import Subject
+    from operator_app.report.table import FactTable
+    from solver.estimators.estimate import Estimate
 
 CURVE_WORDS = (
     "With the readings of {joints} used, these corrections close the loops. A bow or an S is the "

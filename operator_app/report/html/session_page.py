@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from operator_app.config.atomic import write_atomically
 from operator_app.errors import GuardError
@@ -10,7 +11,9 @@ from operator_app.report.html.page import report_html
 from operator_app.report.subject import subject_of_session
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.stored_calibration import StoredCalibration, recorded
-from operator_app.session.workflow.session import Session
+
+if TYPE_CHECKING:
+    from operator_app.session.workflow.session import Session
 
 REPORT_NAME = "report.html"
 

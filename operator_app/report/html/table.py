@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from operator_app.report.html.markup import Html, element, join, spoken, text
-from operator_app.report.table import Cell, Column, FactTable
 from operator_app.units.figure import Figure
 from operator_app.units.numbers import typeset
+
+if TYPE_CHECKING:
+    from operator_app.report.table import Cell, Column, FactTable
 
 
 def table_html(table: FactTable) -> Html:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from operator_app.report.table import FactTable, figures, words
 from operator_app.report.text import paragraph, table_lines
-from operator_app.session.store.state import CapturedPose
-from operator_app.session.workflow.planned_capture import CampaignEnd
 from operator_app.units.figure import Figure, in_json, quantity_of
-from solver.chain.parameters import Parameter
+
+if TYPE_CHECKING:
+    from operator_app.session.store.state import CapturedPose
+    from operator_app.session.workflow.planned_capture import CampaignEnd
+    from solver.chain.parameters import Parameter
 
 PLACES = 4
 

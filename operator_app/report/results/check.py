@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from fixtures.base import Severity
-from operator_app.config.any_file import Found, Looked
 from operator_app.config.degrees import short_degrees
-from operator_app.config.errors import Problem
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
-from operator_app.planning.inspection import Chain
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.planning.outlook import Outlook
 from operator_app.report.text import paragraph
 from operator_app.units.figure import (
     ANGLE_TOLERANCE,
@@ -30,7 +27,13 @@ from operator_app.units.numbers import joints_named
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
-from solver.diagnostics.identifiability import Identifiability
+
+if TYPE_CHECKING:
+    from operator_app.config.any_file import Found, Looked
+    from operator_app.config.errors import Problem
+    from operator_app.planning.inspection import Chain
+    from operator_app.planning.outlook import Outlook
+    from solver.diagnostics.identifiability import Identifiability
 
 UNITS = (
     "Units are in the keys and columns: _deg degrees, _m metres, _mm millimetres, _mrad milliradians. "

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from operator_app.config.any_file import Found
 from operator_app.config.degrees import short_degrees
-from operator_app.config.errors import Problem
-from operator_app.planning.inspection import Chain
 from operator_app.report.results.check import in_words
 from operator_app.report.results.plan_json import check_json
 from operator_app.units.figure import Figure
-from solver.chain.arm_model import Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
-from solver.diagnostics.identifiability import Identifiability
+
+if TYPE_CHECKING:
+    from operator_app.config.any_file import Found
+    from operator_app.config.errors import Problem
+    from operator_app.planning.inspection import Chain
+    from solver.chain.arm_model import Joint
+    from solver.diagnostics.identifiability import Identifiability
 
 
 def found_json(found: Found, chains: Sequence[Chain]) -> dict[str, Any]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import textwrap
+from typing import TYPE_CHECKING
 
-from fixtures.advice import PlacementReport, RankedPlacement
 from fixtures.base import Severity
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.planning.fixed_parameters import HELD
-from operator_app.planning.preview import Preview
 from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plots.plan import coverage_lines, region_lines
 from operator_app.report.text import WIDTH, aligned, paragraph
@@ -26,8 +25,12 @@ from operator_app.units.figure import (
     quantity_of,
 )
 from operator_app.units.numbers import joints_named
-from solver.chain.parameters import Parameter
-from solver.design.drive_joints import RankedDrives
+
+if TYPE_CHECKING:
+    from fixtures.advice import PlacementReport, RankedPlacement
+    from operator_app.planning.preview import Preview
+    from solver.chain.parameters import Parameter
+    from solver.design.drive_joints import RankedDrives
 
 SHOWN = 6
 """Drive sets in the table."""

@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fixtures.advice import RankedPlacement
-from fixtures.base import SetupCheck
-from operator_app.planning.preview import PlannedPose, Preview
 from operator_app.units.figure import Figure, in_json
-from solver.chain.parameters import Parameter
-from solver.design.drive_joints import RankedDrives
+
+if TYPE_CHECKING:
+    from fixtures.advice import RankedPlacement
+    from fixtures.base import SetupCheck
+    from operator_app.planning.preview import PlannedPose, Preview
+    from solver.chain.parameters import Parameter
+    from solver.design.drive_joints import RankedDrives
 
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from itertools import groupby
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from operator_app.report.text import paragraph
-from operator_app.session.store.journal_repair import Repaired, RepairedLine
+
+if TYPE_CHECKING:
+    from operator_app.session.store.journal_repair import Repaired, RepairedLine
 
 KEPT, RESTORED, LOST = "kept", "restored", "lost"
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from operator_app.config.errors import ConfigError
 from operator_app.config.poses_file import format_poses, load_poses
@@ -15,9 +15,11 @@ from operator_app.report.facts import Facts, estimate_json
 from operator_app.report.json_schema import unidentifiable_data
 from operator_app.session.store.folders import POSES_NAME
 from operator_app.session.store.journal_format import JOURNAL_NAME
-from operator_app.session.store.state import SessionState
-from solver.errors import UnidentifiableError
-from solver.estimators.estimate import Estimate
+
+if TYPE_CHECKING:
+    from operator_app.session.store.state import SessionState
+    from solver.errors import UnidentifiableError
+    from solver.estimators.estimate import Estimate
 
 
 def session_json(

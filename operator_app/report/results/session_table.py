@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.report.text import table_text
-from operator_app.session.store.state import SessionState
 from operator_app.units.figure import ANGLE, CONDITION, NOISE_ANGLE, Figure
 from operator_app.units.numbers import joints_named, names, plural
+
+if TYPE_CHECKING:
+    from operator_app.session.store.state import SessionState
 
 MOST_POSES = 60
 """In the table; `poses.csv` has them all."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from operator_app.calibration.result import Solution
+from typing import TYPE_CHECKING
+
 from operator_app.report.parameter_tables import precision
 from operator_app.report.table import Cell, FactTable, figures, words
-from operator_app.session.ui.snapshot import DiffRow
 from operator_app.units.figure import ANGLE, LENGTH, Figure
 from solver.chain.parameters import wrap_angle
+
+if TYPE_CHECKING:
+    from operator_app.calibration.result import Solution
+    from operator_app.session.ui.snapshot import DiffRow
 
 
 def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from operator_app.calibration.prediction import FIXTURE, shift_in_words
-from operator_app.calibration.verification import VerificationResult
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
 from operator_app.report.table import FactTable, keyed
 from operator_app.report.text import paragraph, table_text
-from operator_app.session.ui.snapshot import Verified
 from operator_app.units.figure import ANGLE, CHI2, SIGMA_ORI, SIGMA_POS
 from operator_app.units.numbers import significant
-from solver.chain.poses import PoseSet
-from solver.diagnostics.prediction import CommonShift
+
+if TYPE_CHECKING:
+    from operator_app.calibration.verification import VerificationResult
+    from operator_app.session.ui.snapshot import Verified
+    from solver.chain.poses import PoseSet
+    from solver.diagnostics.prediction import CommonShift
 
 WORST = 5
 """Odd poses that are named."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
@@ -15,7 +16,9 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.store.journal_files import names_from
 from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.session.store.replay import session_state
-from operator_app.session.store.state import SessionState
+
+if TYPE_CHECKING:
+    from operator_app.session.store.state import SessionState
 
 STAMP, STAMPED = "%Y%m%d-%H%M%S", re.compile(r"\d{8}-\d{6}-")
 """When a session was begun, at the head of its folder's name."""

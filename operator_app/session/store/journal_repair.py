@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from operator_app.errors import JournalError
 from operator_app.session.store.events import joints_told, problem_of
@@ -33,7 +33,9 @@ from operator_app.session.store.journal_format import (
     require_ours,
 )
 from operator_app.session.store.replay import session_state
-from operator_app.session.store.state import SessionState
+
+if TYPE_CHECKING:
+    from operator_app.session.store.state import SessionState
 
 TAIL = len(',"sum":"0123456789abcdef"}')
 LONGEST_TRIED = 40_000

@@ -6,27 +6,29 @@ Every fact is in the journal before it counts. What is done with an arm is `sess
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from fixtures.base import Fixture
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import Checks, check
-from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import to_dict
-from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import save_poses
-from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.store.folders import POSES_NAME
-from operator_app.session.store.journal import Clock, Journal
 from operator_app.session.store.missing_repeat import unreturned_notices
 from operator_app.session.store.parameters import document_of
 from operator_app.session.store.replay import apply, session_state
 from operator_app.session.store.solver_process import Solver, solve_here
-from operator_app.session.store.state import CapturedPose, SessionState
 from operator_app.session.store.stored_calibration import StoredCalibration, recorded, solved_data
-from solver.chain.arm_model import ArmModel
-from solver.estimators.least_squares import Progress
+
+if TYPE_CHECKING:
+    from fixtures.base import Fixture
+    from operator_app.calibration.result import Solution
+    from operator_app.config.parameters import ParametersDocument
+    from operator_app.config.procedure import Procedure
+    from operator_app.session.store.journal import Clock, Journal
+    from operator_app.session.store.state import CapturedPose, SessionState
+    from solver.chain.arm_model import ArmModel
+    from solver.estimators.least_squares import Progress
 
 
 class Logbook:

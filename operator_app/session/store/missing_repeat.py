@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from operator_app.calibration.notices import Notice
-from operator_app.session.store.state import SessionState
+
+if TYPE_CHECKING:
+    from operator_app.session.store.state import SessionState
 
 NO_WAY_BACK = "no way back to it is planned from here"
 """Why a planned capture does not read its first pose once more: it would say so again at every resume."""

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.remedies import ReadingTable, measured_offsets, reading_tables
-from operator_app.calibration.result import Solution
 from operator_app.config.parameter_records import (
     FORCED,
     NOT_ACCEPTED,
@@ -28,15 +28,18 @@ from operator_app.config.parameter_records import (
 from operator_app.config.parameter_uncertainty import budget_of, correlations_of
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
-from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, SessionError
-from operator_app.session.store.state import SessionState
-from solver.arrays import FloatArray, IntArray
 from solver.chain.kinematics import DhTable
-from solver.estimators.goodness import TwoReadings
 from solver.loops.arm_loop import ArmLoop
-from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
+
+if TYPE_CHECKING:
+    from operator_app.calibration.result import Solution
+    from operator_app.config.procedure import Procedure
+    from operator_app.session.store.state import SessionState
+    from solver.arrays import FloatArray, IntArray
+    from solver.estimators.goodness import TwoReadings
+    from solver.loops.closure import ClosureModel
 
 
 def why_used(solution: Solution, reason: str, *, say_it_by: str) -> str:

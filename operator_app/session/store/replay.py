@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hardware.arm import Lateness
 from operator_app.errors import JournalDamagedError
 from operator_app.session.store.events import joints_told, problem_of
-from operator_app.session.store.journal_format import JournalContents
 from operator_app.session.store.state import (
     UNSOLVED,
     CampaignLog,
@@ -19,6 +18,9 @@ from operator_app.session.store.state import (
     SessionState,
 )
 from solver.arrays import frozen
+
+if TYPE_CHECKING:
+    from operator_app.session.store.journal_format import JournalContents
 
 
 def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> SessionState:

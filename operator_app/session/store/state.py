@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hardware.arm import ON_TIME, JointMode, Lateness
 from operator_app.calibration.repeat_measurement import Reread
-from operator_app.config.procedure import CapturePlan
-from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
+
+if TYPE_CHECKING:
+    from operator_app.config.procedure import CapturePlan
+    from solver.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

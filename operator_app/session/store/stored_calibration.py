@@ -9,17 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import RecordError, from_dict, to_dict
-from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.session.store.missing_repeat import unreturned_notices
-from operator_app.session.store.state import SessionState
-from solver.estimators.estimate import Estimate
+
+if TYPE_CHECKING:
+    from operator_app.config.procedure import Procedure
+    from operator_app.session.store.state import SessionState
+    from solver.estimators.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

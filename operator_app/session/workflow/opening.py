@@ -11,10 +11,9 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hardware.arm import Arm, Records
-from operator_app.config.procedure import CapturePlan, Procedure
+from hardware.arm import Records
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
@@ -24,10 +23,14 @@ from operator_app.session.store.folders import begun_later, find_session, new_fo
 from operator_app.session.store.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.session.store.replay import session_state
-from operator_app.session.workflow.instrument import Instrument
 from operator_app.session.workflow.placements import next_due, require_mountable
-from operator_app.session.workflow.session import Session
 from solver.estimators.estimate import require_enough_poses
+
+if TYPE_CHECKING:
+    from hardware.arm import Arm
+    from operator_app.config.procedure import CapturePlan, Procedure
+    from operator_app.session.workflow.instrument import Instrument
+    from operator_app.session.workflow.session import Session
 
 KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Order of `Procedure.sources`."""
@@ -133,6 +136,8 @@ class Rig:
 
 def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     """Make the session of a rig, its journal begun or gone on with; raises JournalError."""
+    from operator_app.session.workflow.session import Session
+
     opening, settings = rig.opening, asdict(rig.opening.choices)
     journal = (Journal.resume if opening.resumed else Journal.create_beside)(opening.folder)
     _record_beside(journal, rig)

@@ -14,7 +14,7 @@ from fixtures.measured import Measured
 from hardware.errors import InstrumentError
 from hardware.line_port import CalledLines
 from hardware.virtual.truth import OpenTruth, paper_loop
-from operator_app.composition import carried_procedure
+from operator_app.carried_procedure import carried_procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.capture import take_poses

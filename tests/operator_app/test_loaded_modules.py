@@ -1,0 +1,76 @@
+"""What each command loads: start-up is imports, and they are counted here, not timed."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HINGE = Path(__file__).parents[1] / "data/hinge/hinge_quantised.csv"
+ARM_IN_FIXTURE = ("--arm", "sarcos_dextrous", "--fixture", "hinge")
+LOADED = """
+import contextlib, io, json, sys
+from operator_app.cli import main
+sys.argv[0] = "sarcal"
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    main()
+print(json.dumps(sorted(sys.modules)))
+"""
+BUS = ("can", "canopen", "hardware.control", "hardware.buses", "operator_app.session.ui", "textual")
+SESSION = ("operator_app.session.workflow.session", "operator_app.session.safety")
+SOLVER = ("scipy", "operator_app.calibration.calibrate", "operator_app.report.facts")
+
+
+def loaded(code: str, *arguments: str) -> list[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True
+    )
+    found: list[str] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("sessions")
+    loaded(LOADED, "import", str(HINGE), *ARM_IN_FIXTURE, "--sessions", str(root))
+    return next(root.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("command", "at_most", "not_needed"),
+    [
+        (("--version",), 220, (*BUS, *SESSION, *SOLVER, "numpy", "pydantic", "yaml")),
+        (("session", "list"), 330, (*BUS, *SESSION, *SOLVER, "pydantic")),
+        (("solve", str(HINGE), *ARM_IN_FIXTURE), 780, (*BUS, *SESSION, "scipy.spatial")),
+        (("report",), 800, (*BUS, *SESSION)),
+        (("export",), 700, (*BUS, *SESSION, "scipy.spatial")),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) and len(value) < 9 else None,
+)
+def test_a_command_loads_what_it_needs(
+    command: tuple[str, ...], at_most: int, not_needed: tuple[str, ...], session: Path
+) -> None:
+    where = {
+        "session": ("--sessions", str(session.parent)),
+        "report": (str(session),),
+        "export": (str(session),),
+    }.get(command[0], ())
+    modules = loaded(LOADED, *command, *where)
+    needless = [m for m in modules for name in not_needed if m == name or m.startswith(f"{name}.")]
+    assert not needless
+    assert len(modules) <= at_most
+
+
+def test_importing_the_library_loads_nothing_to_compute_with() -> None:
+    modules = loaded("import sarcal, json, sys; print(json.dumps(sorted(sys.modules)))")
+    assert not {"numpy", "scipy", "pydantic", "can"} & set(modules)
+
+
+def test_every_public_name_is_found_and_no_other() -> None:
+    import sarcal
+
+    assert set(sarcal.__all__) <= set(dir(sarcal))
+    assert all(getattr(sarcal, name).__name__ == name for name in sarcal.__all__)
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = sarcal.no_such_name

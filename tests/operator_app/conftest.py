@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from operator_app.session.workflow.session import Session
 from tests.oracles.journalled_sessions import journalled_sessions
 from tests.oracles.opened import MakeSession, opened
 from tests.oracles.plant_arm import SERIAL, PlantArm
+from tests.oracles.recorded import recorded_folder
 from tests.oracles.ticking import Ticking
 
 
@@ -37,4 +39,6 @@ def make_session(tmp_path: Path) -> MakeSession:
 @pytest.fixture(scope="session")
 def journalled(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
     """Folders of sessions with a calibration in their journals, by how they were made. Not to be changed."""
-    return journalled_sessions(tmp_path_factory.mktemp("sessions"))
+    own = tmp_path_factory.mktemp("sessions") / "made"
+    shutil.copytree(recorded_folder(journalled_sessions), own)
+    return {folder.name: folder for folder in own.iterdir()}

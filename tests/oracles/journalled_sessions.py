@@ -5,7 +5,6 @@ Made as the product makes them, on the plant without a bus. The poses are captur
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,8 +69,8 @@ def _opened(opening: Opening, clock: Clock) -> Session:
     return open_session(rig, clock=clock)
 
 
-def journalled_sessions(root: Path) -> Mapping[str, Path]:
-    """Return session folders below `root` by how they were made."""
+def journalled_sessions(root: Path) -> None:
+    """Fill `root` with session folders, named by how they were made."""
     clock, folder = Ticking(), root / "run"
     choices = Choices(poses=POSES, scenario=SCENARIO, interface="virtual")
     _by_run(_opened(replace(begin("hinge", choices, root=root, clock=clock), folder=folder), clock))
@@ -86,7 +85,6 @@ def journalled_sessions(root: Path) -> Mapping[str, Path]:
     _by_run(copy("paper", captured, estimator="paper"))
     _by_app(copy("app", captured))
     _by_run(copy("resumed", len(lines)))
-    return {name: root / name for name in ("run", "paper", "app", "resumed")}
 
 
 def _by_run(session: Session) -> None:

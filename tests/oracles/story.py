@@ -31,6 +31,7 @@ from operator_app.session.ui.snapshot import (
 )
 from tests.oracles.live_arm import LiveArm
 from tests.oracles.opened import opened
+from tests.oracles.recorded import recorded
 from tests.oracles.ticking import Ticking
 
 POSES = 16
@@ -60,6 +61,7 @@ class StillArm(LiveArm):
 
 
 @cache
+@recorded
 def story() -> Mapping[str, SessionSnapshot]:
     """Snapshots by the name of what was done last."""
     pictures: dict[str, SessionSnapshot] = {}

@@ -57,6 +57,7 @@ def poses_of(folder: Path) -> list[int]:
     return [e.data["number"] for e in read_journal(folder).events if e.name == "pose"]
 
 
+@pytest.mark.campaign
 def test_after_a_kill_the_same_command_goes_on(tmp_path: Path, channel: str) -> None:
     bus = ("-i", "loopback", "-c", channel)
     with controller_on(tmp_path, channel):
@@ -124,6 +125,7 @@ def test_a_freeze_of_0_3_s_costs_nothing(tmp_path: Path, channel: str) -> None:
     assert poses_of(folder) == [1, 2, 3, 4, 5]
 
 
+@pytest.mark.campaign
 def test_after_a_trip_what_is_advised_works(tmp_path: Path, channel: str) -> None:
     bus = ("-i", "loopback", "-c", channel)
     fault = ("--fault", "collision", "--fault-joint", "4", "--fault-sync", "1500")
@@ -153,6 +155,7 @@ def test_after_a_trip_what_is_advised_works(tmp_path: Path, channel: str) -> Non
         assert (code, json.loads(out)) == (0, {"cleared": [], "left": []})
 
 
+@pytest.mark.campaign
 def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path: Path, channel: str) -> None:
     bus = ("-i", "loopback", "-c", channel)
     fault = ("--fault", "external-stop", "--fault-sync", "300")
@@ -168,6 +171,7 @@ def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path: Path, channel:
         assert "release the external stop" in said
 
 
+@pytest.mark.campaign
 def test_a_controller_that_died_holds_no_arm(tmp_path: Path, channel: str) -> None:
     bus = ("-i", "loopback", "-c", channel)
     with controller_on(tmp_path, channel) as controller:
@@ -185,6 +189,7 @@ def test_a_controller_that_died_holds_no_arm(tmp_path: Path, channel: str) -> No
     assert "held" not in said
 
 
+@pytest.mark.campaign
 def test_a_failed_connection_leaves_no_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], channel: str
 ) -> None:
@@ -290,6 +295,7 @@ def test_a_session_interrupted_by_ctrl_c_is_held(tmp_path: Path, channel: str) -
     assert f"sarcal run --resume {Path('sessions') / folder.name}" in said
 
 
+@pytest.mark.campaign
 def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channel: str) -> None:
     bus = ("-i", "loopback", "-c", channel)
     code, _, said = finish(start(tmp_path, "probe", *bus))
@@ -332,6 +338,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
         assert words in out, words
 
 
+@pytest.mark.campaign
 def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
     tmp_path: Path, channel: str
 ) -> None:

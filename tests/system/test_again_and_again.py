@@ -67,6 +67,7 @@ def taken_to(session: Session, joint: int, deg: float) -> None:
     assert moved.reached, moved.reason
 
 
+@pytest.mark.campaign
 def test_an_arm_outside_its_box_is_not_moved_before_the_operator_agrees(bench: Bench) -> None:
     with bench.session() as session:
         taken_to(session, 5, -189.2465 + 12.0)

@@ -56,6 +56,7 @@ def plant() -> Physics:
     return step
 
 
+@pytest.mark.campaign
 def test_a_foreign_arm_is_refused_then_probed_then_calibrated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

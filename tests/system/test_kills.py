@@ -14,6 +14,7 @@ from tests.oracles.killing import chain
 pytestmark = pytest.mark.real_time
 
 
+@pytest.mark.campaign
 def test_an_operator_killed_with_its_arm_loses_nothing(tmp_path: Path) -> None:
     found = chain(str(tmp_path / "day"), 101, 1, embedded=True)
     assert found.faults == []

@@ -122,6 +122,7 @@ def test_interrupted_in_the_middle_of_a_plan_it_goes_on(tmp_path: Path) -> None:
     assert [e["number"] for e in after] == list(range(1, len(after) + 1))
 
 
+@pytest.mark.campaign
 def test_what_no_pose_brings_to_the_request_is_named_with_advice(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

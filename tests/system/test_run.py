@@ -86,6 +86,7 @@ def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(
     assert again == found["paper"]["parameters"]
 
 
+@pytest.mark.campaign
 def test_as_reported_lands_where_the_paper_did(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -143,7 +144,7 @@ def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(
     assert "joint 4 does not move" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("placements", ["1", "2"])
+@pytest.mark.parametrize("placements", ["1", pytest.param("2", marks=pytest.mark.campaign)])
 def test_an_arm_with_a_drive_that_stays_powered_is_not_called_held(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -173,7 +174,9 @@ def test_an_arm_with_a_drive_that_stays_powered_is_not_called_held(
     assert read_journal(folder).events[-1].name == "closed"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.campaign)]
+)
 def test_interrupted_it_holds_the_arm_and_resumes(tmp_path: Path, number: signal.Signals) -> None:
     process = start(tmp_path, "run", "hinge", "--poses", "30")
     folder = wait_for_poses(tmp_path / "sessions", 3, process)

@@ -23,7 +23,6 @@ pytestmark = [pytest.mark.needs("tmux"), pytest.mark.real_time]
 
 SARCAL = (str(Path(sys.executable).with_name("sarcal")), "--seed", "1", "--speed", "8")
 POSES = 10
-SIZES = [(120, 36), (80, 24)]
 
 
 @pytest.fixture
@@ -74,7 +73,13 @@ def apply_modes(t: Terminal) -> None:
     t.until("Enter Automatic")
 
 
-@pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
+@pytest.mark.parametrize(
+    "size",
+    [
+        pytest.param((120, 36), id="120x36"),
+        pytest.param((80, 24), id="80x24", marks=pytest.mark.campaign),
+    ],
+)
 def test_connect_to_export_killed_in_mid_capture_and_resumed(terminal, tmp_path, size):
     t = terminal(size=size)
     walk_to_capture(t)
@@ -120,6 +125,7 @@ def test_connect_to_export_killed_in_mid_capture_and_resumed(terminal, tmp_path,
     assert state.exported["uploaded"]["slot"]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_in_mid_capture_ends_it_in_order(terminal, tmp_path, number):
     t = terminal()
@@ -135,6 +141,7 @@ def test_a_signal_in_mid_capture_ends_it_in_order(terminal, tmp_path, number):
     assert "--resume" in t.screen()
 
 
+@pytest.mark.campaign
 def test_a_closed_terminal_leaves_the_journal_whole_and_closed(terminal, tmp_path):
     t = terminal()
     walk_to_capture(t)
@@ -166,6 +173,7 @@ def capturing(folder: Path) -> Iterator[PtyProgram]:
     assert contents.events[-1].name == "closed"
 
 
+@pytest.mark.campaign
 def test_a_program_without_a_terminal_ends(tmp_path):
     """The kernel's SIGCONT makes Textual begin anew, on a terminal that is not there any more."""
     with capturing(tmp_path) as program:
@@ -176,12 +184,14 @@ def test_a_program_without_a_terminal_ends(tmp_path):
         program.process.send_signal(signal.SIGHUP)
 
 
+@pytest.mark.campaign
 def test_a_signal_that_comes_again_does_not_keep_the_arm_from_being_held(tmp_path):
     with capturing(tmp_path) as program:
         wait_for_poses(tmp_path, 1)
         send_again_and_again(program, signal.SIGTERM)
 
 
+@pytest.mark.campaign
 def test_a_terminal_that_is_not_read_ends_the_motion_and_a_signal_the_program(tmp_path):
     with capturing(tmp_path) as program:
         program.stop_reading()
@@ -306,6 +316,7 @@ def controller(*bus: str) -> Iterator[subprocess.Popen[str]]:
             started.kill()
 
 
+@pytest.mark.campaign
 def test_no_colour_means_none_and_ascii_means_ascii(terminal):
     t = terminal("--ascii", environment={"NO_COLOR": "1"})
     walk_to_capture(t)

@@ -336,7 +336,13 @@ def test_a_second_program_that_is_refused_after_it_has_reset_the_nodes_was_let_i
     assert "was let in" in findings[-1].text
 
 
-@pytest.mark.parametrize("pace", Pace)
+@pytest.mark.parametrize(
+    "pace",
+    [
+        pytest.param(Pace.REAL_TIME, marks=(pytest.mark.campaign, pytest.mark.real_time)),
+        Pace.FAST_FORWARD,
+    ],
+)
 def test_drives_that_ignore_that_the_operator_is_gone_are_found_enabled(pace: Pace) -> None:
     """They say in 1016h that they watch. The reset of a new connection stops them: that is not alone."""
     with ExitStack() as stack:

@@ -110,7 +110,8 @@ class Driver:
             if loop.time() > end:
                 said = [m.text for m in self.s.messages[-4:]] if self.app.picture else []
                 raise AssertionError(f"never came true: {what}; task {self.s.task}, said {said}")
-            await self.pilot.pause(0.005)
+            # The app goes on by itself; a pause of the pilot would ask every widget whether it is done.
+            await asyncio.sleep(0.005)
 
     async def idle(self) -> None:
         """Wait until the worker has nothing to do and the screen shows it."""

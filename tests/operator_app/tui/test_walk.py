@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
 from operator_app.config.parameters_file import load_parameters
 from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
@@ -68,6 +70,7 @@ async def test_following_the_footer_alone_ends_with_uploaded_parameters(drive, s
         assert source.arm.active_parameters() == d.s.written.parameters.read_bytes()
 
 
+@pytest.mark.campaign
 async def test_a_session_left_in_the_middle_is_offered_and_goes_on(drive, source):
     source.pace_s = 0.01
     async with drive() as d:

@@ -236,6 +236,7 @@ def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(
     assert len(named(again, "campaign")) == 1
 
 
+@pytest.mark.campaign
 def test_while_exploring_an_arm_that_was_moved_is_taken_back(make_session: MakeSession) -> None:
     wanted = procedure(3)
     session = interrupted(make_session(wanted), 700)
@@ -246,6 +247,7 @@ def test_while_exploring_an_arm_that_was_moved_is_taken_back(make_session: MakeS
     assert any("going back there first" in text for text in told.said)
 
 
+@pytest.mark.campaign
 def test_the_operator_ends_a_move_and_goes_on(make_session: MakeSession) -> None:
     session = make_session(procedure(3))
     told, moves = Told(session), 0
@@ -266,6 +268,7 @@ def test_the_operator_ends_a_move_and_goes_on(make_session: MakeSession) -> None
     assert len(named(session, "campaign")) == 1
 
 
+@pytest.mark.campaign
 def test_a_withdrawn_pose_no_longer_counts_in_the_plan(
     make_session: MakeSession,
 ) -> None:

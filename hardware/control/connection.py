@@ -96,7 +96,7 @@ class Connection:
         bus = on_bus.openers.main(settings)
         if record_to is None:  # a recording is of everything
             keep_out(bus, operator_filters(profile))
-        self._wire = Wire(bus, record_to=record_to)
+        self._wire = Wire(bus, record_to=record_to, patience_s=timing.tick_s)
         try:
             self.stop_line = StopLine(self._second_handle(on_bus), self._wire, frames_of(profile))
         except BaseException:

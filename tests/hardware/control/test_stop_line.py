@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import itertools
 import struct
 from collections.abc import Mapping
@@ -60,6 +61,24 @@ def test_every_drive_gets_quick_stop_with_the_target_and_mode_it_had(
     frames = [(i, struct.unpack("<Hib", data)) for i, data in own.sent]
     assert frames == [(0x201, (2, 1, 8)), (0x202, (2, 2, 10)), (0x203, (2, 3, 8))]
     assert spare.sent == []
+
+
+def test_a_full_queue_does_not_keep_stop_from_a_drive() -> None:
+    """Both handles stand before the same queue."""
+    space = can.CanOperationError("Failed to transmit", errno.ENOBUFS)
+
+    class Full(FakeBus):
+        offered = 0
+
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            Full.offered += 1
+            if Full.offered % 7:
+                raise space
+            super().send(msg, timeout)
+
+    own, spare = Full(), Full()
+    line(own, spare).send(None, COUNTS)
+    assert sorted(identifier for identifier, _ in own.sent + spare.sent) == ALL
 
 
 def test_before_the_first_command_the_target_is_where_each_joint_is(

@@ -11,6 +11,7 @@ from operator_app.calibration.cross_validation import check
 from operator_app.calibration.notices import Notice
 from operator_app.session.workflow.importing import How
 
+from .blas_threads import one_blas_thread
 from .given import joints, one_of, tolerance_m
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .poses import Poses, load_poses
@@ -19,6 +20,7 @@ from .result import Result
 Estimator = Literal["implicit", "paper"]
 
 
+@one_blas_thread
 def calibrate(
     *,
     arm: str | PathLike[str] | Arm,

@@ -15,6 +15,7 @@ from operator_app.documents import parameters_at
 from operator_app.report.results.comparison import comparison_json, comparison_text
 from operator_app.report.results.verification import verification_json, verification_text
 
+from .blas_threads import one_blas_thread
 from .given import number, shown
 from .poses import Poses, load_poses
 from .result import Result
@@ -59,6 +60,7 @@ class Verification:
         return f"<sarcal.Verification {said}: {len(self._poses)} new poses>"
 
 
+@one_blas_thread
 def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verification:
     """Judge new poses, of the same arm in the same mounting, by a calibration made before them.
 
@@ -123,6 +125,7 @@ class Comparison:
         return f"<sarcal.Comparison: {len(self.drifted)} of {len(self._found.drifts)} drifted>"
 
 
+@one_blas_thread
 def compare(
     before: Result | str | PathLike[str],
     after: Result | str | PathLike[str],

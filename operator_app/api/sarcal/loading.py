@@ -11,6 +11,7 @@ from operator_app.session.store.folders import read_session
 from operator_app.session.store.stored_calibration import calibrated
 from operator_app.session.workflow.opening import Choices, resume
 
+from .blas_threads import one_blas_thread
 from .given import shown
 from .machines import Arm, Fixture
 from .poses import Poses
@@ -20,6 +21,7 @@ SESSIONS = Path("sessions")
 """Where sessions are that are called by their name."""
 
 
+@one_blas_thread
 def load_result(session: str | PathLike[str]) -> Result:
     """Read the calibration of a session that ``sarcal run``, ``sarcal import`` or `Result.save` made.
 

@@ -14,6 +14,7 @@ from operator_app.planning.simulated import simulated_poses
 from operator_app.report.results.plan import plan_text
 from operator_app.report.results.plan_json import plan_json
 
+from .blas_threads import one_blas_thread
 from .given import joints, whole
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .naming import with_units
@@ -62,6 +63,7 @@ class Plan:
         return f"<sarcal.Plan: {len(self._shown.poses)} poses, drive joints {drives}>"
 
 
+@one_blas_thread
 def plan(
     *,
     arm: str | PathLike[str] | Arm,
@@ -136,6 +138,7 @@ class Simulation:
     truth: Mapping[str, float] = field(repr=False)
 
 
+@one_blas_thread
 def simulate(
     *,
     arm: str | PathLike[str] | Arm,

@@ -15,6 +15,7 @@ hardware/virtual/test_control_and_heartbeat.py
 hardware/virtual/test_forced_modes.py
 hardware/virtual/test_objects.py
 hardware/virtual/test_tshark.py
+operator_app/api/test_blas_threads.py
 operator_app/calibration/test_all_readings.py
 operator_app/calibration/test_honesty.py
 operator_app/calibration/test_large_sets.py
@@ -57,6 +58,7 @@ operator_app/session/test_second_standing.py
 operator_app/session/test_slips_told_at_once.py
 operator_app/session/test_standing_asked.py
 operator_app/test_fuzz.py
+operator_app/test_loaded_modules.py
 operator_app/test_recording.py
 operator_app/tui/test_actions.py
 operator_app/tui/test_escapes.py

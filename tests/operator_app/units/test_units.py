@@ -16,11 +16,11 @@ from operator_app.units.figure import DATA_AGE, POSITION, READING_SD, SIGMA_ORI,
 ROOMS = ("calibration", "tui", "headless", "commands", "report", "session")
 ROOT = Path(operator_app.__file__).parent
 KEYED = {
-    ROOT / "session" / "parameters_document.py",
-    ROOT / "report" / "calibration_data.py",
-    ROOT / "report" / "plan_json.py",
+    ROOT / "session" / "store" / "parameters.py",
+    ROOT / "report" / "json_schema.py",
+    ROOT / "report" / "results" / "plan_json.py",
     ROOT / "report" / "exports.py",
-    ROOT / "session" / "importing.py",
+    ROOT / "session" / "workflow" / "importing.py",
 }
 """Documents and JSON: their keys say their units, and are a contract."""
 CONVERSIONS = {"math.degrees", "np.degrees", "np.rad2deg"}
@@ -40,6 +40,7 @@ def shows_itself(tree: ast.AST) -> Iterator[str]:
 def test_no_face_and_no_command_converts_to_units_that_people_read() -> None:
     files = [p for room in ROOMS for p in sorted((ROOT / room).rglob("*.py"))]
     assert len(files) > 60
+    assert all(p.is_file() for p in KEYED)
     found = {
         str(p.relative_to(ROOT)): said
         for p in files

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from operator_app.commands.help_topic import manual
 from operator_app.commands.options import (
+    a_name,
     bus_options,
     choices_from,
     pose_count,
@@ -35,11 +36,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     group = parser.add_argument_group("terminal app")
     group.add_argument(
-        "--procedure", default="hinge", help="procedure file or built-in name (hinge)"
+        "--procedure", type=a_name, default="hinge", help="procedure file or built-in name (hinge)"
     )
     group.add_argument("--poses", type=pose_count, metavar="N", help="how many poses to capture")
     group.add_argument(
-        "--resume", metavar="SESSION", help="go on with a session: folder, name or latest"
+        "--resume",
+        type=a_name,
+        metavar="SESSION",
+        help="go on with a session: folder, name or latest",
     )
     group.add_argument("--ascii", action="store_true", help="only ASCII characters")
     group.add_argument(

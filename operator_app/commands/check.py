@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import json_option
+from operator_app.commands.options import a_name, json_option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 
@@ -19,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
         "files",
+        type=a_name,
         nargs="*",
         metavar="FILE",
         help="arm, fixture, procedure, bus profile, parameters (YAML) and poses (CSV), in any order: told "
@@ -26,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for kind in ("arm", "fixture", "procedure"):
         parser.add_argument(
-            f"--{kind}", metavar="NAME", help=f"a built-in {kind}, or the file of one"
+            f"--{kind}", type=a_name, metavar="NAME", help=f"a built-in {kind}, or the file of one"
         )
     json_option(parser)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from operator_app.commands.options import json_option, sessions_option
+from operator_app.commands.options import a_name, json_option, sessions_option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 
@@ -15,6 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, words in (("a", "earlier"), ("b", "later")):
         parser.add_argument(
             name,
+            type=a_name,
             metavar=name.upper(),
             help=f"{words} parameters file, session folder, session name or latest",
         )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from hardware.canopen.objects import HEARTBEAT_TIMEOUT_S, LONGEST_GUARD_S, LONGEST_WATCH_S
 from hardware.virtual.fault_messages import FAULTS
 from operator_app.commands.options import (
+    a_name,
     a_path,
     bus_options,
     choices_from,
@@ -37,10 +38,15 @@ _LOOK_S = 0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("--arm", help="arm file or built-in name (default sarcos_dextrous)")
-    parser.add_argument("--fixture", help="fixture file or built-in name (default hinge)")
+    parser.add_argument(
+        "--arm", type=a_name, help="arm file or built-in name (default sarcos_dextrous)"
+    )
+    parser.add_argument(
+        "--fixture", type=a_name, help="fixture file or built-in name (default hinge)"
+    )
     parser.add_argument(
         "--procedure",
+        type=a_name,
         metavar="P",
         help="arm and fixture of this procedure, instead of the two above; the arm stands at its home",
     )

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
+    a_name,
     a_path,
     bus_options,
     choices_from,
@@ -31,7 +32,9 @@ FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("session", metavar="SESSION", help="session folder, its name or latest")
+    parser.add_argument(
+        "session", type=a_name, metavar="SESSION", help="session folder, its name or latest"
+    )
     parser.add_argument(
         "--format",
         choices=FORMATS,
@@ -97,7 +100,7 @@ def execute(args: argparse.Namespace) -> int:
     solution = found.solution
     if found.solved_again:
         say(f"sarcal: solved again: {found.solved_again}.", err=True)
-    forced = "" if solution.accepted else args.force.strip()
+    forced = "" if solution.accepted else (args.force or "").strip()
     if not solution.accepted:
         for reason in solution.reasons:
             say(f"sarcal: not accepted: {reason}.", err=True)

@@ -7,7 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from operator_app.commands.options import a_path
+from operator_app.commands.options import a_name, a_path
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.manual.pages import SECTIONS, Manual
@@ -23,7 +23,11 @@ APP_SUMMARY = "open the terminal app"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "topic", nargs="?", metavar="TOPIC", help="page or command; without it, all topics"
+        "topic",
+        type=a_name,
+        nargs="?",
+        metavar="TOPIC",
+        help="page or command; without it, all topics",
     )
     parser.add_argument("--markdown", action="store_true", help="print the page as it is written")
     parser.add_argument(

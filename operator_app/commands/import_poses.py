@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
+    a_name,
     estimator_options,
     json_option,
     parse_joints,
@@ -28,13 +29,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
         "poses",
+        type=a_name,
         nargs="+",
         metavar="POSES.csv",
         help="a poses file, or a log with a row of joint angles for each pose; of several files each is "
         "a placement of the fixture, in this order",
     )
-    parser.add_argument("--arm", default="sarcos_dextrous", help="arm file or built-in name")
-    parser.add_argument("--fixture", default="hinge", help="fixture file or built-in name")
+    parser.add_argument(
+        "--arm", type=a_name, default="sarcos_dextrous", help="arm file or built-in name"
+    )
+    parser.add_argument(
+        "--fixture", type=a_name, default="hinge", help="fixture file or built-in name"
+    )
     unit = parser.add_mutually_exclusive_group()
     unit.add_argument("--rad", action="store_true", help="the angles are radians")
     unit.add_argument(
@@ -42,21 +48,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--columns",
-        default="",
+        type=a_name,
         metavar="LIST",
         help="columns of joints 1, 2, ...: numbers from 1 (2-8) or names of the header (q1,q2,...)",
     )
     parser.add_argument(
         "--placement",
-        default="",
+        type=a_name,
         metavar="COLUMN",
         help="column of a log, by number or name, that says in which placement of the fixture a pose was taken",
     )
     parser.add_argument(
-        "--serial", default="", metavar="TEXT", help="serial number of the arm, for compare"
+        "--serial", type=a_name, metavar="TEXT", help="serial number of the arm, for compare"
     )
     parser.add_argument(
-        "--name", default="", help="name of the session (default: that of the file)"
+        "--name", type=a_name, help="name of the session (default: that of the file)"
     )
     parser.add_argument(
         "--drop-unidentifiable",
@@ -92,7 +98,7 @@ def execute(args: argparse.Namespace) -> int:
         fixture=resolve("fixture", args.fixture),
         file=", ".join(args.poses),
         name=args.name or Path(args.poses[0]).stem,
-        serial_number=args.serial.strip() or UNSTATED,
+        serial_number=(args.serial or UNSTATED).strip(),
         how=How(
             estimator=args.estimator or "implicit",
             unsensed_joints=unsensed,
@@ -145,8 +151,8 @@ def _poses(args: argparse.Namespace, joint_count: int) -> PoseSet:
             file,
             joint_count=joint_count,
             unit=unit,
-            columns=args.columns,
-            placement=args.placement,
+            columns=args.columns or "",
+            placement=args.placement or "",
         )
         say_doubts(file, read)
         found.append(read.poses)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fixtures.base import Tolerance
-from operator_app.commands.options import a_path
+from operator_app.commands.options import a_name, a_path
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 from operator_app.units.figure import ANGLE, LENGTH, STRAY, Figure
@@ -65,31 +65,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=tuple(OF_WHAT), help="what to make")
     parser.add_argument(
         "--from",
+        type=a_name,
         dest="packaged",
         metavar="NAME",
-        default="",
         help="copy this packaged file, comments and all, to change its numbers",
     )
-    parser.add_argument("--name", default="", help="name of what is made")
+    parser.add_argument("--name", type=a_name, help="name of what is made")
     parser.add_argument(
         "-o", "--output", type=a_path, metavar="FILE", help="write it there (default: NAME.yaml)"
     )
     urdf = parser.add_argument_group("arm")
-    urdf.add_argument("--urdf", default="", metavar="FILE", help="the arm's URDF (not xacro)")
+    urdf.add_argument("--urdf", type=a_name, metavar="FILE", help="the arm's URDF (not xacro)")
     urdf.add_argument(
         "--base",
-        default="",
+        type=a_name,
         metavar="LINK",
         help="link that the chain starts at (default: the root)",
     )
     urdf.add_argument(
-        "--tip", default="", metavar="LINK", help="link that the chain ends at, e.g. the flange"
+        "--tip", type=a_name, metavar="LINK", help="link that the chain ends at, e.g. the flange"
     )
     fixture = parser.add_argument_group(
         "fixture, measured in the base (frame 0) and the hand (frame n)"
     )
     fixture.add_argument(
-        "--arm", default="", help="arm file or built-in name; for a procedure, too"
+        "--arm", type=a_name, help="arm file or built-in name; for a procedure, too"
     )
     fixture.add_argument("--kind", choices=("hinge", "ball"), help="what holds the hand")
     for side, where in (
@@ -98,11 +98,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         fixture.add_argument(
             f"--{side}-point",
+            type=a_name,
             metavar="X,Y,Z",
             help=f"a point of the hinge axis, the same one in hand and base, or the ball's centre, {where}, mm",
         )
         fixture.add_argument(
-            f"--{side}-direction", metavar="X,Y,Z", help=f"along the hinge axis, {where}"
+            f"--{side}-direction",
+            type=a_name,
+            metavar="X,Y,Z",
+            help=f"along the hinge axis, {where}",
         )
     fixture.add_argument(
         "--tolerance-mm", type=float, metavar="MM", help="how well it was measured"
@@ -111,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tolerance-deg", type=float, metavar="DEG", help="the same of directions"
     )
     procedure = parser.add_argument_group("procedure")
-    procedure.add_argument("--fixture", default="", help="fixture file or built-in name")
+    procedure.add_argument("--fixture", type=a_name, help="fixture file or built-in name")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -151,7 +155,7 @@ def _arm(args: argparse.Namespace) -> int:
         say(f"Arm         {target}: a copy of {args.packaged}; change its numbers")
         return ExitCode.ACCEPTED
     data = read_limited(expanded(args.urdf), args.urdf, limit=DESCRIPTION_LIMIT_BYTES)
-    chain = parse_urdf(data, args.urdf, base=args.base, tip=args.tip)
+    chain = parse_urdf(data, args.urdf, base=args.base or "", tip=args.tip or "")
     name = _named(args.name or chain.name)
     body = dict(arm_file_of(chain, name=name))
     bent = bent_home(parse_arm(dump_strict(body), args.urdf))

@@ -28,10 +28,19 @@ def pose_count(text: str) -> int:
     return found
 
 
+def a_name(text: str) -> str:
+    """Read the value of an option that names something, or says something in words."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError(
+            "the value is empty: name something, or leave it out; an unset shell variable is empty"
+        )
+    return text
+
+
 def a_path(text: str) -> Path:
     """Read the value of an option that names a file or folder to write; ``~`` is a home folder."""
     try:
-        return Path(text).expanduser()
+        return Path(a_name(text)).expanduser()
     except RuntimeError as error:
         raise argparse.ArgumentTypeError(
             f"{text}: there is no such home folder; for a folder of that name write ./{text}"
@@ -53,6 +62,7 @@ def estimator_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--unsensed",
+        type=a_name,
         metavar="JOINTS",
         help="joints whose readings are not to be used, e.g. 6,7",
     )
@@ -82,8 +92,8 @@ def force_option(parser: argparse.ArgumentParser) -> None:
     """``--force``."""
     parser.add_argument(
         "--force",
+        type=a_name,
         metavar="REASON",
-        default="",
         help="export a calibration even if it is not accepted; the reason is kept in the journal and "
         "in the parameters",
     )
@@ -113,13 +123,19 @@ def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> Non
     """python-can's own names: ``-i -c -b``; and which nodes are expected there."""
     group = parser.add_argument_group("bus (python-can's names; also CAN_INTERFACE and can.conf)")
     group.add_argument(
-        "-i", "--interface", help="virtual (default, embedded controller), loopback, socketcan, ..."
+        "-i",
+        "--interface",
+        type=a_name,
+        help="virtual (default, embedded controller), loopback, socketcan, ...",
     )
-    group.add_argument("-c", "--channel", help="e.g. can0, vcan0; for loopback any name")
+    group.add_argument(
+        "-c", "--channel", type=a_name, help="e.g. can0, vcan0; for loopback any name"
+    )
     group.add_argument("-b", "--bitrate", type=int, help="bit/s, e.g. 1000000")
     if profile:
         group.add_argument(
             "--profile",
+            type=a_name,
             metavar="P",
             help="how the arm's nodes are set up: bus profile file or built-in name (default sarcos, or "
             "what the procedure says); sarcal probe --draft writes one",
@@ -151,6 +167,7 @@ def tracker_option(parser: argparse.ArgumentParser) -> None:
     """``--tracker``: the port of the instrument that measures endpoints."""
     parser.add_argument(
         "--tracker",
+        type=a_name,
         metavar="PORT",
         help="where measured endpoints of an open arm come from: tcp:HOST:PORT, file:PATH (CSV that grows) "
         "or stdin; a JSON object a line, with x_m, y_m, z_m and how the target is turned. Default: what the "
@@ -173,12 +190,14 @@ def arm_options(parser: argparse.ArgumentParser) -> None:
     """SESSION or ``--arm``: what a command connects to that takes no poses."""
     parser.add_argument(
         "session",
+        type=a_name,
         nargs="?",
         metavar="SESSION",
         help="a session on the arm: its arm file and its bus (folder, name or latest)",
     )
     parser.add_argument(
         "--arm",
+        type=a_name,
         default="sarcos_dextrous",
         help="arm file or built-in name, where no session is named (default sarcos_dextrous)",
     )

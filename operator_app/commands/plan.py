@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
+    a_name,
     given_joints,
     json_option,
     parse_joints,
@@ -32,22 +33,26 @@ TRIES = 24
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "procedure", nargs="?", help="procedure file or built-in name (default hinge)"
+        "procedure", type=a_name, nargs="?", help="procedure file or built-in name (default hinge)"
     )
-    parser.add_argument("--arm", help="another arm file or built-in name than the procedure's")
     parser.add_argument(
-        "--fixture", help="another fixture file or built-in name than the procedure's"
+        "--arm", type=a_name, help="another arm file or built-in name than the procedure's"
+    )
+    parser.add_argument(
+        "--fixture", type=a_name, help="another fixture file or built-in name than the procedure's"
     )
     parser.add_argument(
         "--poses", type=pose_count, metavar="N", help=f"how many poses to plan (default {POSES})"
     )
     parser.add_argument(
         "--unsensed",
+        type=a_name,
         metavar="JOINTS",
         help="joints whose readings are not to be used, e.g. 6,7",
     )
     parser.add_argument(
         "--session",
+        type=a_name,
         metavar="SESSION",
         help="plan on the estimate of a session, in which its poses count: folder, name or latest",
     )

@@ -8,7 +8,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import a_path, estimator_options, given_joints, sessions_option
+from operator_app.commands.options import (
+    a_name,
+    a_path,
+    estimator_options,
+    given_joints,
+    sessions_option,
+)
 from operator_app.exit_codes import ExitCode
 from operator_app.safe_output import say
 
@@ -19,7 +25,9 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("session", metavar="SESSION", help="session folder, its name or latest")
+    parser.add_argument(
+        "session", type=a_name, metavar="SESSION", help="session folder, its name or latest"
+    )
     parser.add_argument(
         "-o",
         "--output",

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
+    a_name,
     bus_options,
     choices_from,
     estimator_options,
@@ -39,7 +40,11 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "procedure", nargs="?", default="hinge", help="procedure file or built-in name (hinge)"
+        "procedure",
+        type=a_name,
+        nargs="?",
+        default="hinge",
+        help="procedure file or built-in name (hinge)",
     )
     parser.add_argument("--poses", type=pose_count, metavar="N", help="how many poses to capture")
     parser.add_argument(
@@ -50,7 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "entries are each placement's own. Between two of them you are asked to take it off and mount it anew",
     )
     parser.add_argument(
-        "--resume", metavar="SESSION", help="go on with a session: its folder, its name or latest"
+        "--resume",
+        type=a_name,
+        metavar="SESSION",
+        help="go on with a session: its folder, its name or latest",
     )
     parser.add_argument(
         "--no-upload", action="store_true", help="write the parameters but do not upload them"
@@ -82,7 +90,7 @@ def execute(args: argparse.Namespace) -> int:
     choices = choices_from(args)
     opening = (
         resume(args.resume, choices, root=args.sessions)
-        if args.resume
+        if args.resume is not None
         else begin(args.procedure, choices, root=args.sessions)
     )
     listener = ConsoleListener()
@@ -105,7 +113,7 @@ def execute(args: argparse.Namespace) -> int:
                 result = run(
                     session,
                     listener,
-                    forced=args.force.strip(),
+                    forced=(args.force or "").strip(),
                     homing=args.go_home,
                     solver=solver,
                 )

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Any
 
-from operator_app.commands.options import json_option, sessions_option
+from operator_app.commands.options import a_name, json_option, sessions_option
 from operator_app.config.errors import ConfigError
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
@@ -24,7 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "itself by its checksum is kept, what is lost is said, the damaged file stays beside it",
     )
     parser.add_argument(
-        "name", nargs="?", help="folder, name or latest (the default, but not to repair)"
+        "name",
+        type=a_name,
+        nargs="?",
+        help="folder, name or latest (the default, but not to repair)",
     )
     sessions_option(parser)
     json_option(parser)

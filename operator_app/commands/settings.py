@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from operator_app.commands.options import json_option
+from operator_app.commands.options import a_name, json_option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 
@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
         "settings",
+        type=a_name,
         nargs="*",
         metavar="KEY=VALUE",
         help="set it; KEY= takes it away. Keys: " + ", ".join(MEANING),

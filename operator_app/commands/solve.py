@@ -7,6 +7,7 @@ import json
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
+    a_name,
     estimator_options,
     json_option,
     parse_joints,
@@ -32,11 +33,17 @@ CIRCULAR = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("poses", metavar="POSES.csv", help="captured poses, angles in deg")
-    parser.add_argument("--arm", default="sarcos_dextrous", help="arm file or built-in name")
-    parser.add_argument("--fixture", default="hinge", help="fixture file or built-in name")
     parser.add_argument(
-        "--placements", metavar="NUMBERS", default="", help="use these placements only, e.g. 1,2"
+        "poses", type=a_name, metavar="POSES.csv", help="captured poses, angles in deg"
+    )
+    parser.add_argument(
+        "--arm", type=a_name, default="sarcos_dextrous", help="arm file or built-in name"
+    )
+    parser.add_argument(
+        "--fixture", type=a_name, default="hinge", help="fixture file or built-in name"
+    )
+    parser.add_argument(
+        "--placements", type=a_name, metavar="NUMBERS", help="use these placements only, e.g. 1,2"
     )
     parser.add_argument(
         "--global-start",
@@ -55,12 +62,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--test",
+        type=a_name,
         metavar="FILE",
         help="judge the result by poses that took no part, of the same placement or, with a ball that "
         "stays on the hand, of others too; exit 4 if it fails",
     )
     parser.add_argument(
         "--rvdt-table",
+        type=a_name,
         metavar="FILE",
         help="correct the readings of RVDTs by the tables of this parameters file (an earlier calibration's)",
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
+    a_name,
     bus_options,
     choices_from,
     homing_option,
@@ -40,9 +41,12 @@ OPEN_POSES = 24
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("session", metavar="SESSION", help="session folder, its name or latest")
+    parser.add_argument(
+        "session", type=a_name, metavar="SESSION", help="session folder, its name or latest"
+    )
     parser.add_argument(
         "csv",
+        type=a_name,
         nargs="?",
         metavar="POSES.csv",
         help="new poses; without it the arm takes new ones, elsewhere than the session did",
@@ -56,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--procedure",
+        type=a_name,
         metavar="P",
         default="open_loop",
         help="with --open-loop: how the open arm takes its poses (default open_loop)",
@@ -63,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     tracker_option(parser)
     parser.add_argument(
         "--instrument",
+        type=a_name,
         metavar="FIXTURE",
         default="tracker",
         help="how exact the instrument of POSES.csv is: a fixture file of kind measured (default tracker: 0.05 mm, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from operator_app.cli import main
+from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.config.resources import resolve
 
 PROCEDURE = resolve("procedure", "hinge").data.decode()
@@ -75,3 +77,37 @@ def test_bad_input_is_one_error_and_nothing_is_written(
     assert expected in said.err
     assert said.out == ""
     assert sorted(tmp_path.rglob("*")) == before
+
+
+VALUES = [
+    (command, action)
+    for command in (APP, *COMMANDS)
+    for action in parser_of(command)._actions
+    if action.nargs != 0
+]
+"""Every option and every positional argument, of every command, that takes a value."""
+
+
+@pytest.mark.parametrize("blank", ["", " \t"])
+@pytest.mark.parametrize(
+    ("command", "action"), VALUES, ids=[f"{c} {a.option_strings or a.dest}" for c, a in VALUES]
+)
+def test_an_empty_value_is_refused_before_anything_is_opened(
+    command: str,
+    action: argparse.Action,
+    blank: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    first = {"session name": ["list"], "verify csv": ["x"], "compare b": ["x"]}
+    before = first.get(f"{command} {action.dest}", [])
+    with pytest.raises(SystemExit) as refused:
+        main([*([] if command == APP else [command]), *before, *action.option_strings[-1:], blank])
+    assert refused.value.code == 2
+    said = capsys.readouterr()
+    name = "/".join(action.option_strings) or action.metavar or action.dest
+    assert f"error: argument {name}: " in said.err
+    assert said.out == ""
+    assert not list(tmp_path.iterdir())

@@ -138,7 +138,7 @@ def test_bad_poses_get_one_clear_message_and_exit_code_2(
         (["missing.csv", "--unsensed", "six"], "6,7"),
         (["missing.csv", "--unsensed", "9"], "no joint 9"),
         (["missing.csv", "--unsensed", "0"], "there is no 0, numbers count from 1"),
-        (["missing.csv", "--unsensed", ""], "write numbers with commas"),
+        (["missing.csv", "--unsensed", ","], "write numbers with commas"),
         (["missing.csv", "--unsensed", "6", "--estimator", "paper"], "missing.csv"),
     ],
 )

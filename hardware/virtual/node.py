@@ -23,7 +23,7 @@ from hardware.canopen.objects import (
     NmtState,
 )
 from hardware.eds.dictionary import node_dictionary, variables
-from hardware.virtual.sdo_server import SegmentedSdoServer
+from hardware.virtual.sdo_server import NodeSdoServer
 
 Value = int | bytes | str
 Reader = Callable[[], Value]
@@ -56,7 +56,7 @@ class VirtualNode(canopen.LocalNode):
         self._writers: dict[tuple[int, int], Writer] = {}
         self._variables = variables(self.object_dictionary)
         self.number = node
-        self.server = self.sdo = SegmentedSdoServer(
+        self.server = self.sdo = NodeSdoServer(
             objects.COB_SDO_TO_SERVER + node,
             objects.COB_SDO_FROM_SERVER + node,
             self,

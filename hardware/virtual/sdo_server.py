@@ -1,4 +1,4 @@
-"""A node's SDO server: expedited and segmented transfers, one at a time. Knows frames, not objects' meaning.
+"""A node's SDO server: expedited, segmented and block transfers, one at a time. Knows frames, not objects' meaning.
 
 The server of the `canopen` package answers in every NMT state, keeps as much as it is sent, trips over
 an answer without a question and logs what goes wrong. This one takes its place.
@@ -16,6 +16,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer
 
 from hardware.canopen.objects import Abort
+from hardware.virtual.sdo_block import BlockDownload, BlockUpload
 
 _HEAD: Final = struct.Struct("<BHB")
 _ABORT: Final = struct.Struct("<BHBI")
@@ -43,10 +44,12 @@ _UPLOADING: Final = 0x41
 _UPLOADED: Final = 0x43
 _ABORTED: Final = 0x80
 _EXPEDITED, _SIZED, _LAST, _TOGGLE = 0x02, 0x01, 0x01, 0x10
+_GOES_ON: Final = 0x03
+"""Bits of a block upload's subcommand; none of them where it begins."""
 
 
 class Deferred(Exception):
-    """Raised by a node while it takes in a value: `SegmentedSdoServer.answer_later` will be called."""
+    """Raised by a node while it takes in a value: `NodeSdoServer.answer_later` will be called."""
 
 
 @dataclass(slots=True)
@@ -60,7 +63,14 @@ class _Transfer:
     sent: int = 0
 
 
-class SegmentedSdoServer(SdoServer):
+@dataclass(slots=True)
+class _Blocks:
+    index: int
+    subindex: int
+    by: BlockDownload | BlockUpload
+
+
+class NodeSdoServer(SdoServer):
     """Server of one node.
 
     Parameters
@@ -79,7 +89,7 @@ class SegmentedSdoServer(SdoServer):
         super().__init__(rx_cobid, tx_cobid, node)  # type: ignore[no-untyped-call]
         self._owner = node
         self._may_answer = may_answer
-        self._transfer: _Transfer | None = None
+        self._transfer: _Transfer | _Blocks | None = None
         self._waiting: tuple[int, int, bytes] | None = None
 
     def on_request(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:
@@ -90,11 +100,17 @@ class SegmentedSdoServer(SdoServer):
             head, index, subindex = _HEAD.unpack_from(data)
             done = _HEAD.pack(_DOWNLOADED, index, subindex) + bytes(4)
             transfer = self._transfer
-            if transfer is not None and head >> 5 in _SEGMENTS:
+            if isinstance(transfer, _Transfer) and head >> 5 in _SEGMENTS:
                 index, subindex = transfer.index, transfer.subindex
                 done = bytes([_SEGMENT_TAKEN | transfer.toggle, *bytes(7)])
+            blocks = self._blocks_of(head)
+            if blocks is not None:
+                index, subindex, done = blocks.index, blocks.subindex, BlockDownload.ENDED
             try:
-                self._answer(bytes(data), head, index, subindex)
+                if blocks is None:
+                    self._answer(bytes(data), head, index, subindex)
+                else:
+                    self._go_on(blocks, bytes(data))
             except Deferred:
                 self._transfer, self._waiting = None, (index, subindex, done)
             except SdoAbortedError as error:
@@ -125,10 +141,12 @@ class SegmentedSdoServer(SdoServer):
                 self._begin_download(data, head, index, subindex)
             case _Ask.DOWNLOAD_SEGMENT:
                 self._take_segment(data, head)
-            case (
-                _Ask.UPLOAD | _Ask.BLOCK_UPLOAD
-            ):  # CiA 301 allows to answer the second as the first
-                self._begin_upload(index, subindex)
+            case _Ask.UPLOAD:
+                self._begin_upload(index, subindex, self._to_upload(index, subindex))
+            case _Ask.BLOCK_UPLOAD if not head & _GOES_ON:
+                self._begin_block_upload(data, index, subindex)
+            case _Ask.BLOCK_DOWNLOAD if not head & _LAST:
+                self._begin_block_download(data, head, index, subindex)
             case _Ask.UPLOAD_SEGMENT:
                 self._give_segment(head)
             case _Ask.ABORT:  # has no answer
@@ -144,16 +162,14 @@ class SegmentedSdoServer(SdoServer):
         else:
             announced = _SIZE.unpack_from(data, 4)[0] if head & _SIZED else None
             self._owner.check_writable(index, subindex)
-            if announced is not None and announced > LONGEST_DOCUMENT:
-                raise SdoAbortedError(Abort.TOO_LONG)
+            _require_length(announced or 0)
             self._transfer = _Transfer(index, subindex, bytearray(), True, announced)
         self._send(_DOWNLOADED, index, subindex)
 
     def _take_segment(self, data: bytes, head: int) -> None:
         transfer = self._expect(head, downloading=True)
         transfer.data += data[1 : 8 - (head >> 1 & 7)]
-        if len(transfer.data) > LONGEST_DOCUMENT:
-            raise SdoAbortedError(Abort.TOO_LONG)
+        _require_length(len(transfer.data))
         if head & _LAST:
             self._transfer = None
             if transfer.announced not in (None, len(transfer.data)):
@@ -166,12 +182,8 @@ class SegmentedSdoServer(SdoServer):
         )
         transfer.toggle ^= _TOGGLE
 
-    def _begin_upload(self, index: int, subindex: int) -> None:
-        self._transfer = None
-        data = self._owner.get_data(index, subindex, check_readable=True)
+    def _begin_upload(self, index: int, subindex: int, data: bytes) -> None:
         size = len(data)
-        if size == 0:
-            raise SdoAbortedError(Abort.NO_DATA)
         if size <= 4:
             self._send(_UPLOADED | (4 - size) << 2, index, subindex, data)
         else:
@@ -189,10 +201,62 @@ class SegmentedSdoServer(SdoServer):
         if last:
             self._transfer = None
 
+    def _to_upload(self, index: int, subindex: int) -> bytes:
+        self._transfer = None
+        data: bytes = self._owner.get_data(index, subindex, check_readable=True)
+        if not data:
+            raise SdoAbortedError(Abort.NO_DATA)
+        return data
+
+    def _begin_block_upload(self, data: bytes, index: int, subindex: int) -> None:
+        document = self._to_upload(index, subindex)
+        if len(document) <= data[5]:  # the client lets so few bytes come as a normal upload
+            self._begin_upload(index, subindex, document)
+            return
+        by = BlockUpload(document, data[4])
+        self._transfer = _Blocks(index, subindex, by)
+        self.network.send_message(self.tx_cobid, by.begin(index, subindex))
+
+    def _begin_block_download(self, data: bytes, head: int, index: int, subindex: int) -> None:
+        self._transfer = None
+        announced = _SIZE.unpack_from(data, 4)[0]
+        self._owner.check_writable(index, subindex)
+        by = BlockDownload(head, announced)
+        _require_length(by.announced or 0)
+        self._transfer = _Blocks(index, subindex, by)
+        self.network.send_message(self.tx_cobid, by.begin(index, subindex))
+
+    def _blocks_of(self, head: int) -> _Blocks | None:
+        """The block transfer under way, if a frame belongs to it: what begins another or aborts does not."""
+        match self._transfer:
+            case _Blocks(by=BlockDownload()) if head != _ABORTED:
+                return self._transfer
+            case _Blocks(by=BlockUpload()) if head >> 5 == _Ask.BLOCK_UPLOAD:
+                return self._transfer if head & _GOES_ON else None
+        return None
+
+    def _go_on(self, blocks: _Blocks, data: bytes) -> None:
+        by, answers = blocks.by, list[bytes]()
+        if isinstance(by, BlockUpload):
+            answers = by.answer(data)
+            if not answers:
+                self._transfer = None
+        elif by.done:
+            self._transfer = None
+            document = by.end(data)
+            self._owner.set_data(blocks.index, blocks.subindex, document, check_writable=True)
+            answers = [by.ENDED]
+        else:
+            answer = by.take(data)
+            _require_length(len(by.data))
+            answers = [] if answer is None else [answer]
+        for frame in answers:
+            self.network.send_message(self.tx_cobid, frame)
+
     def _expect(self, head: int, *, downloading: bool) -> _Transfer:
         """The transfer a segment belongs to."""
         transfer = self._transfer
-        if transfer is None or transfer.downloading is not downloading:
+        if not isinstance(transfer, _Transfer) or transfer.downloading is not downloading:
             raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
         if head & _TOGGLE != transfer.toggle:
             raise SdoAbortedError(Abort.TOGGLE)
@@ -204,3 +268,8 @@ class SegmentedSdoServer(SdoServer):
 
     def _abort(self, index: int, subindex: int, code: int) -> None:
         self.network.send_message(self.tx_cobid, _ABORT.pack(_ABORTED, index, subindex, code))
+
+
+def _require_length(size: int) -> None:
+    if size > LONGEST_DOCUMENT:
+        raise SdoAbortedError(Abort.TOO_LONG)

@@ -60,6 +60,7 @@ def test_a_foreign_master_reads_samples_drives_and_stops() -> None:
     assert told["identity"]["16"]["product"] == 2
     assert [counts for _, counts, _ in told["first"]] == there
     assert told["token"] == 127
+    assert told["blocks"] == "the same"
     # 6041h: ready to switch on, switched on, operation enabled; from one SYNC to the next.
     assert [status & 0x6F for status in told["enabling"]] == [0x21, 0x23, 0x27]
     assert told["mode"] == 8

@@ -151,6 +151,20 @@ async function main() {
     await write(SUPERVISOR, 0x2010, OPERATOR, DataType.UNSIGNED32);
     told.token = await read(SUPERVISOR, 0x2010, 0, DataType.UNSIGNED32);
 
+    // Three blocks of 127 segments and a bit; block transfer is the client's choice, and each way its own protocol.
+    const document = Buffer.from(Array.from({ length: 3000 }, (_, k) => 32 + k % 90));
+    const block = { serverId: SUPERVISOR, index: 0x2000, timeout: PATIENCE_MS, blockTransfer: true };
+    told.blocks = 'the same';
+    try {
+        await master.sdo.download({ ...block, data: document, blockInterval: 0 });
+        const back = await master.sdo.upload(block);
+        if (!document.equals(back))
+            told.blocks = `${back.length} bytes, others than were sent`;
+    } catch (error) {
+        told.blocks = error.message;
+    }
+    await write(SUPERVISOR, 0x2002, 3, DataType.UNSIGNED8);
+
     const here = told.first[JOINT - 1][1];
     told.enabling = [];
     for (const controlword of [0x06, 0x07, 0x0F])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import binascii
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -81,14 +82,115 @@ def test_a_read_only_object_is_refused_before_it_is_sent(arm: Rig) -> None:
     assert abort_code(ask(arm, WRITE_2000.pack(0x21, 0x2004, 0, 100))) == 0x06010002
 
 
-@pytest.mark.parametrize("head", [0x00, 0x60, 0x70, 0x11, 0xC0, 0xE0])
+@pytest.mark.parametrize("head", [0x00, 0x60, 0x70, 0x11, 0xA1, 0xA2, 0xA3, 0xC1, 0xE0])
 def test_answers_without_a_question_are_refused(arm: Rig, head: int) -> None:
     assert abort_code(ask(arm, bytes([head]) + bytes(7))) == 0x05040001
 
 
-def test_block_upload_is_answered_as_a_normal_one(arm: Rig) -> None:
-    answer = ask(arm, struct.pack("<BHB4x", 0xA0, 0x1000, 0), node=1)
+def test_few_bytes_come_as_a_normal_upload_where_the_client_lets_them(arm: Rig) -> None:
+    request = struct.Struct("<BHBBB2x")
+    answer = ask(arm, request.pack(0xA4, 0x1000, 0, 127, 4), node=1)
     assert answer == struct.pack("<BHBI", 0x43, 0x1000, 0, 0x00020192)
+    assert ask(arm, request.pack(0xA4, 0x1000, 0, 127, 3), node=1)[0] == 0xC6
+
+
+BLOCK = b"abcdefghijklmnopqr"
+
+
+def begin_blocks(arm: Rig, size: int = len(BLOCK)) -> None:
+    answer = ask(arm, WRITE_2000.pack(0xC6, 0x2000, 0, size))
+    assert answer == WRITE_2000.pack(0xA4, 0x2000, 0, 127)
+
+
+def send_blocks(arm: Rig, numbers: list[int], first: int = 1) -> bytes:
+    """Segments of `BLOCK`, numbered from `first` on; the answer to the last."""
+    for number in numbers:
+        part = BLOCK[7 * (number - 1) : 7 * number]
+        head = number - first + 1 | (0x80 if number == 3 else 0)
+        arm.peer.send(0x610, bytes([head]) + part.ljust(7, b"\0"))
+    return arm.peer.wait_for(lambda n, _: n == 0x590)[1]
+
+
+def test_a_segment_that_was_lost_is_asked_for_again(arm: Rig) -> None:
+    begin_blocks(arm)
+    assert send_blocks(arm, [1, 3])[:3] == bytes([0xA2, 1, 127])
+    assert send_blocks(arm, [2, 3], first=2)[:3] == bytes([0xA2, 2, 127])
+    assert ask(arm, struct.pack("<BH5x", 0xC1 | 3 << 2, binascii.crc_hqx(BLOCK, 0)))[0] == 0xA1
+    assert arm.peer.read(16, 0x2000) == BLOCK
+
+
+@pytest.mark.parametrize(
+    ("size", "crc", "last", "code"),
+    [
+        (18, 1, 0xC1 | 3 << 2, 0x05040004),
+        (19, 0, 0xC1 | 3 << 2, 0x06070010),
+        (18, 0, 0xC0 | 3 << 2, 0x05040001),
+        (LONGEST_DOCUMENT + 1, 0, 0, 0x06070012),
+    ],
+)
+def test_blocks_that_are_not_what_was_announced_are_refused(
+    arm: Rig, size: int, crc: int, last: int, code: int
+) -> None:
+    if size > LONGEST_DOCUMENT:
+        answer = ask(arm, WRITE_2000.pack(0xC6, 0x2000, 0, size))
+    else:
+        begin_blocks(arm, size)
+        send_blocks(arm, [1, 2, 3])
+        answer = ask(arm, struct.pack("<BH5x", last, binascii.crc_hqx(BLOCK, 0) ^ crc))
+    assert abort_code(answer) == code
+    assert answer[1:4] == b"\x00\x20\x00"
+    with pytest.raises(RawAbort):
+        arm.peer.read(16, 0x2000)
+
+
+def test_blocks_are_read_as_the_client_asks_and_again_from_what_it_has(arm: Rig) -> None:
+    arm.peer.write(16, 0x2000, 0, BLOCK)
+    request = struct.Struct("<BHBBB2x")
+    answer = ask(arm, request.pack(0xA4, 0x2000, 0, 2, 0))
+    assert answer == WRITE_2000.pack(0xC6, 0x2000, 0, len(BLOCK))
+
+    def segments(frame: bytes, count: int) -> list[bytes]:
+        arm.peer.send(0x610, frame.ljust(8, b"\0"))
+        return [arm.peer.wait_for(lambda n, _: n == 0x590)[1] for _ in range(count)]
+
+    assert segments(b"\xa3", 2) == [b"\x01abcdefg", b"\x02hijklmn"]
+    assert segments(b"\xa2\x01\x01", 1) == [b"\x01hijklmn"]
+    assert segments(b"\xa2\x01\x7f", 1) == [b"\x81opqr\0\0\0"]
+    end = struct.pack("<BH5x", 0xC1 | 3 << 2, binascii.crc_hqx(BLOCK, 0))
+    assert segments(b"\xa2\x01\x7f", 1) == [end]
+    segments(b"\xa1", 0)
+    assert abort_code(segments(b"\xa2\x01\x7f", 1)[0]) == 0x05040001
+
+
+@pytest.mark.parametrize(
+    ("size", "frame", "code"),
+    [
+        (0, b"", 0x05040002),
+        (128, b"", 0x05040002),
+        (2, b"\xa2\x01\x80", 0x05040002),
+        (2, b"\xa2\x03\x02", 0x05040003),
+        (2, b"\xa1", 0x05040001),
+        (2, b"\xa3", 0x05040001),
+    ],
+)
+def test_what_no_block_can_be_is_refused_by_its_own_code(
+    arm: Rig, size: int, frame: bytes, code: int
+) -> None:
+    arm.peer.write(16, 0x2000, 0, BLOCK)
+    answer = ask(arm, struct.pack("<BHBBB2x", 0xA4, 0x2000, 0, size, 0))
+    if frame:
+        assert ask(arm, b"\xa3".ljust(8, b"\0"))[0] == 1
+        arm.peer.wait_for(lambda n, _: n == 0x590)
+        answer = ask(arm, frame.ljust(8, b"\0"))
+    assert abort_code(answer) == code
+
+
+def test_a_command_that_comes_in_a_block_is_answered_when_it_is_done(arm: Rig) -> None:
+    arm.peer.write(16, 0x2000, 0, b"SDA-0007 1 2 3 4 5 6 7")
+    ask(arm, struct.pack("<BHBI", 0xC2, 0x2002, 0, 1))
+    assert ask(arm, bytes([0x81, 1, *bytes(6)]))[:2] == b"\xa2\x01"
+    assert ask(arm, bytes([0xC1 | 6 << 2, *bytes(7)])) == b"\xa1".ljust(8, b"\0")
+    assert arm.peer.unsigned(16, 0x2003, 4) == 1
 
 
 def test_a_new_question_ends_the_transfer_before_it(arm: Rig) -> None:
@@ -196,6 +298,15 @@ def test_the_canopen_package_reads_and_writes_through_the_eds(arm: Rig) -> None:
             supervisor.sdo[0x2002].raw = 2
         assert refused.value.code == 0x08000022
         assert supervisor.sdo[0x2004].raw == "nothing is staged to commit"
+        # Block transfer, which is a client's choice: in blocks of 127 segments, with checksums.
+        for size in (1, 7, 8, 889, 890, 4096):
+            document = bytes(k * 7 % 256 for k in range(size))
+            with supervisor.sdo[0x2000].open("wb", size=size, block_transfer=True) as block:
+                block.write(document)
+            with supervisor.sdo[0x2000].open("rb", block_transfer=True) as block:
+                assert block.read() == document
+        with joint.sdo[0x1000].open("rb", block_transfer=True) as block:
+            assert block.read() == b"\x92\x01\x02\x00"
         with joint.tpdo[1].receive_condition:
             network.sync.transmit()
             joint.tpdo[1].receive_condition.wait(5.0)

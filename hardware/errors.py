@@ -115,6 +115,18 @@ class MappingDiffers(HardwareError):
         )
 
 
+class MappingChanged(HardwareError):
+    """Nodes that were set up otherwise while they were connected; `differs` is what is found of them now."""
+
+    def __init__(self, differs: MappingDiffers) -> None:
+        self.differs = differs
+        super().__init__(
+            "Since they were connected, these nodes were set up otherwise, and what they say to a SYNC is no longer "
+            f"where their joint is: {'; '.join(differs.differences)}. Find who did that, a maker's tool or another "
+            "program, and set them up as before, then connect again"
+        )
+
+
 def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
     """What to do about these, by how a bus profile can say it."""
     for kind, otherwise in (

@@ -14,7 +14,7 @@ import canopen
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from hardware.canopen.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER
+from hardware.canopen.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, DEVICE_TYPE
 from hardware.errors import BusError, FramesLost, HardwareError, SdoRefused, TwoDevices
 
 ANSWER_TIMEOUT_S = 1.0
@@ -25,6 +25,8 @@ FEWEST_LOST, LOST_SHARE = 8, 0.1
 """Requests not answered in time, at the least and of all, from which on a bus is not gone on with: each was waited
 for, and of the 600 of a connection some would fail three times. Where 1 % of all frames are lost, 2 connections in
 10,000 are refused by it; where 10 % are, all."""
+ASKED_AGAIN, TWICE_SHARE = 20, 0.75
+"""Of a bus that doubles every tenth frame each way, one in 10^8 single devices answers so many of them twice."""
 _ON_ITS_WAY_S = 0.02
 _ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 
@@ -69,6 +71,7 @@ class ObjectAccess:
         network = self._network = _Sender(send)
         self._answered: Counter[int] = Counter()
         self._unanswered: Counter[int] = Counter()
+        self._known_surplus: Counter[int] = Counter()
         self._clients: dict[int, Any] = {}
         self._locks: dict[int, threading.Lock] = {}
         self._pause = threading.Event()
@@ -95,6 +98,38 @@ class ObjectAccess:
         """Nodes from which clearly more answers came than were asked for."""
         asked = self._network.asked
         return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * asked[node])
+
+    def require_single(self) -> None:
+        """Ask nodes that gave an answer too many since this was called last, and see whether they go on.
+
+        Frames are doubled by a bus as well, now and then: whoever answers nearly all of so many requests twice is two.
+
+        Raises
+        ------
+        TwoDevices
+        """
+        suspects = [node for node, n in self._surplus().items() if n > self._known_surplus[node]]
+        before = self._surplus()
+        for node in suspects:
+            for _ in range(ASKED_AGAIN):
+                with suppress(BusError, SdoRefused, TwoDevices):
+                    self.read_once(node, DEVICE_TYPE)
+        if suspects:
+            self._pause.wait(_ON_ITS_WAY_S)
+        self._known_surplus = self._surplus()
+        twice = tuple(
+            node
+            for node in suspects
+            if self._known_surplus[node] - before[node] >= TWICE_SHARE * ASKED_AGAIN
+        )
+        if twice:
+            raise TwoDevices(twice)
+
+    def _surplus(self) -> Counter[int]:
+        """By node, how many more answers came than were asked for; fewer where some are missing."""
+        return Counter(
+            {node: self._answered[node] - self._network.asked[node] for node in self._clients}
+        )
 
     def read(self, node: int, index: int, subindex: int = 0) -> bytes:
         """Read an object's bytes."""

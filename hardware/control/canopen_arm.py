@@ -248,6 +248,8 @@ class CanopenArm:
                 snapshot=link.snapshot,
             )
         )
+        if not result.reached:
+            link.require_same_maps()
         return result
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
@@ -267,13 +269,20 @@ class CanopenArm:
         return settled
 
     def capture(self, samples: int) -> Reading:
-        """Read `samples` SYNCs; all joints of a sample are latched on the same SYNC."""
+        """Read `samples` SYNCs; all joints of a sample are latched on the same SYNC.
+
+        Raises
+        ------
+        MappingChanged
+            A drive's SYNC answers no longer hold the position that it has.
+        """
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         link = self._link
         reading: Reading = link.loop.run(
             reading_steps.capture(link.loop, link.scales, samples=samples)
         )
+        link.require_same_maps()
         return reading
 
     def hold(self) -> None:

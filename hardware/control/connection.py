@@ -22,6 +22,7 @@ from hardware.buses.shared_bus import Wire
 from hardware.canopen import identifying, uploading
 from hardware.canopen.cia402 import POWERED, state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
+from hardware.canopen.maps import AGREES_RAD, check_mapping, check_positions
 from hardware.canopen.objects import (
     MODE_DISPLAY,
     OPERATOR_NODE,
@@ -30,6 +31,7 @@ from hardware.canopen.objects import (
     Abort,
 )
 from hardware.canopen.sdo import ObjectAccess
+from hardware.control import reading_steps
 from hardware.control.control_loop import ControlLoop
 from hardware.control.snapshots import build_snapshot
 from hardware.control.start_up import StartUp
@@ -40,6 +42,8 @@ from hardware.errors import (
     FramesLost,
     HardwareError,
     HostLate,
+    MappingChanged,
+    MappingDiffers,
     SdoRefused,
     TwoDevices,
 )
@@ -50,6 +54,8 @@ from hardware.monitors.joint_watch import JointWatch
 LISTEN_S: Final = 0.35
 """Three heartbeats of another operator fit in here."""
 BOOT_TIMEOUT_S: Final = 3.0
+COMPARED_AGAIN: Final = 3
+"""Times that a position by SDO has to be another than the one by PDO still, where the maps read as they did."""
 
 
 class Connection:
@@ -92,6 +98,7 @@ class Connection:
         self.token = 0
         self.in_control = self.took_control = False
         self._late_before_control = 0
+        self._gives_objects = True
         self._rated_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         bus = on_bus.openers.main(settings)
         if record_to is None:  # a recording is of everything
@@ -196,12 +203,62 @@ class Connection:
             loop.nodes.silent(loop.attention.listened_s, loop.heartbeat_timeout_s)
         )
 
+    def require_same_maps(self) -> None:
+        """Raise where a drive's answers to SYNC no longer hold its position (6064h); the joints are at rest.
+
+        One that does not answer when asked is passed over: its answers to SYNC go on.
+
+        Raises
+        ------
+        MappingChanged
+        """
+        differs = self._differing_positions()
+        if differs is None:
+            return
+        with suppress(BusError, SdoRefused, TwoDevices):
+            try:
+                check_mapping(self.access, self.profile)
+            except MappingDiffers as why:
+                raise MappingChanged(why) from why
+        for _ in range(COMPARED_AGAIN):  # noise, or a joint that was still coming to rest
+            spread = [AGREES_RAD] * len(self.scales)
+            self.loop.run(
+                reading_steps.settle(
+                    self.loop, self.scales, window=10, spread_rad=spread, timeout_syncs=100
+                )
+            )
+            differs = self._differing_positions()
+            if differs is None:
+                return
+        raise MappingChanged(differs)
+
+    def _differing_positions(self) -> MappingDiffers | None:
+        """Positions by SDO that are others than by PDO; None where there are none, or a node does not answer."""
+        counts = self.loop.view.sample.counts
+        try:
+            if self._gives_objects:
+                check_positions(self.access, self.profile, counts, self.scales)
+        except MappingDiffers as differs:
+            return differs
+        except BusError:  # three times: no other pose waits for it
+            self._gives_objects = False
+        except (SdoRefused, TwoDevices):
+            pass
+        return None
+
     def read_modes(self) -> None:
-        """Read 6061h of every drive."""
+        """Read 6061h of every drive.
+
+        Raises
+        ------
+        TwoDevices
+            A node has begun to answer twice.
+        """
         self.modes = tuple(
             self.profile.mode_of(self.access.read_signed(node, MODE_DISPLAY))
             for node in self.profile.drives
         )
+        self.access.require_single()
 
     def take_token(self) -> None:
         """Have control given to this program by the supervisor; without one nobody else can have it.

@@ -202,8 +202,8 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             broken="a joint's TPDO1 carries its speed where its position belongs",
             says=(
                 "are not set up as this program drives them",
-                # Of a drive that is set up otherwise in mid-session: it reads near zero, whatever happens.
-                *("poses could be reached", "does not come to rest", "jumped by"),
+                # In mid-session: seen as its pose is read, if the joint does not seem to jump before.
+                *("these nodes were set up otherwise", "jumped by", "from where it was told to be"),
             ),
             remedy=_COMMISSION,
             at_connect=True,

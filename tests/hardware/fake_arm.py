@@ -88,6 +88,7 @@ class FakeArmBus(can.BusABC):
         self.heartbeat_ms = 100
         self.mute: set[int] = set()
         self.twins: set[int] = set()
+        self.doubles: Callable[[int], bool] = lambda _node: False
         self.denies_control = False
         self.objects: dict[tuple[int, int, int], bytes | int] = {}
         self.silent: set[int] = set()
@@ -271,7 +272,7 @@ class FakeArmBus(can.BusABC):
         if self.loses(0x580 + node, data):
             return
         self._queue.append((0x580 + node, data))
-        if node in self.twins:
+        if node in self.twins or self.doubles(node):
             self._queue.append((0x580 + node, data))
 
     def _refuse(self, node: int, code: int) -> None:

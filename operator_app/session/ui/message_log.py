@@ -14,6 +14,7 @@ from hardware.errors import (
     DriveAstray,
     HardwareError,
     Intruder,
+    MappingChanged,
     NodeRestarted,
     SensorFault,
     TwoDevices,
@@ -27,7 +28,14 @@ ARM_AGAIN: Final = frozenset({TaskKind.RESET, TaskKind.CONNECT})
 """What resolves an alarm about the arm."""
 
 
-CONNECT_AGAIN: Final = (ConnectAgainError, ControlDenied, Intruder, NodeRestarted, TwoDevices)
+CONNECT_AGAIN: Final = (
+    ConnectAgainError,
+    ControlDenied,
+    Intruder,
+    MappingChanged,
+    NodeRestarted,
+    TwoDevices,
+)
 """What the arm goes on refusing for until it is connected again."""
 
 

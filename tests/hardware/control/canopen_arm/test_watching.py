@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import struct
 import time
+from contextlib import suppress
 
 import can
 import pytest
@@ -17,6 +19,7 @@ from hardware.errors import (
     ControlDenied,
     DriveFault,
     Intruder,
+    MappingChanged,
     MappingDiffers,
     NodeRestarted,
     SensorFault,
@@ -112,6 +115,67 @@ def test_two_devices_with_one_number_are_named_when_connecting(bus: FakeArmBus) 
     with pytest.raises(TwoDevices, match="two devices answer as node 5"):
         make(bus).connect()
     assert not [i for i, _ in bus.sent if 0x200 < i <= 0x207]
+
+
+@pytest.mark.parametrize("node", [1, 7])
+def test_a_second_device_that_comes_in_mid_session_and_answers_to_objects_is_named(
+    driven: CanopenArm, bus: FakeArmBus, node: int
+) -> None:
+    bus.twins = {node}
+    with suppress(
+        TwoDevices
+    ):  # the second answer of the node that was asked last may come afterwards
+        driven.hold()
+    with pytest.raises(TwoDevices, match=f"two devices answer as node {node}"):
+        driven.hold()
+
+
+def test_an_object_answered_twice_now_and_then_is_no_second_device(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    asked = itertools.count()
+    bus.doubles = lambda node: node == 4 and next(asked) % 2 == 0
+    for _ in range(10):
+        driven.hold()
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (
+            {(4, 0x1A00, 2): struct.pack("<L", 0x606C0020)},
+            "node 4, 1A00h: expected TPDO1 = .*606Ch",
+        ),
+        ({}, "node 4, 6064h: expected the 5000 counts that it holds, found 4000 in TPDO1"),
+    ],
+)
+def test_an_answer_to_sync_that_is_no_longer_the_position_is_no_reading(
+    driven: CanopenArm, bus: FakeArmBus, changed: dict[tuple[int, int, int], bytes], words: str
+) -> None:
+    driven.capture(3)
+    bus.objects |= {**changed, (4, 0x6064, 0): struct.pack("<l", 5000)}
+    with pytest.raises(MappingChanged, match=f"these nodes were set up otherwise.*{words}"):
+        driven.capture(3)
+
+
+def test_why_a_move_ends_early_is_looked_for_in_the_maps_first(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    bus.objects[4, 0x6064, 0] = struct.pack("<l", 5000)
+    with pytest.raises(MappingChanged, match="node 4, 6064h"):
+        driven.move({2: 0.3}, speed_rad_per_s=0.5, watch=lambda _: "joint 4 does not follow")
+
+
+def test_noise_is_no_other_map(driven: CanopenArm, bus: FakeArmBus) -> None:
+    bus.drives[4].noise = lambda sync: 1000 * (sync * sync % 7 == 1)
+    assert driven.capture(3).samples == 3
+
+
+def test_a_pose_does_not_wait_for_an_object_that_is_not_given(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    bus.objects[1, 0x6064, 0] = 0x08000000
+    assert driven.capture(3).samples == 3
 
 
 def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:

@@ -70,7 +70,7 @@ class Journal:
         self._seq = len(parsed.contents.events)
         self._chain = parsed.chain
         # All of it: what is kept elsewhere when the file is taken away.
-        self._lines = [raw]
+        self._lines = raw.splitlines(keepends=True)
         self._size = len(raw)
         self._broken = ""
         self._loss: JournalLostError | None = None
@@ -156,13 +156,16 @@ class Journal:
         """
         return self._writer.submit(self._append, name, data, clock).result()
 
-    def require_there(self) -> None:
-        """Raise JournalLostError if a line written now would be found by nobody; writes nothing then."""
+    def require_there(self, *, unchanged: bool = False) -> None:
+        """Raise JournalLostError if a line written now would be found by nobody; writes nothing then.
+
+        With `unchanged` the file is read back as well, and every line must be what was written.
+        """
         if self.closed:
             return
         if self._loss is not None:
             raise self._loss
-        problem = self._what_happened_to_it()
+        problem = self._what_happened_to_it() or (self._change() if unchanged else "")
         if problem:
             self._writer.submit(self._lose, problem, b"").result()
 
@@ -232,6 +235,19 @@ class Journal:
         # A line that could not be taken back is our own, and said elsewhere.
         if here.st_size > self._size and not self._broken:
             return "was written to by another program"
+        return ""
+
+    def _change(self) -> str:
+        """Say which line is not what was written, or proved itself when it was read; empty when all are."""
+        position = 0
+        for number, line in enumerate(self._lines, 1):
+            try:
+                found = os.pread(self._descriptor, len(line), position)
+            except OSError as error:
+                return f"cannot be read back ({error.strerror})"
+            if found != line:
+                return f"was changed in line {number}"
+            position += len(line)
         return ""
 
     def _lose(self, problem: str, line: bytes) -> None:

@@ -57,6 +57,10 @@ class Logbook:
         event = self.journal.append(name, data, clock=self._clock)
         self.state = apply(self.state, event.name, event.data, event.utc)
 
+    def require_journal(self, *, unchanged: bool = False) -> None:
+        """Refuse to go on where the journal is gone or, with `unchanged`, not what was written."""
+        self.journal.require_there(unchanged=unchanged)
+
     # -- poses -----------------------------------------------------------------------------------
 
     def undo(self) -> CapturedPose:
@@ -138,7 +142,8 @@ class Logbook:
         return solution
 
     def record_solution(self, solution: Solution) -> None:
-        """Keep a solution of the poses that count."""
+        """Keep a solution of the poses that count, as long as the journal still holds them."""
+        self.require_journal(unchanged=True)
         kept = solved_data(
             solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m
         )

@@ -46,6 +46,8 @@ def export(
     ------
     UploadUnknown, SessionError
         The controller may have the parameters, whole or not: the journal says so.
+    JournalLostError
+        The journal is not what was written; nothing was exported.
     JournalError
         The journal could not be written; says what the controller was given.
     """
@@ -53,6 +55,7 @@ def export(
     if to_dict(solution) != session.state.solution:
         # Made otherwise than the journal's: whoever reads it later finds what was exported.
         session.record_solution(solution)
+    session.require_journal(unchanged=True)
     poses = session.state.pose_set()
     document = session.document(solution, forced=forced)
     folder = session.journal.path.parent

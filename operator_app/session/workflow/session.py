@@ -199,7 +199,7 @@ class Session(Logbook):
 
         Before that, the first time after connecting: is everything still what it was?
         """
-        self._require_journal()
+        self.require_journal()
         self._require_the_same()
         self.arm.take_control()
         start = self.arm.capture(self.procedure.capture.samples_per_pose).mean_rad
@@ -241,7 +241,7 @@ class Session(Logbook):
         """
         self.check_modes(self.position_joints)
         self._raise_if_cancelled()
-        self._require_journal()
+        self.require_journal()
         speed = self.procedure.capture.speed_rad_per_s
         if speed_rad_per_s is not None:
             speed = min(speed, speed_rad_per_s)
@@ -331,6 +331,7 @@ class Session(Logbook):
                     # Who closes it looks at the journal's loss, which may come to light here.
                     with suppress(JournalLostError):
                         self.record("closed", {"reason": reason})
+                        self.require_journal(unchanged=True)
             finally:
                 self.journal.close()
 
@@ -343,10 +344,10 @@ class Session(Logbook):
         """Refuse to send anybody to the fixture of an arm whose drives are not known to be off."""
         self._parting.require_off()
 
-    def _require_journal(self) -> None:
-        """Move nothing for a session whose journal is gone."""
+    def require_journal(self, *, unchanged: bool = False) -> None:
+        """Move nothing for a session whose journal is gone: the arm is held."""
         try:
-            self.journal.require_there()
+            super().require_journal(unchanged=unchanged)
         except JournalLostError:
             self._hold_if_possible()
             raise

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from hardware.arm import JointMode
+from operator_app.calibration.result import Solution
 from operator_app.cli import main
 from operator_app.errors import JournalLostError
 from operator_app.headless.console import ConsoleListener
@@ -21,6 +22,7 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.live_source import FakeSource
 from tests.oracles.opened import MakeSession, opened
+from tests.oracles.short_procedure import short_procedure
 
 PATIENCE_S = 60.0
 
@@ -79,6 +81,63 @@ def test_a_journal_that_is_gone_at_the_very_end_is_said(make_session: MakeSessio
     session = make_session(load_procedure("hinge"), "datasheet")
     session.connect()
     shutil.rmtree(session.journal.path.parent)
+    session.close("done")
+    assert session.journal.loss is not None
+    assert read_journal(session.journal.kept_in).events[-1].name == "closed"
+
+
+class Overwriter(Listener):
+    """Changes one digit of the journal in place: after the poses, or after the verdict."""
+
+    def __init__(self, session: Session, when: str) -> None:
+        self._path, self._when = session.journal.path, when
+        self.solutions = 0
+
+    def pose_captured(self, state: SessionState, wanted: int) -> None:
+        if self._when == "pose" and len(state.used_poses) == wanted:
+            self._overwrite()
+
+    def solved(self, solution: Solution) -> None:
+        self.solutions += 1
+        if self._when == "verdict":
+            self._overwrite()
+
+    def _overwrite(self) -> None:
+        raw = self._path.read_bytes()
+        here = raw.index(b'"mean_rad":[') + len(b'"mean_rad":[-0.')
+        with self._path.open("r+b") as file:
+            file.seek(here)
+            file.write(b"1" if raw[here : here + 1] != b"1" else b"2")
+
+
+@pytest.mark.parametrize("when", ["pose", "verdict"])
+def test_a_changed_journal_gets_no_verdict_and_no_upload(
+    make_session: MakeSession, when: str
+) -> None:
+    procedure = short_procedure(8)
+    session = make_session(procedure)
+    before = session.arm.active_parameters()
+    listener = Overwriter(session, when)
+    with pytest.raises(JournalLostError, match="was changed in line") as lost:
+        run(session, listener, forced="a test of the journal")
+    assert listener.solutions == (when == "verdict")
+    assert session.arm.active_parameters() == before
+    assert not (session.journal.path.parent / "parameters.yaml").exists()
+    assert all(joint.mode is JointMode.POSITION for joint in session.arm.snapshot().joints)
+    session.close("failed")
+    rescued = lost.value.rescued
+    assert rescued is not None
+    again = opened(rescued, session.arm, procedure, resumed=True)
+    assert len(again.state.used_poses) == 8
+    again.close("end of the test")
+
+
+def test_a_journal_changed_in_place_is_noticed_as_it_is_closed(make_session: MakeSession) -> None:
+    session = make_session(short_procedure(8))
+    session.connect()
+    path = session.journal.path
+    raw = path.read_bytes()
+    path.write_bytes(raw[:40] + bytes([raw[40] ^ 1]) + raw[41:])
     session.close("done")
     assert session.journal.loss is not None
     assert read_journal(session.journal.kept_in).events[-1].name == "closed"

@@ -86,6 +86,38 @@ def test_what_is_gone_is_noticed_before_the_arm_moves(tmp_path: Path) -> None:
     assert [e.name for e in read_journal(journal.kept_in).events] == ["opened"]
 
 
+def one_bit(path: Path, line: int) -> None:
+    """Change a bit in the middle of a line, in place."""
+    raw = bytearray(path.read_bytes())
+    position = sum(map(len, bytes(raw).splitlines(keepends=True)[: line - 1])) + 50
+    raw[position] ^= 1
+    with path.open("r+b") as file:
+        file.write(raw)
+
+
+@pytest.mark.parametrize("line", [1, 2, 3, 4])
+@pytest.mark.parametrize("resumed", [False, True])
+def test_one_bit_changed_in_place_is_noticed_when_it_is_read_back(
+    tmp_path: Path, line: int, resumed: bool
+) -> None:
+    folder = tmp_path / "session"
+    journal = Journal.create(folder)
+    for number in range(1, 4):
+        journal.append("pose", {"number": number, "note": "x" * 40})
+    if resumed:
+        journal.close()
+        journal = Journal.resume(folder)
+    journal.append("solved", {"accepted": True, "note": "y" * 40})
+    journal.require_there(unchanged=True)
+    one_bit(folder / JOURNAL_NAME, line)
+    with pytest.raises(JournalLostError, match=f"was changed in line {line} while") as lost:
+        journal.require_there(unchanged=True)
+    journal.close()
+    rescued = lost.value.rescued
+    assert rescued is not None
+    assert [e.name for e in read_journal(rescued).events] == [*["pose"] * 3, "solved"]
+
+
 def test_a_rescue_goes_elsewhere_when_there_is_nothing_beside(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

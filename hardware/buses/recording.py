@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import os
 import struct
 import threading
 from collections import deque
@@ -118,6 +119,6 @@ class Recording:
 def _unused(path: Path) -> Path:
     """Find a file that is not there yet: of this name, or of the first number beside it that is free."""
     candidate, k = path, 2
-    while candidate.exists():
+    while os.path.lexists(candidate):
         candidate, k = path.with_name(f"{path.stem}-{k}{path.suffix}"), k + 1
     return candidate

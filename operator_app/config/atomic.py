@@ -10,11 +10,12 @@ from pathlib import Path
 from operator_app.config.errors import WriteError
 
 
-def write_atomically(path: Path, data: bytes) -> None:
+def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> None:
     """Put `data` into `path`: temporary file in the same folder, fsync, rename, fsync of the folder.
 
-    A reader sees the old file or the new one, never a part. A symbolic link stays a link: the file
-    it points to is replaced. The permissions of an existing file are kept.
+    A reader sees the old file or the new one, never a part. The permissions of an existing file are kept.
+    A symbolic link is replaced by a file, and what it points to is left alone: a folder may come from
+    somebody else. With `through_link` it stays a link, and the file it points to is replaced.
 
     Raises
     ------
@@ -22,7 +23,7 @@ def write_atomically(path: Path, data: bytes) -> None:
         The system refused; nothing was changed and no temporary file is left.
     """
     try:
-        _replace(Path(os.path.realpath(path)), data)
+        _replace(Path(os.path.realpath(path)) if through_link else path, data)
     except OSError as error:
         raise WriteError(file=str(path), reason=error.strerror or str(error)) from error
 
@@ -52,9 +53,12 @@ def _replace(target: Path, data: bytes) -> None:
 
 def _mode(target: Path) -> int:
     try:
-        return stat.S_IMODE(target.stat().st_mode)
+        found = target.lstat().st_mode
     except FileNotFoundError:
+        found = stat.S_IFLNK
+    if stat.S_ISLNK(found):
         # mkstemp makes files for the owner only; a result is an ordinary file.
         mask = os.umask(0)
         os.umask(mask)
         return 0o666 & ~mask
+    return stat.S_IMODE(found)

@@ -179,5 +179,6 @@ def save_settings(settings: UserSettings) -> Path:
     """Write the user's file; return where it is."""
     path = settings_path()
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, format_settings(settings))
+    # Who keeps settings elsewhere links to them.
+    write_atomically(path, format_settings(settings), through_link=True)
     return path

@@ -125,6 +125,11 @@ class Journal:
         lock(descriptor, path)
         try:
             require_regular(descriptor, path)
+            if path.is_symlink():
+                raise JournalForeignError(
+                    f"{path} is a symbolic link: its lines would go into the file of another folder",
+                    f"name the session it leads to, {path.resolve().parent}",
+                )
             raw = read_regular(path)
             parsed = parse(raw, path)
             if parsed.contents.torn:

@@ -61,3 +61,12 @@ def test_a_clock_that_is_set_back_loses_and_holds_back_nothing(tmp_path: Path) -
         recording.record(frame(number, stamp))
     recording.close()
     assert [number for number, _ in recorded(tmp_path / "bus.log")] == [0, 1, 2, 4, 3, 5, 6, 7]
+
+
+def test_a_link_that_leads_nowhere_is_not_recorded_through(tmp_path: Path) -> None:
+    (tmp_path / "bus.log").symlink_to(tmp_path / "elsewhere.log")
+    recording = Recording(tmp_path / "bus.log")
+    recording.record(can.Message(arbitration_id=0x80, is_extended_id=False, timestamp=1.0))
+    recording.close()
+    assert not (tmp_path / "elsewhere.log").exists()
+    assert "080" in (tmp_path / "bus-2.log").read_text()

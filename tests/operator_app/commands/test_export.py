@@ -65,3 +65,22 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     for name in ("theta_off_2", "theta_off_6"):
         at = found.theta_off_rad[int(name[-1]) - 1]
         assert solved.data["parameters"][name] == pytest.approx(at, rel=1e-14)
+
+
+def test_links_in_a_session_folder_are_replaced_and_never_followed(tmp_path: Path) -> None:
+    """A folder from somebody else may lead anywhere: what is written stays in it."""
+    root = ["--sessions", str(tmp_path / "sessions")]
+    hinge = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
+    assert main(["import", str(hinge), *root]) == 0
+    (folder,) = (tmp_path / "sessions").iterdir()
+    precious = tmp_path / "precious"
+    precious.write_text("mine")
+    names = ("report.html", "parameters.yaml", "result.json", "parameters.csv", "arm.urdf")
+    for name in names:
+        (folder / name).symlink_to(precious)
+    assert main(["report", "latest", *root]) == 0
+    for kind in ("yaml", "json", "csv", "urdf"):
+        assert main(["export", "latest", "--format", kind, *root]) == 0
+    assert precious.read_text() == "mine"
+    assert not any((folder / name).is_symlink() for name in names)
+    assert all((folder / name).stat().st_size > 100 for name in names)

@@ -34,11 +34,29 @@ def test_a_new_file_has_ordinary_permissions_and_an_old_one_keeps_its_own(tmp_pa
     assert stat.S_IMODE(path.stat().st_mode) == 0o604
 
 
-def test_a_link_stays_a_link(tmp_path: Path) -> None:
+@pytest.mark.parametrize("there", [True, False])
+def test_a_link_is_replaced_and_what_it_points_to_is_left_alone(
+    tmp_path: Path, there: bool
+) -> None:
+    target, link = tmp_path / "elsewhere/target", tmp_path / "link"
+    target.parent.mkdir()
+    if there:
+        target.write_bytes(b"old")
+        target.chmod(0o600)
+    link.symlink_to(target)
+    write_atomically(link, b"new")
+    assert not link.is_symlink()
+    assert link.read_bytes() == b"new"
+    write_atomically(tmp_path / "plain", b"new")
+    assert link.stat().st_mode == (tmp_path / "plain").stat().st_mode
+    assert (target.read_bytes() == b"old") if there else not target.exists()
+
+
+def test_a_link_of_the_user_s_own_stays_a_link(tmp_path: Path) -> None:
     target, link = tmp_path / "target", tmp_path / "link"
     target.write_bytes(b"old")
     link.symlink_to(target)
-    write_atomically(link, b"new")
+    write_atomically(link, b"new", through_link=True)
     assert link.is_symlink()
     assert target.read_bytes() == b"new"
 

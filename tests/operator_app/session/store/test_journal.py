@@ -309,3 +309,15 @@ def test_half_a_character_is_kept(tmp_path: Path) -> None:
     journal.close()
     (tmp_path / JOURNAL_NAME).read_bytes().decode()
     assert read_journal(tmp_path).events[0].data == {"forced": "caf\udce9"}
+
+
+def test_a_journal_that_is_a_link_to_another_session_s_is_read_and_not_written(
+    tmp_path: Path,
+) -> None:
+    write(tmp_path / "there")
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / JOURNAL_NAME).symlink_to(tmp_path / "there" / JOURNAL_NAME)
+    assert read_journal(tmp_path / "here").events
+    with pytest.raises(JournalError, match="is a symbolic link") as refused:
+        Journal.resume(tmp_path / "here")
+    assert refused.value.remedy.endswith(str(tmp_path / "there"))

@@ -1,11 +1,11 @@
-"""`sarcal import`: a session made of poses that were taken by somebody else's program."""
+"""`sarcal import`: a session made of poses, or a recording, that somebody else's program took."""
 
 from __future__ import annotations
 
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from operator_app.commands.options import (
     a_name,
@@ -22,6 +22,7 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 
 if TYPE_CHECKING:
+    from operator_app.config.joint_log import Unit
     from solver.chain.poses import PoseSet
 
 
@@ -32,8 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=a_name,
         nargs="+",
         metavar="POSES.csv",
-        help="a poses file, or a log with a row of joint angles for each pose; of several files each is "
-        "a placement of the fixture, in this order",
+        help="a poses file; a log with a row of joint angles for each pose; or a recording: a ROS 2 bag "
+        "(.mcap, .db3, its folder) or, with --time, a log over time; of several files each is a placement "
+        "of the fixture, in this order",
     )
     parser.add_argument(
         "--arm", type=a_name, default="sarcos_dextrous", help="arm file or built-in name"
@@ -50,7 +52,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--columns",
         type=a_name,
         metavar="LIST",
-        help="columns of joints 1, 2, ...: numbers from 1 (2-8) or names of the header (q1,q2,...)",
+        help="columns of joints 1, 2, ...: numbers from 1 (2-8) or names of the header (q1,q2,...); "
+        "of a bag: names of its joints",
+    )
+    recorded = parser.add_argument_group("recordings: one pose wherever the arm was at rest")
+    recorded.add_argument(
+        "--time",
+        type=a_name,
+        metavar="COLUMN",
+        help="column of a log, by number or name, that has the times (s, or ISO 8601): it is a recording",
+    )
+    recorded.add_argument(
+        "--topic", type=a_name, help="of a bag's sensor_msgs/msg/JointState (default /joint_states)"
+    )
+    recorded.add_argument(
+        "--dwell-s", type=float, metavar="S", help="the arm rests at least this long (default 1)"
+    )
+    recorded.add_argument(
+        "--spread-deg",
+        type=float,
+        metavar="DEG",
+        help="largest less smallest reading of each joint at rest (default 0.05)",
     )
     parser.add_argument(
         "--placement",
@@ -92,8 +114,9 @@ def execute(args: argparse.Namespace) -> int:
     model = parse_arm(arm.data, arm.file)
     unsensed = parse_joints(args.unsensed)
     require_joints(unsensed, model.joint_count)
+    poses, recordings = _poses(args, tuple(joint.name for joint in model.joints))
     session = ImportedSession(
-        _poses(args, model.joint_count),
+        poses,
         arm=arm,
         fixture=resolve("fixture", args.fixture),
         file=", ".join(args.poses),
@@ -119,7 +142,7 @@ def execute(args: argparse.Namespace) -> int:
                 folder=folder,
                 state=session.state,
             )
-            say(json.dumps(found, indent=2, allow_nan=False))
+            say(json.dumps(found | recordings, indent=2, allow_nan=False))
         else:
             say(f"{unidentifiable_text(error)}\n\nSession     {folder}")
         return ExitCode.NOT_IDENTIFIABLE
@@ -130,40 +153,55 @@ def execute(args: argparse.Namespace) -> int:
     facts = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
     if args.json:
         said = session_json(facts, solution.paper, folder, session.state)
-        say(json.dumps(said, indent=2, allow_nan=False))
+        say(json.dumps(said | recordings, indent=2, allow_nan=False))
     else:
         words = session_text(folder, session.state, accepted=solution.accepted)
         say(f"{facts_text(facts)}\n\n{words}")
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
 
 
-def _poses(args: argparse.Namespace, joint_count: int) -> PoseSet:
-    """Read all files; of several, each is one placement."""
+def _poses(
+    args: argparse.Namespace, joints: tuple[str, ...]
+) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
+    """Read all files, of several each is one placement; and what is said of recordings, for JSON."""
     import numpy as np
 
-    from operator_app.config.joint_log import Unit, load_joint_log
+    from operator_app.config.joint_log import load_joint_log
+    from operator_app.config.ros_bag import is_bag
     from solver.chain.poses import PoseSet
 
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
-    found = []
+    found, recordings = [], []
+    of_recordings = (args.dwell_s, args.spread_deg, args.topic) != (None, None, None)
     for file in args.poses:
+        if args.time or is_bag(file):
+            poses, said = _recorded(args, file, joints, unit)
+            found.append(poses)
+            recordings.append(said)
+            continue
+        if of_recordings:
+            raise UsageError(
+                f"{file}: --dwell-s, --spread-deg and --topic are of recordings; name the column of times of "
+                "a log with --time"
+            )
         read = load_joint_log(
             file,
-            joint_count=joint_count,
+            joint_count=len(joints),
             unit=unit,
             columns=args.columns or "",
             placement=args.placement or "",
         )
         say_doubts(file, read)
         found.append(read.poses)
+    said_of = {"recordings": recordings} if recordings else {}
     if len(found) == 1:
-        return found[0]
+        return found[0], said_of
     for file, poses in zip(args.poses, found, strict=True):
         if len(poses.placements) > 1 or poses.endpoint is not None:
             raise UsageError(
                 f"{file}: with several files each is one placement without endpoints; import it alone"
             )
-    return PoseSet(
+    together = PoseSet(
         placement=np.repeat(np.arange(1, len(found) + 1), [len(p) for p in found]),
         label=tuple(label for p in found for label in p.label),
         q_rad=np.concatenate([p.q_rad for p in found]),
@@ -173,4 +211,56 @@ def _poses(args: argparse.Namespace, joint_count: int) -> PoseSet:
         sd_rad=None
         if any(p.sd_rad is None for p in found)
         else np.concatenate([p.sd_rad for p in found if p.sd_rad is not None]),
+        utc=None
+        if any(p.utc is None for p in found)
+        else tuple(utc for p in found for utc in p.utc or ()),
+        notes=tuple(note for p in found for note in p.notes or ("",) * len(p)),
     )
+    return together, said_of
+
+
+def _recorded(
+    args: argparse.Namespace, file: str, joints: tuple[str, ...], unit: Unit | None
+) -> tuple[PoseSet, dict[str, Any]]:
+    """Return the poses of a recording, one per dwell, and what is said of it."""
+    import numpy as np
+
+    from operator_app.calibration.dwells import DWELL_S, SPREAD_RAD, find_dwells, poses_of
+    from operator_app.config.recording import load_timed_log, utc_text
+    from operator_app.config.ros_bag import is_bag, load_bag
+    from operator_app.report.results.recording import recording_json, recording_text
+
+    dwell_s = DWELL_S if args.dwell_s is None else args.dwell_s
+    spread_deg = (
+        round(float(np.rad2deg(SPREAD_RAD)), 9) if args.spread_deg is None else args.spread_deg
+    )
+    if not 0.01 <= dwell_s <= 3600.0:
+        raise UsageError(f"--dwell-s {dwell_s:g}: seconds, 0.01 to 3600")
+    if not 1e-4 <= spread_deg <= 5.0:
+        raise UsageError(f"--spread-deg {spread_deg:g}: degrees, 0.0001 to 5")
+    if args.placement:
+        raise UsageError(
+            "--placement is of logs with a row a pose; give a recording for each placement"
+        )
+    columns = args.columns or ""
+    if is_bag(file):
+        if args.time or unit is not None:
+            raise UsageError(
+                f"{file}: a bag has times and is in radians; leave --time, --rad and --deg out"
+            )
+        recording = load_bag(file, joints=joints, columns=columns, topic=args.topic or "")
+    else:
+        if args.topic:
+            raise UsageError(f"{file}: --topic is of bags")
+        recording = load_timed_log(file, time=args.time, joints=joints, unit=unit, columns=columns)
+    dwells, refused = find_dwells(
+        recording.time_s, recording.q_rad, dwell_s=dwell_s, spread_rad=np.deg2rad(spread_deg)
+    )
+    text = recording_text(recording, dwells, refused, dwell_s=dwell_s, spread_deg=spread_deg)
+    say(text, err=True)
+    if not dwells:
+        raise UsageError(
+            f"{file}: the arm is nowhere at rest for {dwell_s:g} s within {spread_deg:g} deg; give another "
+            "--dwell-s or --spread-deg, or record an arm that stops at its poses"
+        )
+    return poses_of(dwells, utc_text), recording_json(recording, dwells, refused)

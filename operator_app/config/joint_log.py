@@ -37,7 +37,9 @@ RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class Row:
+    """A line of a log, from 1, in cells."""
+
     line: int
     cells: list[str]
 
@@ -69,12 +71,12 @@ def load_joint_log(
         With all that is wrong.
     """
     data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
-    rows = _rows(decode_text(data, file))
+    rows = read_rows(decode_text(data, file))
     if not rows:
         raise only(file, None, None, "is empty", "a row of joint angles for each pose is wanted")
     first = rows[0].cells
     # A row of a log may begin with the name of its placement.
-    header = first if not any(map(_is_number, first if placement else first[:1])) else []
+    header = first if not any(map(is_number, first if placement else first[:1])) else []
     if header and not columns and any(THETA.fullmatch(cell) for cell in header):
         if unit == "rad":
             remedy = (
@@ -89,9 +91,9 @@ def load_joint_log(
     if not body:
         raise only(file, None, None, "has a header and no poses", "capture poses first")
     there = range(len(body[0].cells))
-    by = _column("--placement", placement, header, len(there), file) if placement else None
+    by = find_column("--placement", placement, header, len(there), file) if placement else None
     left = [k for k in there if k != by]
-    where = _columns(columns, header, left, joint_count, file)
+    where = find_columns(columns, header, left, joint_count, file)
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEW and np.abs(q).max() < 2.0 * np.pi:
         text = (
@@ -110,7 +112,7 @@ def load_joint_log(
     )
 
 
-def _placements(body: list[_Row], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
+def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
     """Return the number of each row's placement, from 1, and where they have names, these as notes."""
     names = [row.cells[by] for row in body]
     for row, name in zip(body, names, strict=True):
@@ -127,17 +129,18 @@ def _placements(body: list[_Row], by: int, file: str) -> tuple[list[int], tuple[
     return [order[name] for name in names], tuple(f"placement {name}" for name in names)
 
 
-def _rows(text: str) -> list[_Row]:
+def read_rows(text: str) -> list[Row]:
     """Split into cells, at commas where a line has any, else at white space."""
     found = []
     for line, words in enumerate(text.splitlines(), 1):
         if words.strip() and not words.lstrip().startswith("#"):
             cells = words.split(",") if "," in words else words.split()
-            found.append(_Row(line, [cell.strip().strip('"') for cell in cells]))
+            found.append(Row(line, [cell.strip().strip('"') for cell in cells]))
     return found
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Whether a cell is a finite number."""
     try:
         number(cell)
     except BadCell:
@@ -145,7 +148,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _column(option: str, word: str, header: list[str], there: int, file: str) -> int:
+def find_column(option: str, word: str, header: list[str], there: int, file: str) -> int:
     """Return the index of a column that is named by the header or by its number."""
     if word in header:
         return header.index(word)
@@ -159,7 +162,7 @@ def _column(option: str, word: str, header: list[str], there: int, file: str) ->
     return int(word) - 1
 
 
-def _columns(
+def find_columns(
     wanted: str, header: list[str], left: list[int], joint_count: int, file: str
 ) -> tuple[int, ...]:
     """Return the indices of the columns of joints 1 to n; `left` are those that may be of joints."""
@@ -184,7 +187,7 @@ def _columns(
         if match := RANGE.fullmatch(word):
             found += range(int(match[1]) - 1, int(match[2]))
         else:
-            found.append(_column("--columns", word, header, there, file))
+            found.append(find_column("--columns", word, header, there, file))
     if over := [k for k in found if k >= there]:
         text = f"--columns: there is no column {over[0] + 1}"
         raise only(file, None, None, text, f"the file has {there}")
@@ -194,7 +197,7 @@ def _columns(
     return tuple(found)
 
 
-def _angles(body: list[_Row], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:
+def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:
     """Read the angles (m, n), in the unit of the file."""
     problems: list[Problem] = []
     doubted: list[Problem] = []

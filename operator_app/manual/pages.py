@@ -24,6 +24,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "outside-arm": "bring in an arm that is not on CAN, as a package",
             "own-hinge": "build and describe your own hinge",
             "own-poses": "calibrate from readings that you have",
+            "recordings": "calibrate from a ROS 2 bag or a log over time",
             "real-can": "go on a real CAN bus, in a safe order",
             "wrist-repair": "see which offsets moved",
             "notebooks": "two notebooks, for readings of your own",

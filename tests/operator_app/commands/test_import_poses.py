@@ -17,6 +17,7 @@ from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.config.resources import resolve
 from tests.oracles.panda import panda_readings
+from tests.oracles.recordings import recorded_arm, write_bag, write_log
 
 HINGE = Path(__file__).parents[2] / "data/hinge"
 PANDA = ["--arm", "franka_panda", "--fixture", "ball", "--drop-unidentifiable"]
@@ -193,3 +194,76 @@ def test_what_is_wrong_is_said_with_place_and_remedy(
     file.write_text(text)
     with pytest.raises(ConfigError, match=said):
         load_joint_log(file, joint_count=3, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3", "csv"])
+def test_a_recording_gives_the_poses_the_arm_rested_at_and_no_other(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """60 real poses of two sockets, 2 s each, shuffled joints, jitter, drop-outs, 20 slow motions a socket."""
+    placement, q_rad = panda_readings()
+    names = [f"panda_joint{j}" for j in range(1, 8)]
+    files = []
+    for k in (1, 2):
+        time_s, q = recorded_arm(q_rad[placement == k], decoys=20, seed=k)
+        if kind == "csv":
+            files.append(write_log(tmp_path / f"run_{k}.csv", time_s, q, names))
+        else:
+            files.append(write_bag(tmp_path / f"run_{k}", time_s, q, names, storage=kind, seed=k))
+    how = ["--time", "time", "--rad"] if kind == "csv" else []
+    where = ["--sessions", str(tmp_path / "sessions"), "--json"]
+    assert main(["import", *map(str, files), *how, *PANDA, *where]) == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    poses = load_poses(Path(found["session"]["folder"]) / "poses.csv").poses
+    assert poses.placement.tolist() == placement[placement <= 2].tolist()
+    assert np.abs(poses.q_rad - q_rad[placement <= 2]).max() < 1e-6
+    assert poses.samples is not None
+    assert poses.samples.min() > 50
+    assert poses.sd_rad is not None
+    assert 1e-6 < np.median(poses.sd_rad) < 3e-6
+    (first, second) = found["recordings"]
+    assert len(first["poses"]) + len(second["poses"]) == 60
+    assert first["joints"] == names
+    assert "30 poses from" in said.err
+    if kind == "mcap":
+        assert poses.utc is not None
+        assert poses.utc[0].startswith("2026-09-21T14:13:")
+
+
+def test_what_does_not_go_with_a_recording_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, q_rad = panda_readings()
+    time_s, q = recorded_arm(q_rad[:3], decoys=0, seed=1)
+    names = [f"q{j}" for j in range(1, 8)]
+    bag = str(write_bag(tmp_path / "run", time_s, q, names, storage="mcap", seed=1))
+    log = write_log(tmp_path / "run.csv", time_s, q, names)
+    (tmp_path / "torn.csv").write_text(log.read_text()[:-20])
+    (tmp_path / "mid.csv").write_text(log.read_text().replace("\n2.", "\nx,\n2.", 1))
+    (tmp_path / "two.csv").write_text(log.read_text().replace("mode,q1", "dq1,q1", 1))
+    for words, said in (
+        ([bag, "--rad"], "a bag has times and is in radians"),
+        ([bag, "--placement", "q1"], "--placement is of logs"),
+        ([bag, "--dwell-s", "0"], "--dwell-s 0: seconds"),
+        ([bag, "--dwell-s", "3"], "nowhere at rest for 3 s within 0.05 deg"),
+        ([bag, "--spread-deg", "9"], "--spread-deg 9: degrees"),
+        ([str(log), "--dwell-s", "1"], "name the column of times of a log with --time"),
+        ([str(log), "--time", "time"], "say --rad, or --deg"),
+        ([str(log), "--time", "when"], "--time: there is no column 'when'"),
+        ([str(log), "--time", "time", "--topic", "/a"], "--topic is of bags"),
+        (
+            [str(tmp_path / "mid.csv"), "--time", "1", "--rad"],
+            "2 cells where the lines before have",
+        ),
+    ):
+        assert main(["import", *words, *PANDA, "--sessions", str(tmp_path / "s")]) == 2
+        assert said in capsys.readouterr().err
+    for words in (
+        ["torn.csv", "--time", "time"],
+        ["two.csv", "--time", "1", "--columns", "3-9"],
+        ["two.csv", "--time", "time"],
+    ):
+        file = str(tmp_path / words[0])
+        main(["import", file, *words[1:], "--rad", *PANDA, "--sessions", str(tmp_path / "s")])
+        assert "3 poses from" in capsys.readouterr().err

@@ -27,6 +27,7 @@ from operator_app.cli import main
 from tests.oracles.manual_pages import NOT_OURS, Block, blocks, written_topics
 from tests.oracles.open_arm import measured_csv
 from tests.oracles.panda import panda_readings
+from tests.oracles.recordings import recorded_arm, write_bag, write_log
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 START = [sys.executable, "-c", "import sys; from operator_app.cli import main; sys.exit(main())"]
@@ -68,6 +69,14 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
         comments="",
     )
     measured_csv(folder / "open_arm.csv")
+    names = [f"panda_joint{j}" for j in range(1, 8)]
+    for k, storage, bag, log in (
+        (1, "mcap", "my_run.mcap", "my_recording.csv"),
+        (2, "sqlite3", "my_run_2.db3", "my_recording_2.csv"),
+    ):
+        run = recorded_arm(q_rad[sockets == k], decoys=5, seed=k)
+        write_bag(folder / f"run_{k}", *run, names, storage=storage, seed=k).rename(folder / bag)
+        write_log(folder / log, *run, names)
     with contextlib.chdir(folder):
         assert quietly(SHORT) == 0
         assert quietly(["export", "latest", "--format", "urdf", "-o", "my_arm.urdf"]) == 0

@@ -1,0 +1,184 @@
+"""Where a recorded arm was at rest: one pose per dwell, and what came near to one and is refused. No I/O.
+
+A dwell: in every window of the stated time all joints stay within the stated spread. What moves slowly through
+such windows is told by the whole: it drifts by more than half of the spread. Where samples are missing, only
+the time that was observed counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+from solver.chain.poses import PoseSet
+
+DWELL_S = 1.0
+SPREAD_RAD = float(np.deg2rad(0.05))
+"""At rest for this long, within this (largest less smallest reading of each joint), by default."""
+
+LEAST_SAMPLES = 5
+GAP_STEPS = 5.0
+"""A step of more median steps than this is a drop-out: no more than this of it counts as observed."""
+
+HALVINGS = 6
+"""How often the spread is halved to tell dwells from a creep between them."""
+
+EDGE_SIGMAS = 5.0
+"""Samples at either end of a dwell that are farther from its median than this belong to the motion beside it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dwell:
+    """The arm at rest: from when (s), for how long (s), how many samples, and their mean and sd (n,), rad."""
+
+    start_s: float
+    seconds: float
+    samples: int
+    mean_rad: FloatArray
+    sd_rad: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RefusedDwell:
+    """Almost a dwell: it was too short, or `joint` (from 1) moved by `moved_rad`."""
+
+    start_s: float
+    seconds: float
+    joint: int = 0
+    moved_rad: float = 0.0
+
+
+def poses_of(dwells: Sequence[Dwell], utc_of: Callable[[float], str]) -> PoseSet:
+    """Return one pose per dwell, in their order; `utc_of` writes the time of a start, empty where that is none."""
+    utc = tuple(utc_of(d.start_s) for d in dwells)
+    return PoseSet(
+        placement=np.ones(len(dwells), dtype=np.int64),
+        label=tuple(str(k) for k in range(1, len(dwells) + 1)),
+        q_rad=np.array([d.mean_rad for d in dwells]),
+        sd_rad=np.array([d.sd_rad for d in dwells]),
+        samples=np.array([d.samples for d in dwells], dtype=np.int64),
+        utc=utc if all(utc) else None,
+        notes=tuple(f"at rest for {d.seconds:.2f} s from {d.start_s:.2f} s" for d in dwells),
+    )
+
+
+def find_dwells(
+    time_s: FloatArray,
+    q_rad: FloatArray,
+    *,
+    dwell_s: float = DWELL_S,
+    spread_rad: float = SPREAD_RAD,
+) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
+    """Find the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and what is refused."""
+    if len(time_s) < LEAST_SAMPLES:
+        return (), ()
+    step = np.diff(time_s)
+    observed_s = np.concatenate(([0.0], np.cumsum(np.minimum(step, GAP_STEPS * np.median(step)))))
+    dwells: list[Dwell] = []
+    refused: list[RefusedDwell] = []
+    taken = np.zeros(len(time_s), dtype=bool)
+    pending = [(0, len(time_s), spread_rad, 0)]
+    while pending:
+        begin, end, limit, depth = pending.pop()
+        for a, b in _at_rest(observed_s[begin:end], q_rad[begin:end], dwell_s, limit):
+            first, last = begin + a, begin + b
+            found = _dwell(time_s, observed_s, q_rad, (first, last), spread_rad)
+            if isinstance(found, RefusedDwell) and depth < HALVINGS:
+                pending.append((first, last + 1, 0.5 * limit, depth + 1))
+            elif isinstance(found, Dwell):
+                dwells.append(found)
+                taken[first : last + 1] = True
+    edges = np.flatnonzero(np.diff(np.concatenate(([True], taken, [True])).astype(int)))
+    for begin, end in edges.reshape(-1, 2).tolist():
+        for a, b in _at_rest(observed_s[begin:end], q_rad[begin:end], 0.5 * dwell_s, spread_rad):
+            first, last = begin + a, begin + b
+            start, seconds = float(time_s[first]), float(observed_s[last] - observed_s[first])
+            moved = np.ptp(q_rad[first : last + 1], axis=0)
+            short = moved.max() <= spread_rad and seconds < dwell_s
+            refused.append(
+                RefusedDwell(start_s=start, seconds=seconds)
+                if short
+                else _moving(start, seconds, moved)
+            )
+    return tuple(sorted(dwells, key=lambda d: d.start_s)), tuple(refused)
+
+
+def _moving(start_s: float, seconds: float, moved_rad: FloatArray) -> RefusedDwell:
+    joint = int(np.argmax(moved_rad))
+    moved = float(moved_rad[joint])
+    return RefusedDwell(start_s=start_s, seconds=seconds, joint=joint + 1, moved_rad=moved)
+
+
+def _dwell(
+    time_s: FloatArray,
+    observed_s: FloatArray,
+    q_rad: FloatArray,
+    ends: tuple[int, int],
+    spread_rad: float,
+) -> Dwell | RefusedDwell:
+    """Judge the samples between two indices, both included, without the motion at their edges."""
+    whole = q_rad[ends[0] : ends[1] + 1]
+    away = np.abs(whole - np.median(whole, axis=0))
+    noise = 1.4826 * np.median(away, axis=0)
+    inside = np.flatnonzero(np.all(away <= np.maximum(EDGE_SIGMAS * noise, 1e-9), axis=1))
+    a, b = (
+        (ends[0] + int(inside[0]), ends[0] + int(inside[-1]))
+        if len(inside) >= LEAST_SAMPLES
+        else ends
+    )
+    q, at = q_rad[a : b + 1], observed_s[a : b + 1]
+    centred = at - at.mean()
+    drift = np.abs(centred @ q) / (centred @ centred) * (at[-1] - at[0])
+    spread = np.ptp(q, axis=0)
+    start, seconds = float(time_s[a]), float(at[-1] - at[0])
+    if spread.max() > spread_rad:
+        return _moving(start, seconds, spread)
+    if drift.max() > 0.5 * spread_rad:
+        return _moving(start, seconds, drift)
+    return Dwell(
+        start_s=start,
+        seconds=seconds,
+        samples=len(q),
+        mean_rad=q.mean(axis=0),
+        sd_rad=q.std(axis=0, ddof=1),
+    )
+
+
+def _at_rest(
+    at_s: FloatArray, q_rad: FloatArray, window_s: float, spread_rad: float
+) -> Iterator[tuple[int, int]]:
+    """Yield first and last index of what windows of this length and spread cover, overlapping ones together."""
+    count = len(at_s)
+    first = np.arange(count)
+    last = np.maximum(
+        np.searchsorted(at_s, at_s + window_s * (1.0 - 1e-9)), first + LEAST_SAMPLES - 1
+    )
+    first = first[last < count]
+    last = last[last < count]
+    rest = np.flatnonzero(_ranges(q_rad, last).max(axis=1, initial=0.0) <= spread_rad)
+    if not len(rest):
+        return
+    begins, ends = first[rest], last[rest]
+    # Neighbouring windows end one after the other: apart where one begins behind the end of that before it.
+    cuts = np.flatnonzero(begins[1:] > ends[:-1])
+    for a, b in zip((0, *(cuts + 1)), (*cuts, len(rest) - 1), strict=True):
+        yield int(begins[a]), int(ends[b])
+
+
+def _ranges(q_rad: FloatArray, last: IntArray) -> FloatArray:
+    """Largest less smallest of rows k to last[k], (len(last), n): by tables of 1, 2, 4, ... rows."""
+    first = np.arange(len(last))
+    length = last - first + 1
+    found = np.zeros((len(last), q_rad.shape[1]))
+    high = low = q_rad
+    for level in range(int(length.max(initial=0)).bit_length()):
+        size = 1 << level
+        here = np.flatnonzero(length >> level == 1)
+        other = last[here] - size + 1
+        found[here] = np.maximum(high[here], high[other]) - np.minimum(low[here], low[other])
+        high = np.maximum(high[:-size], high[size:])
+        low = np.minimum(low[:-size], low[size:])
+    return found

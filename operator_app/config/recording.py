@@ -1,0 +1,211 @@
+"""Joint angles over time: what a recorder leaves, and CSV logs with a column of times. Knows no arm and no dwell."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from operator_app.config.joint_log import Unit, find_column, find_columns, is_number, read_rows
+from operator_app.config.resources import expanded, read_limited
+from operator_app.config.text import decode_text, only
+from solver.arrays import FloatArray
+
+LIMIT_BYTES = 1024 * 1024 * 1024
+"""A CSV log of seven joints at 1 kHz over an hour is some 500 MB."""
+
+LARGEST_RAD = 20.0 * np.pi
+NUMBERED = re.compile(r"(.*\D|)(\d+)(\D*)")
+PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
+"""From this size on times since 1970 count nanoseconds, microseconds, milliseconds, seconds."""
+
+SINCE_1970_S = 1e8
+"""Times from here on are of the calendar; smaller ones count from the start of something."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recording:
+    """Angles (m, n), rad, at rising times (m,), s.
+
+    Attributes
+    ----------
+    joints
+        What joints 1 to n are called there.
+    source
+        Its topic or column of times.
+    left_out
+        Messages or lines that have no angle of some joint, or the time of another one.
+    """
+
+    file: str
+    time_s: FloatArray
+    q_rad: FloatArray
+    joints: tuple[str, ...]
+    source: str
+    left_out: int
+
+
+def utc_text(time_s: float) -> str:
+    """Return a time since 1970 as poses files have it; empty where it counts from something else."""
+    if time_s < SINCE_1970_S:
+        return ""
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] + "Z"
+
+
+def load_timed_log(
+    path: str | Path,
+    *,
+    time: str,
+    joints: Sequence[str],
+    unit: Unit | None = None,
+    columns: str = "",
+) -> Recording:
+    """Read a CSV log of angles over time.
+
+    Parameters
+    ----------
+    time
+        The column of times, by name or number: s; since 1970 also ms, us or ns; or ISO 8601.
+    joints, columns
+        As of a bag; `columns` may be numbers as well.
+    unit
+        Of the angles; None: degrees, unless they look like radians, which is refused.
+
+    Raises
+    ------
+    ConfigError
+        With what is wrong.
+    """
+    file = str(path)
+    text = decode_text(read_limited(expanded(path), file, limit=LIMIT_BYTES), file)
+    lines = read_rows(text)
+    if len(lines) < 2:
+        remedy = "a line of time and angles for each sample is wanted"
+        raise only(file, None, None, "has no samples", remedy)
+    header = [] if any(map(is_number, lines[0].cells)) else lines[0].cells
+    lines, width = lines[1:] if header else lines, len(lines[1].cells)
+    by = find_column("--time", time, header, width, file)
+    left = [k for k in range(width) if k != by]
+    if header and not columns:
+        order = find_joints([header[k] for k in left if k < len(header)], joints, file=file)
+        where: tuple[int, ...] = tuple(map(header.index, order))
+    else:
+        where = find_columns(columns, header, left, len(joints), file)
+        order = tuple(header[k] if header else f"column {k + 1}" for k in where)
+    cells = array("d")
+    for row in lines:
+        if len(row.cells) == width:
+            cells.append(_time_s(row.cells[by], file, row.line, by))
+            cells.extend(_angle(row.cells[k], file, row.line, k) for k in where)
+        elif row is not lines[-1]:
+            # The last line of a recorder that was killed is half a line.
+            text = f"{len(row.cells)} cells where the lines before have {width}"
+            raise only(file, row.line, None, text, "mend this line")
+    table = np.array(cells).reshape(-1, 1 + len(where))
+    time_s, q = table[:, 0], table[:, 1:]
+    largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
+    if unit is None and largest < 2.0 * np.pi:
+        text = f"does not say its unit, and no angle of {len(q)} lines exceeds {largest:.3g}"
+        raise only(file, None, None, text, "say --rad, or --deg if these are degrees")
+    latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
+    per_s = next(per for least, per in PER_SECOND if latest >= least)
+    return recording_of(
+        time_s / per_s,
+        q if unit == "rad" else np.deg2rad(q),
+        joints=order,
+        file=file,
+        source=f"lines, time {header[by] if header else f'column {by + 1}'}",
+    )
+
+
+def _time_s(cell: str, file: str, line: int, column: int) -> float:
+    """Read a time: a number, or ISO 8601 as seconds since 1970; of no zone is UTC."""
+    try:
+        return float(cell or "nan")
+    except ValueError:
+        pass
+    try:
+        found = datetime.fromisoformat(cell)
+    except ValueError as error:
+        remedy = "write seconds, or a time such as 2026-01-31T12:00:00.250Z"
+        raise only(file, line, column + 1, f"{cell[:40]!r} is no time", remedy) from error
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+
+
+def _angle(cell: str, file: str, line: int, column: int) -> float:
+    """Read an angle; nothing, or no finite one, is a sample that was lost."""
+    try:
+        return float(cell or "nan")
+    except ValueError as error:
+        text = f"{cell[:40]!r} is not a number"
+        raise only(file, line, column + 1, text, "correct the cell") from error
+
+
+def recording_of(
+    time_s: FloatArray, q_rad: FloatArray, *, joints: tuple[str, ...], file: str, source: str
+) -> Recording:
+    """Order samples by time and leave out those that are not whole.
+
+    Raises
+    ------
+    ConfigError
+        Nothing is left, or these are no angles.
+    """
+    whole = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
+    if not len(whole):
+        text = f"no sample has an angle of every joint ({', '.join(joints)})"
+        raise only(file, None, None, text, "record all joints at once")
+    rising, kept = np.unique(time_s[whole], return_index=True)
+    found = q_rad[whole][kept]
+    joint = int(np.argmax(np.abs(found).max(axis=0)))
+    if (largest := float(np.abs(found[:, joint]).max())) > LARGEST_RAD:
+        text = f"{joints[joint]} reaches {np.rad2deg(largest):.4g} deg"
+        raise only(file, None, None, text, "degrees where radians belong, or no revolute joint?")
+    return Recording(
+        file=file,
+        time_s=rising,
+        q_rad=found,
+        joints=joints,
+        source=source,
+        left_out=len(time_s) - len(rising),
+    )
+
+
+def find_joints(
+    names: Sequence[str], joints: Sequence[str], *, file: str, columns: str = ""
+) -> tuple[str, ...]:
+    """Return what joints 1 to n are called among `names`: as `columns` says, as the arm does, or by number.
+
+    Numbered names, such as panda_joint1 to panda_joint7, are taken where there is one row of n of them.
+    """
+    count = len(joints)
+    if columns:
+        given = tuple(part.strip() for part in columns.split(","))
+        if missing := [name for name in given if name not in names]:
+            text = f"--columns: there is no joint {missing[0]!r}"
+            raise only(file, None, None, text, f"there is {', '.join(names)}")
+        if len(given) != count or len(set(given)) != count:
+            text = f"--columns names {len(set(given))} joints of an arm of {count}"
+            raise only(
+                file, None, None, text, "name one for each joint, in the order of the joints"
+            )
+        return given
+    if set(joints) <= set(names) and len(set(joints)) == count:
+        return tuple(joints)
+    families: dict[tuple[str, str], dict[int, str]] = defaultdict(dict)
+    for name in names:
+        if match := NUMBERED.fullmatch(name):
+            families[match[1], match[3]][int(match[2])] = name
+    whole = [
+        f for f in families.values() if sorted(f) in (list(range(count)), list(range(1, count + 1)))
+    ]
+    if len(whole) != 1:
+        text = f"which of its columns are joints 1 to {count} is not clear: {', '.join(names[:40])}"
+        raise only(file, None, None, text, "name them in order: --columns NAME,NAME,...")
+    return tuple(whole[0][k] for k in sorted(whole[0]))

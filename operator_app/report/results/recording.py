@@ -1,0 +1,79 @@
+"""What of a recording became poses and what did not, as text and as JSON. Computes nothing, prints nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from operator_app.config.recording import utc_text
+from operator_app.units.numbers import plural
+
+if TYPE_CHECKING:
+    from operator_app.calibration.dwells import Dwell, RefusedDwell
+    from operator_app.config.recording import Recording
+
+MOST_LINES = 20
+
+
+def recording_text(
+    recording: Recording,
+    dwells: Sequence[Dwell],
+    refused: Sequence[RefusedDwell],
+    *,
+    dwell_s: float,
+    spread_deg: float,
+) -> str:
+    """Return a line about the recording and one for each stretch that is no dwell."""
+    found = recording
+    span_s = found.time_s[-1] - found.time_s[0]
+    lost = f" ({found.left_out} more left out: no angle of some joint, or a time twice)"
+    head = (
+        f"{found.file}: {plural(len(dwells), 'pose')} from {len(found.time_s)} {found.source}"
+        f"{lost if found.left_out else ''} over {span_s:.1f} s; joints 1 to {len(found.joints)} are "
+        f"{', '.join(found.joints)}"
+    )
+    lines = [head]
+    for k, stretch in enumerate(refused[:MOST_LINES]):
+        began_s = stretch.start_s - found.time_s[0]
+        utc = utc_text(stretch.start_s)
+        when = f"{began_s:.2f} s" + (f" ({utc})" if utc else "")
+        why = (
+            f"{found.joints[stretch.joint - 1]} moves by {np.rad2deg(stretch.moved_rad):.3g} deg "
+            f"(limit {spread_deg:g} deg, --spread-deg)"
+            if stretch.joint
+            else f"limit {dwell_s:g} s (--dwell-s)"
+        )
+        lines.append(
+            f"  no pose {k + 1}: {'moving' if stretch.joint else 'at rest'} for "
+            f"{stretch.seconds:.2f} s at {when}; {why}"
+        )
+    if refused[MOST_LINES:]:
+        lines.append(f"  and {len(refused) - MOST_LINES} more")
+    return "\n".join(lines)
+
+
+def recording_json(
+    recording: Recording, dwells: Sequence[Dwell], refused: Sequence[RefusedDwell]
+) -> dict[str, Any]:
+    """Return the same, with every stretch; times in s as in the recording."""
+    return {
+        "file": recording.file,
+        "joints": list(recording.joints),
+        "samples": len(recording.time_s),
+        "left_out": recording.left_out,
+        "poses": [
+            {"start_s": d.start_s, "seconds": d.seconds, "samples": d.samples} for d in dwells
+        ],
+        "refused": [
+            {
+                "code": "MOVING" if r.joint else "SHORT",
+                "start_s": r.start_s,
+                "seconds": r.seconds,
+                "joint": r.joint or None,
+                "moved_deg": float(np.rad2deg(r.moved_rad)) if r.joint else None,
+            }
+            for r in refused
+        ],
+    }

@@ -42,7 +42,7 @@ from operator_app.session.workflow.opening import (
 )
 from operator_app.session.workflow.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
-from operator_app.virtual_arms import run_controller, virtual_instrument
+from operator_app.virtual_arms import run_controller, true_values, virtual_instrument
 
 EMBEDDED_PATIENCE_S = 10.0
 """An embedded arm and its operator share a processor: either may wait for it, and neither is lost."""
@@ -161,6 +161,9 @@ def open_arm(
             opening=replace(opening, procedure=procedure, choices=choices),
             simulated=embedded,
             instrument=instrument,
+            truths=partial(true_values, procedure.arm, procedure.fixture, opening.choices)
+            if embedded
+            else None,
             recording_ended=recording_ended,
         )
 

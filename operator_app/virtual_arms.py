@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -56,6 +56,13 @@ def virtual_arm(
             f"no virtual arm can be built of {arm.name} in {fixture.name}: {error}",
             "change the files as said, or connect a real bus with -i",
         ) from error
+
+
+def true_values(
+    arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int
+) -> Mapping[str, float]:
+    """Return what `virtual_arm` truly is, rad and m by name: never asked over a bus."""
+    return virtual_arm(arm, fixture, choices, placement).true_loop().named()
 
 
 @contextmanager

@@ -259,18 +259,8 @@ def mounted_anew(stated: Stated, truth: Truth, rng: np.random.Generator) -> Trut
 
 def _true_vector(model: DhLoop | PointClosure, truth: Truth) -> FloatArray:
     """What the unknowns of a loop really are (P,)."""
-    stacked, own = truth.table.stacked(), dict[str, float]()
-    if isinstance(truth, BallTruth):
-        for name, point in (("tip", truth.tip_m), ("ground", truth.ground_m)):
-            own |= {f"{name}_{axis}": float(v) for axis, v in zip("xyz", point, strict=True)}
-    found = []
-    for p in model.parameters:
-        if p.name in own:
-            found.append(own[p.name])
-        else:
-            entry = DhEntry.parse(p.name)
-            found.append(float(stacked[entry.kind, entry.row]))
-    return np.array(found)
+    named = truth.named()
+    return np.array([named[p.name] for p in model.parameters])
 
 
 def _placed(model: ArmLoop, stated: Stated, rng: np.random.Generator) -> FloatArray:

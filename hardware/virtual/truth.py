@@ -10,6 +10,7 @@ import numpy as np
 from hardware.virtual.loop_point import BallPoint, ChainPoint, LoopPoint, OpenPoint
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry, DhKind
 from solver.closing import close_loops
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.dh import DhLoop
@@ -46,6 +47,15 @@ class Truth(ABC):
         return DhTable(
             **{name: getattr(self.table, name)[1:] for name in DhTable.__dataclass_fields__}
         )
+
+    def named(self) -> dict[str, float]:
+        """True values, rad and m, by the names that unknowns of a calibration have."""
+        stacked = self.table.stacked()
+        return {
+            DhEntry(kind=kind, row=row).name: float(stacked[kind, row])
+            for kind in DhKind
+            for row in range(self.table.links)
+        }
 
     @abstractmethod
     def loop(self) -> ArmLoop:
@@ -109,6 +119,10 @@ class BallTruth(Truth):
     tip_m: FloatArray
     ground_m: FloatArray
 
+    def named(self) -> dict[str, float]:
+        """D-H entries, and both centres."""
+        return Truth.named(self) | _axes(tip=self.tip_m, ground=self.ground_m)
+
     def loop(self) -> PointClosure:
         """The distance of ball and socket."""
         arm = self.arm_table
@@ -136,6 +150,10 @@ class OpenTruth(Truth):
     tip_m: FloatArray
     tip_rotation: FloatArray
 
+    def named(self) -> dict[str, float]:
+        """D-H entries, and where base and target are; not how they are turned."""
+        return Truth.named(self) | _axes(base=self.base_m, tip=self.tip_m)
+
     def loop(self) -> MeasuredClosure:
         """Where the target is seen; bound to no measurement."""
         return MeasuredClosure(
@@ -161,6 +179,14 @@ class OpenTruth(Truth):
         q = (np.asarray(theta_rad) - self.offsets_rad)[None]
         position, rotation = self.loop().predicted(np.zeros(0), q)
         return position[0], rotation[0]
+
+
+def _axes(**points: FloatArray) -> dict[str, float]:
+    return {
+        f"{name}_{axis}": float(value)
+        for name, point in points.items()
+        for axis, value in zip("xyz", point, strict=True)
+    }
 
 
 def paper_loop() -> LoopTruth:

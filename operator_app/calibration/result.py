@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from operator_app.calibration.acceptance import Judgement, Verdict
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.notices import Notice
-from operator_app.calibration.tool_accuracy import HandAccuracy, TipSigma
+from operator_app.calibration.tool_accuracy import HandAccuracy, TipSigma, TrueErrors
 from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.rvdt import RvdtVerdict
 from solver.estimators.estimate import Estimate
@@ -70,6 +70,8 @@ class Solution:
         What weighing every reading by its noise gives, where the paper's estimate is the chosen one.
     length_tolerance_m
         How well lengths were taken to be known, where that was asked for and is not what the arm's file states.
+    truth
+        How far it is from the truth; None where nobody knows that, as of any real arm.
     """
 
     model: ClosureModel
@@ -94,6 +96,7 @@ class Solution:
     implicit: Estimate | None = None
     condition_at_readings: float | None = None
     length_tolerance_m: float | None = None
+    truth: TrueErrors | None = None
 
     @property
     def accepted(self) -> bool:

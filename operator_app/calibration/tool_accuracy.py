@@ -77,6 +77,25 @@ class HandAccuracy:
     holds_for: tuple[HeldOffset, ...] = ()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrueErrors:
+    """How far a calibration is from the truth, which only the simulator of an arm knows.
+
+    Attributes
+    ----------
+    inside_95, of
+        How many true values lie within the 95 % intervals of their entries, of how many.
+    tool_rms_m, predicted_rms_m
+        Distance of the tool from where it truly is, rms over the joints' ranges, and what the covariance
+        of the parameters predicts for it.
+    """
+
+    inside_95: int
+    of: int
+    tool_rms_m: float
+    predicted_rms_m: float
+
+
 def spread_of(distances_m: FloatArray) -> Spread:
     """Sum distances up."""
     return Spread(

@@ -33,6 +33,7 @@ from operator_app.report.quality_tables import (
     hand_table,
     observability_table,
     trend_table,
+    truth_table,
 )
 from operator_app.report.remedy_tables import remedy_table, side_note
 from operator_app.report.table import FactTable, Headline, keyed
@@ -122,6 +123,7 @@ def facts_of(
                 sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
                 note=side_note(solution),
             ),
+            truth_table(solution),
             causes_table(solution),
             dh_table(solution),
             hand_table(solution),

@@ -158,6 +158,37 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     )
 
 
+def truth_table(solution: Solution) -> FactTable | None:
+    """Return how far a simulated arm's calibration is from the truth; None of a real arm."""
+    truth = solution.truth
+    if truth is None:
+        return None
+
+    def length(value: float, key: str) -> Figure:
+        return Figure(value, CLOSURE_LENGTH, digits=2, key=("truth", key))
+
+    return FactTable(
+        ident="truth",
+        title="The truth, which only the simulator knows",
+        columns=(*words("this arm is simulated"), *figures("found", "of, predicted")),
+        rows=(
+            (
+                "entries within their 95 % intervals",
+                Figure(truth.inside_95, places=0, key=("truth", "inside_95")),
+                Figure(truth.of, places=0, key=("truth", "of")),
+            ),
+            (
+                "tool off by, rms [mm]",
+                length(truth.tool_rms_m, "tool_mm_rms"),
+                length(truth.predicted_rms_m, "predicted_mm_rms"),
+            ),
+        ),
+        note=f"{truth.inside_95} of {truth.of} entries within their 95 % intervals; tool off by "
+        f"{length(truth.tool_rms_m, '').with_unit} rms (predicted "
+        f"{length(truth.predicted_rms_m, '').shown}), over the ranges of all joints.",
+    )
+
+
 def observability_table(solution: Solution) -> FactTable:
     """Return the five observability indices of the literature."""
     return FactTable(

@@ -69,6 +69,10 @@ def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(
         assert error < (np.rad2deg(7e-5) if angle else 3e-5), name
     assert found["rank"] == 14
     assert found["scaled_condition_number"] < 60
+    # What the program says of the truth, from this file's own.
+    inside = [low <= TRUTH[name] <= high for name, (low, high) in found["interval_95"].items()]
+    assert (found["truth"]["inside_95"], found["truth"]["of"]) == (sum(inside), 14)
+    assert found["truth"]["tool_mm_rms"] < 4.0 * found["truth"]["predicted_mm_rms"]
 
     folder = Path(found["session"]["folder"])
     document = (folder / "parameters.yaml").read_bytes()
@@ -82,8 +86,12 @@ def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(
     files = ["--arm", str(tmp_path / "arm.yaml"), "--fixture", str(tmp_path / "fixture.yaml")]
     csv = str(folder / "poses.csv")
     assert main(["solve", csv, *files, "--estimator", "paper", "--json"]) == 0
-    again = json.loads(capsys.readouterr().out)["parameters"]
-    assert again == found["paper"]["parameters"]
+    again = json.loads(capsys.readouterr().out)
+    assert again["parameters"] == found["paper"]["parameters"]
+    # A file of poses knows no truth; the journal keeps what was known.
+    assert "truth" not in again
+    assert main(["report", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["truth"] == found["truth"]
 
 
 @pytest.mark.campaign

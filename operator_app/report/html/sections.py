@@ -62,6 +62,7 @@ METHOD_WORDS = (
 )
 HEADINGS = {
     "parameters": "Parameters",
+    "truth": "The truth",
     "causes": "What may be wrong",
     "dh": "D-H table",
     "hand": "How far off the hand may be",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.serialization import to_dict
+from operator_app.calibration.truth import with_truth
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import GuardError
 from operator_app.session.store.folders import POSES_NAME
@@ -23,6 +24,7 @@ from operator_app.session.store.stored_calibration import StoredCalibration, rec
 if TYPE_CHECKING:
     from fixtures.base import Fixture
     from operator_app.calibration.result import Solution
+    from operator_app.calibration.truth import Truths
     from operator_app.config.parameters import ParametersDocument
     from operator_app.config.procedure import Procedure
     from operator_app.session.store.journal import Clock, Journal
@@ -40,6 +42,8 @@ class Logbook:
         The events, and what they amount to.
     procedure, model, fixture
         What is followed; its arm and its fixture.
+    truths
+        What a simulated arm truly is; None of a real one.
     """
 
     def __init__(self, *, journal: Journal, procedure: Procedure, clock: Clock) -> None:
@@ -47,6 +51,7 @@ class Logbook:
         self.fixture: Fixture = procedure.fixture.fixture
         self.procedure = procedure
         self.journal = journal
+        self.truths: Truths | None = None
         self._clock = clock
         self.state: SessionState = session_state(
             journal.contents, joint_count=procedure.arm.joint_count
@@ -138,6 +143,9 @@ class Logbook:
             progress=progress,
         )
         solution = solution.with_notices(unreturned_notices(self.state))
+        if self.truths is not None:
+            first = min(p.placement for p in self.state.used_poses)
+            solution = with_truth(solution, self.model, self.truths, first=first)
         self.record_solution(solution)
         return solution
 

@@ -28,6 +28,7 @@ from solver.estimators.estimate import require_enough_poses
 
 if TYPE_CHECKING:
     from hardware.arm import Arm
+    from operator_app.calibration.truth import Truths
     from operator_app.config.procedure import CapturePlan, Procedure
     from operator_app.session.workflow.instrument import Instrument
     from operator_app.session.workflow.session import Session
@@ -113,6 +114,8 @@ class Rig:
         Whether nothing real can move.
     instrument
         What sees the hand of an open arm.
+    truths
+        What a simulated arm of this process truly is.
     recording_ended
         Asked at any time, from any thread: how a recording of the bus ended early; "" while it goes on, or
         where there is none.
@@ -122,6 +125,7 @@ class Rig:
     opening: Opening
     simulated: bool
     instrument: Instrument | None = None
+    truths: Truths | None = None
     recording_ended: Callable[[], str] = str
 
     @property
@@ -149,6 +153,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
             instrument=rig.instrument,
             clock=clock,
         )
+        session.truths = rig.truths
         if opening.resumed:
             session.record("resumed", {"settings": settings})
         else:

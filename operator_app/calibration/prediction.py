@@ -23,10 +23,11 @@ from solver.chain.poses import PoseSet
 from solver.diagnostics.prediction import NOT_KNOWN, CommonShift, Given, foretold
 from solver.diagnostics.whitened_residuals import LeftOver
 from solver.errors import PosesDoNotFitError
+from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.linearisation import Linearisation
-from solver.estimators.mixed_fit import fit_mixed, gravity_share
+from solver.estimators.mixed_fit import MixedFit, fit_mixed, gravity_share
 from solver.loops.closure import ClosureModel
 
 MOST = 1000
@@ -89,7 +90,7 @@ def foretell(
         Values (rad, m) of what the calibration does not know, such as where another socket stands.
     """
     solution, old = made.solution, _used(made)
-    both = _together(old, new)
+    both = together(old, new)
     later = np.arange(len(both)) >= len(old)
     model, x0, column = _model(arm, fixture, made, old, both, start)
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
@@ -106,17 +107,9 @@ def foretell(
         tolerance={name: sd for name, sd in stated.items() if name in tolerated},
     )
     try:
-        found = fit_mixed(model, both.q_rad, errors, x0, estimate=False, group=both.placement)
-        design, here = found.fit.design, found.fit.system
         # Of where a socket stands that only new poses know the old ones say nothing.
-        own = found.fit if start else found.fit.at_poses(np.arange(len(old)))
-        if design.expected.any() and gravity_share(own) < 0.5:
-            # The arm does not sag as gravity lets expect, by its calibration's own poses.
-            found = fit_mixed(
-                model, both.q_rad, replace(errors, signed=False), found.x,
-                estimate=False, group=both.placement,
-            )  # fmt: skip
-            design, here = found.fit.design, found.fit.system
+        found = fit_as_stated(model, both, errors, x0, old=len(both) if start else len(old))
+        design, here = found.fit.design, found.fit.system
         fit = LinearFit(design, here, design.stated_variances())
     except (PosesDoNotFitError, np.linalg.LinAlgError):
         return None
@@ -142,6 +135,20 @@ def foretell(
     if ground:
         subjects[FIXTURE] = system.A[..., ground]
     return Foretold(left=replace(left, dof=max(left.dof - unknown, 1)), subjects=subjects)
+
+
+def fit_as_stated(
+    model: ClosureModel, both: PoseSet, errors: ErrorModel, x0: FloatArray, *, old: int
+) -> MixedFit:
+    """Linearise old poses, the first so many, and new ones; gravity's sign is as the old ones have it."""
+    found = fit_mixed(model, both.q_rad, errors, x0, estimate=False, group=both.placement)
+    if found.fit.design.expected.any() and gravity_share(found.fit.at_poses(np.arange(old))) < 0.5:
+        # The arm does not sag as gravity lets expect, by its calibration's own poses.
+        found = fit_mixed(
+            model, both.q_rad, replace(errors, signed=False), found.x,
+            estimate=False, group=both.placement,
+        )  # fmt: skip
+    return found
 
 
 def _used(made: MadeFrom) -> PoseSet:
@@ -193,7 +200,7 @@ def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
     return covariance
 
 
-def _together(old: PoseSet, new: PoseSet) -> PoseSet:
+def together(old: PoseSet, new: PoseSet) -> PoseSet:
     """Both pose sets as one, the old ones first; what only one of them recorded is in neither."""
     ends = [p.endpoint for p in (old, new) if p.endpoint is not None]
     columns = min((e.shape[1] for e in ends), default=0)

@@ -51,6 +51,7 @@ class PlantArm:
         self._document = b""
         self.interrupt_at_sync: int | None = None
         self.closed = 0
+        self.moves: list[tuple[dict[int, float], float]] = []
         self._step()
         self._hold_here()
 
@@ -113,6 +114,7 @@ class PlantArm:
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
+        self.moves.append((dict(targets_rad), speed_rad_per_s))
         columns = [j - 1 for j in targets_rad]
         path = StraightMove(
             self._targets[columns],

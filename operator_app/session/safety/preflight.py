@@ -23,10 +23,14 @@ from solver.arrays import FloatArray
 
 def require_standing(
     session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
-) -> None:
+) -> tuple[int, ...]:
     """Refuse readings that cannot be true where the arm stands; passed or refused, the journal keeps it and why.
 
     `endpoint` is asked where an instrument sees the hand, if there are poses to compare it with.
+
+    Returns
+    -------
+    Joints that may have shifted since the poses so far, and would not show it where the arm stands.
 
     Raises
     ------
@@ -35,13 +39,16 @@ def require_standing(
     """
     try:
         check_counters(session.model, reading.mean_rad)
+        unseen: tuple[int, ...] = ()
         for found in _judged(session, reading, endpoint):
+            unseen = unseen or found.unseen
             kept = {"told": found.told, "probability": found.probability, "refused": False}
             session.record("standing", kept)
     except StandingRefusedError as refused:
         why = {"told": refused.happened, "probability": refused.probability, "refused": True}
         session.record("standing", why)
         raise
+    return unseen
 
 
 def _judged(

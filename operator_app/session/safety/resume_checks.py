@@ -16,6 +16,7 @@ from fixtures.errors import FixtureError
 from fixtures.measured import Measured
 from hardware.arm import ArmIdentity, Reading
 from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.innovation import Innovation, innovation
 from operator_app.calibration.instrument_registration import as_calibrated, as_seen
 from operator_app.calibration.repeat_measurement import Repeat, compare_readings
 from operator_app.calibration.verification import Fixed, fixed_by, judge_poses, stated_noise
@@ -38,14 +39,26 @@ REMOUNTED_M, REMOUNTED_RAD = 4e-3, float(np.deg2rad(1.0))
 IMPROBABLE = 1e-4
 """Chance of refusing an arm and a fixture that are the same."""
 
+UNEXPECTED = 1e-6
+"""The same by the poses near it, curves of sensors known: of arms three times worse than stated none in 105."""
+
 WORSE = 4.0
 """Times the worst chi2 of the session's own poses: where the model is wrong, theirs is large as well."""
+
+SHIFT_RAD = float(np.deg2rad(2.0))
+"""A joint's shift that is to be seen before the arm moves farther than it takes to see it."""
+
+CLEARLY = 2.0
+"""Times the chi2 that is refused, which a shift brings on average where it is said to be seen."""
 
 NEAR_ENOUGH = 100.0
 """Times as far from zero as a counter that has just begun anew: where something is wrong, it is that one.
 
 A joint stands there in one of 300 places.
 """
+
+NOT_EXPLAINED = 1e-3
+"""Chance of what a joint's shift leaves, below which it is not named."""
 
 SURE = 100.0
 """Times likelier than the fixture, a joint is named where nobody is asked to do anything about it first."""
@@ -58,11 +71,12 @@ class PoseReport:
     """What the journal's poses say of where the arm stands.
 
     `told` is what was found, in a sentence; `probability` the chance of a pose that fits worse, None
-    where there are too few poses to say.
+    where there are too few poses to say. Of `unseen` joints a shift of `SHIFT_RAD` might not show there.
     """
 
     told: str
     probability: float | None
+    unseen: tuple[int, ...] = ()
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
@@ -112,13 +126,9 @@ def check_standing(
     StandingRefusedError
         It does not close there: something is another than it was.
     """
+    from scipy.special import chdtrc, chdtri
+
     state = state.here
-    fixed = _fixed(state, procedure)
-    if fixed is None:
-        return PoseReport(
-            told="The poses so far are too few to tell whether the loop closes where the arm stands.",
-            probability=None,
-        )
     here = CheckReading(
         kind="standing",
         number=0,
@@ -129,18 +139,42 @@ def check_standing(
         endpoint=() if endpoint is None else tuple(endpoint.tolist()),
     )
     arm, fixture = procedure.arm, _placed(state, procedure)
-    poses = pose_set_of([*state.used_poses, here])
-    found = judge_poses(arm, fixture, poses, fixed).verification
-    probability = float(found.pose_probability[-1])
-    worst = float(found.pose_chi2[:-1].max())
-    closes = bool(found.closed[-1])
-    if closes and (probability >= IMPROBABLE or found.pose_chi2[-1] <= WORSE * worst):
-        return PoseReport(
-            told="The loop closes where the arm stands, by the poses so far.",
-            probability=probability,
+    near, unseen, unexpected = None, tuple(range(1, arm.joint_count + 1)), False
+    if fixture.holds_hand:
+        near = innovation(
+            arm,
+            fixture,
+            state.pose_set(),
+            pose_set_of([here]),
+            unsensed_joints=procedure.unsensed_joints,
         )
-    near = from_zero(arm, reading.mean_rad)
-    zeros = sorted(j for j, times in near.items() if times <= NEAR_ENOUGH)
+    if near is not None:
+        limit = max(float(chdtri(near.dof, UNEXPECTED)), WORSE * near.usual)
+        unseen, unexpected = near.unseen(SHIFT_RAD, CLEARLY * limit), near.chi2 > limit
+    fixed = _fixed(state, procedure)
+    if fixed is None and not unexpected:
+        return PoseReport(
+            told="The poses so far are too few to tell whether the loop closes where the arm stands.",
+            probability=None,
+            unseen=unseen,
+        )
+    closes, probability = True, 1.0
+    if fixed is not None:
+        poses = pose_set_of([*state.used_poses, here])
+        found = judge_poses(arm, fixture, poses, fixed).verification
+        probability, closes = float(found.pose_probability[-1]), bool(found.closed[-1])
+        worst = float(found.pose_chi2[:-1].max())
+        as_usual = probability >= IMPROBABLE or found.pose_chi2[-1] <= WORSE * worst
+        if closes and as_usual and not unexpected:
+            return PoseReport(
+                told="The loop closes where the arm stands, by the poses so far.",
+                probability=probability,
+                unseen=unseen,
+            )
+    if near is not None:
+        probability = min(probability, float(chdtrc(near.dof, near.chi2)))
+    times = from_zero(arm, reading.mean_rad)
+    zeros = sorted(j for j, t in times.items() if t <= NEAR_ENOUGH)
     if zeros:
         raise StandingRefusedError(
             f"the counter of joint {' and '.join(map(str, zeros))} stands {where_near(arm, reading.mean_rad, zeros)}, "
@@ -158,10 +192,26 @@ def check_standing(
         )
     raise StandingRefusedError(
         f"the loop does not close where the arm stands, by this session's {len(state.used_poses)} "
-        f"poses{off}: a joint's zero or the fixture is not what it was",
+        f"poses{off}: {_what_shifted(near)}",
         _START_ANEW,
         probability=probability,
     )
+
+
+def _what_shifted(near: Innovation | None) -> str:
+    """Name the joint whose shift alone explains what is left of a reading."""
+    from scipy.special import chdtrc
+
+    if near is not None and near.dof > 1:
+        joint, shift = max(near.shifts.items(), key=lambda item: item[1].explains)
+        others = max((s.explains for j, s in near.shifts.items() if j != joint), default=0.0)
+        alone = float(chdtrc(near.dof - 1, near.chi2 - shift.explains)) >= NOT_EXPLAINED
+        if alone and shift.explains - others > 2.0 * np.log(SURE):
+            return (
+                f"joint {joint} reads as if it had shifted by {POSITION(shift.size_rad).with_unit} (sigma "
+                f"{SLIP_SIGMA(shift.sigma_rad).with_unit})"
+            )
+    return "a joint's zero or the fixture is not what it was"
 
 
 def check_return(state: SessionState, procedure: Procedure) -> str:

@@ -20,15 +20,21 @@ from operator_app.calibration.verification import VerificationResult, fixed_by, 
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.clear_ways import is_clear
-from operator_app.session.safety.resume_checks import check_return, return_words
-from operator_app.session.store.state import SessionState, pose_set_of
+from operator_app.session.safety.resume_checks import SHIFT_RAD, check_return, return_words
+from operator_app.session.store.state import CapturedPose, SessionState, pose_set_of
 from operator_app.session.workflow.exploration import explore, reach
-from operator_app.session.workflow.home import away_from_box, go_home, require_in_box
+from operator_app.session.workflow.home import (
+    SLOWLY_RAD_PER_S,
+    away_from_box,
+    go_home,
+    require_in_box,
+)
 from operator_app.session.workflow.instrument import TargetLostError
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture, Stop
 from operator_app.session.workflow.session import Session
 from operator_app.session.workflow.waypoints import verification_waypoints
+from operator_app.units.figure import REACH
 from solver.chain.poses import PoseSet
 from solver.loops.placements import Placements
 
@@ -105,7 +111,10 @@ def take_poses(
     if homing and (planned is None or not planned.goes_on_from_here):
         home_if_away(session, listener)
     if session.state.resumed and session.state.poses_here and _is_going_on(session, planned):
-        _there_and_back(session, listener, planned)
+        if planned is None:
+            _show_unseen(session, listener)
+        if session.state.resumed:  # no old pose was read again yet
+            _there_and_back(session, listener, planned)
     end = None
     if planned is None:
         if not _has_returned(session.state):
@@ -126,6 +135,31 @@ def home_if_away(session: Session, listener: Listener) -> None:
         listener.told(f"Going home, slowly: {away}.")
         listener.going(None)
         listener.told(f"{go_home(session)}.")
+
+
+def _show_unseen(session: Session, listener: Listener) -> None:
+    """Read the nearest pose again, going there slowly, if a joint's shift may not show where the arm stands.
+
+    Raises
+    ------
+    GuardError
+        The arm stands outside its box, or something has shifted.
+    """
+    if not session.unseen or not session.fixture.holds_hand:
+        return
+    require_in_box(session)
+    here, drives = session.arm.snapshot().positions_rad, session.position_joints
+
+    def away_rad(pose: CapturedPose) -> float:
+        return max(abs(float(pose.mean_rad[j - 1] - here[j - 1])) for j in drives)
+
+    nearest = min(session.state.poses_here, key=away_rad)
+    joints = " or ".join(map(str, session.unseen))
+    listener.told(
+        f"Going {REACH(away_rad(nearest)).with_unit} to pose {nearest.number}, slowly, before anything else: where the "
+        f"arm stands, joint {joints} may have shifted by {REACH(SHIFT_RAD).with_unit} and not show it."
+    )
+    _read_once_more(session, listener, nearest, None, speed_rad_per_s=SLOWLY_RAD_PER_S)
 
 
 def _is_going_on(session: Session, planned: PlannedCapture | None) -> bool:
@@ -202,11 +236,24 @@ def _return_to_first(
         require_in_box(session)
     first = session.state.poses_here[0]
     listener.told(f"Back to pose {first.number}: to read it once more shows what slipped since.")
+    return _read_once_more(session, listener, first, planned, doubted=doubted)
+
+
+def _read_once_more(
+    session: Session,
+    listener: Listener,
+    first: CapturedPose,
+    planned: PlannedCapture | None,
+    *,
+    doubted: bool = False,
+    speed_rad_per_s: float | None = None,
+) -> tuple[Stop, ...]:
+    """Go to a pose, which is the first one where there is a plan, read it again and judge the difference."""
     listener.going(None)
     way: tuple[Stop, ...] = ()
     if planned is None:
         targets = {j: float(first.mean_rad[j - 1]) for j in session.position_joints}
-        missed = reach(session, targets).reason
+        missed = reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
     else:
         missed, way = planned.to_first()
     if missed:

@@ -23,12 +23,16 @@ STANDS_STILL_RAD = float(np.deg2rad(0.2))
 """A move that ends within a fifth of a second, this near to where it began, has not begun."""
 
 
-def reach(session: Session, targets_rad: Mapping[int, float]) -> MoveResult:
+def reach(
+    session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
+) -> MoveResult:
     """Go there; what stops the arm lies ahead, so that it goes back the way it came."""
     before = session.arm.snapshot().positions_rad
-    moved = session.go_to(targets_rad)
+    moved = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
     if not moved.reached:
-        back = session.go_to({j: float(before[j - 1]) for j in targets_rad})
+        back = session.go_to(
+            {j: float(before[j - 1]) for j in targets_rad}, speed_rad_per_s=speed_rad_per_s
+        )
         still = float(np.abs(back.positions_rad - before).max()) < STANDS_STILL_RAD
         loaded = overload(session.model, session.arm.snapshot())
         if loaded and still and not back.reached and moved.syncs <= STARTING_SYNCS:

@@ -60,6 +60,8 @@ class Session(Logbook):
         Asked while the arm moves: True when the operator wants that ended.
     told
         Hears what a person is to do with an arm that is moved by hand.
+    unseen
+        Joints that may have shifted since the poses so far, and did not show it where the arm was found.
     """
 
     def __init__(
@@ -86,6 +88,7 @@ class Session(Logbook):
         self.cancelled: Callable[[], bool] = lambda: False
         self.told: Callable[[str], None] = lambda _: None
         self._same = False
+        self.unseen: tuple[int, ...] = ()
         self._parting = Parting(arm, journal, self._sensor_faults, self._lateness)
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
@@ -212,7 +215,9 @@ class Session(Logbook):
             return
         here = self.arm.capture(self.procedure.capture.samples_per_pose)
         what = f"standing {self.state.captured}"
-        require_standing(self, here, lambda: self._reader.endpoint(what, here, self.cancelled))
+        self.unseen = require_standing(
+            self, here, lambda: self._reader.endpoint(what, here, self.cancelled)
+        )
         self._same = True
 
     @property

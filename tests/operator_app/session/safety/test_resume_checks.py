@@ -14,6 +14,7 @@ from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.workflow.capture import take_poses
+from operator_app.session.workflow.home import SLOWLY_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.opened import opened
@@ -139,6 +140,23 @@ def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(
     session.close("failed")
 
 
+@pytest.mark.parametrize(("joint", "degrees"), [(5, 2.0), (6, 2.0), (6, -2.0), (7, 2.0), (7, -2.0)])
+def test_two_degrees_of_a_joint_near_the_hand_are_named_before_a_drive_is_enabled(
+    left: tuple[Path, Procedure], joint: int, degrees: float
+) -> None:
+    folder, procedure = left
+    arm = Changed(procedure, "datasheet")
+    arm.slip_rad[joint - 1] = np.deg2rad(degrees)
+    session = resumed(folder, procedure, arm)
+    session.connect()
+    with pytest.raises(GuardError, match=f"joint {joint} reads as if it had shifted by") as refused:
+        take_poses(session, Listener(), (1, 5))
+    said = refused.value.happened.partition("shifted by ")[2]
+    assert float(said.split()[0]) == pytest.approx(degrees, abs=0.3)
+    assert arm.enabled == 0
+    session.close("failed")
+
+
 @pytest.mark.parametrize(("counts", "where"), [(0, "at zero"), (36, "near zero")])
 def test_a_counter_at_zero_is_named(left: tuple[Path, Procedure], counts: int, where: str) -> None:
     folder, procedure = left
@@ -193,14 +211,43 @@ def test_an_arm_without_nodes_is_refused_and_not_simulated(tmp_path: Path) -> No
     session.close("failed")
 
 
+class Saying(Listener):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.heard: list[str] = []
+
+    def told(self, text: str) -> None:
+        """Keep it."""
+        self.heard.append(text)
+
+
 @pytest.mark.parametrize("joint", [2, 5, 7])
-def test_with_few_poses_the_pose_read_again_tells(tmp_path: Path, joint: int) -> None:
+def test_with_few_poses_the_nearest_is_read_again_slowly_and_tells(
+    tmp_path: Path, joint: int
+) -> None:
     procedure = left_after(tmp_path / "s", 2)
     arm = Changed(procedure, "datasheet")
     arm.slip_rad[joint - 1] = np.deg2rad(2.0)
     session = resumed(tmp_path / "s", procedure, arm)
     session.connect()
-    with pytest.raises(GuardError, match="pose 1 does not read as it did"):
-        take_poses(session, Listener(), (1, 5))
+    here, listener = arm.snapshot().positions_rad, Saying()
+    away = [np.abs(p.mean_rad - here)[[0, 4]].max() for p in session.state.poses]
+    nearest = session.state.poses[int(np.argmin(away))]
+    with pytest.raises(GuardError, match=f"pose {nearest.number} does not read as it did"):
+        take_poses(session, listener, (1, 5))
+    assert [text for text in listener.heard if f"to pose {nearest.number}, slowly" in text]
+    assert {speed for _, speed in arm.moves} == {SLOWLY_RAD_PER_S}
     assert len(session.state.poses) == 2
     session.close("failed")
+
+
+def test_with_few_poses_the_same_arm_goes_on(tmp_path: Path) -> None:
+    procedure = left_after(tmp_path / "s", 2)
+    session = resumed(tmp_path / "s", procedure, Changed(procedure, "datasheet"))
+    session.connect()
+    session.cancelled = lambda: len(session.state.poses) == 3
+    with pytest.raises(Cancelled):
+        take_poses(session, Listener(), (1, 5))
+    assert len(session.state.poses) == 3
+    session.close("done")

@@ -1,0 +1,99 @@
+"""The innovation of one reading: what the poses before it leave unexplained of it, and what would show in it.
+
+Those poses have seen how curves of sensors, sag and give run near it: none of that is an excuse here, as it is where
+a reading is compared with the parameters alone. Knows no session; decides nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import Fixture
+from operator_app.calibration.closed_loops import pick
+from operator_app.calibration.error_model import error_model, soften
+from operator_app.calibration.prediction import fit_as_stated, together
+from operator_app.calibration.prior import fitted
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.diagnostics.prediction import foretold
+from solver.errors import PosesDoNotFitError
+
+NEAREST = 60
+"""Poses by which a reading is judged: those nearest to it, so that what it costs stays the same."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShiftSeen:
+    """How a joint's shift shows in a reading: its most likely size and sigma, rad, and by how much chi2 falls."""
+
+    size_rad: float
+    sigma_rad: float
+    explains: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Innovation:
+    """What poses leave unexplained of a reading.
+
+    Attributes
+    ----------
+    chi2, dof
+        Of the reading; infinite where the loop does not close at it.
+    usual
+        The largest chi2 of those poses, each by the others: large as well where their files are wrong.
+    shifts
+        By joint (1-based) that takes part.
+    """
+
+    chi2: float
+    dof: int
+    usual: float
+    shifts: Mapping[int, ShiftSeen]
+
+    def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
+        """Joints of which a shift of this size would bring less than that chi2 on average."""
+        return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
+
+
+def innovation(
+    arm: ArmModel,
+    fixture: Fixture,
+    before: PoseSet,
+    reading: PoseSet,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
+) -> Innovation | None:
+    """Judge a reading by the poses before it, all of one placement; None where these do not give a fit."""
+    away = np.abs(before.q_rad - reading.q_rad[0]).max(axis=1)
+    before = pick(before, np.sort(np.argsort(away, kind="stable")[:NEAREST]))
+    by = fitted(arm, fixture, before, unsensed_joints=unsensed_joints)
+    if by is None:
+        return None
+    both, count = together(before, reading), len(before)
+    errors = error_model(
+        arm,
+        fixture,
+        both,
+        np.arange(count + 1),
+        unsensed_joints=unsensed_joints,
+        tolerance=soften(fixture.model(arm, unsensed_joints=unsensed_joints), arm)[1],
+    )
+    try:
+        found = fit_as_stated(by.model, both, errors, by.fit.x, old=count)
+        old = np.arange(count)  # by themselves: a reading that is off would bend what is linearised
+        own = fit_as_stated(by.model, before, errors.at_poses(old), by.fit.x, old=count).fit
+        left = foretold(found.fit, np.arange(count + 1) == count)
+        usual = [foretold(own, old == k).chi2 for k in range(count)]
+    except (PosesDoNotFitError, np.linalg.LinAlgError):
+        return None
+    system = found.fit.whole.at_poses(np.array([count]))
+    shifts = {}
+    for j in range(1, arm.joint_count + 1):
+        if j not in by.model.unsensed_joints:
+            (s,), ((information,),) = left.score(system.B[..., [j - 1]])
+            size, sigma = float(s / information), float(information**-0.5)
+            shifts[j] = ShiftSeen(size_rad=size, sigma_rad=sigma, explains=(size / sigma) ** 2)
+    return Innovation(chi2=left.chi2, dof=left.dof, usual=max(usual), shifts=shifts)

@@ -1,0 +1,62 @@
+"""What poses let expect of one more reading: sound ones, of arms worse than stated as well, and shifted ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from operator_app.calibration.innovation import innovation
+from operator_app.config.procedure_file import load_procedure
+from solver.chain.poses import PoseSet
+from tests.oracles.shop_floor import Session, Sizes, session
+
+PROCEDURE = load_procedure("hinge")
+ARM, FIXTURE = PROCEDURE.arm, PROCEDURE.fixture.fixture
+
+
+def poses(taken: Session, first: int, last: int) -> PoseSet:
+    rows = slice(first, last)
+    return PoseSet(
+        placement=np.ones(last - first, dtype=np.int64),
+        label=tuple(map(str, range(first, last))),
+        q_rad=taken.readings[rows],
+        sd_rad=taken.spread[rows],
+        samples=taken.samples[rows],
+    )
+
+
+@pytest.mark.parametrize("times", [1.0, 3.0])
+def test_a_sound_reading_is_as_far_off_as_the_poses_are_from_each_other(times: float) -> None:
+    taken = session(3, Sizes.everything(times=times), poses=13)
+    found = innovation(ARM, FIXTURE, poses(taken, 0, 12), poses(taken, 12, 13))
+    assert found is not None
+    assert found.chi2 < max(25.0, 2.0 * found.usual)
+    assert found.dof == 5
+
+
+@pytest.mark.parametrize("joint", [5, 6, 7])
+def test_a_shift_of_two_degrees_is_named_with_its_size(joint: int) -> None:
+    taken = session(3, poses=13)
+    reading = poses(taken, 12, 13)
+    before = poses(taken, 0, 12)
+    sound = innovation(ARM, FIXTURE, before, reading)
+    q = reading.q_rad.copy()
+    q[0, joint - 1] -= np.deg2rad(2.0)
+    found = innovation(ARM, FIXTURE, before, replace(reading, q_rad=q))
+    assert sound is not None
+    assert found is not None
+    assert joint not in sound.unseen(np.deg2rad(2.0), 50.0)
+    assert joint in sound.unseen(np.deg2rad(0.01), 50.0)
+    assert found.chi2 > 100.0
+    # What is known of the poses before has nothing to do with the reading.
+    assert found.usual == pytest.approx(sound.usual, rel=0.2)
+    shift = max(found.shifts, key=lambda j: found.shifts[j].explains)
+    assert shift == joint
+    assert np.rad2deg(found.shifts[joint].size_rad) == pytest.approx(-2.0, abs=0.3)
+
+
+def test_two_poses_say_nothing() -> None:
+    taken = session(3, poses=3)
+    assert innovation(ARM, FIXTURE, poses(taken, 0, 2), poses(taken, 2, 3)) is None

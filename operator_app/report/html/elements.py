@@ -14,11 +14,12 @@ OPTION = re.compile(r"--[a-z-]+(?: \d[\d,]*)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """One section: its anchor, its heading, what is in it."""
+    """One section: its anchor, its heading, what is in it; a narrow one has room for another beside it."""
 
     ident: str
     title: str
     content: tuple[str, ...]
+    narrow: bool = False
 
     @property
     def html(self) -> Html:
@@ -30,6 +31,7 @@ class Section:
             *self.content,
             id=self.ident,
             aria_labelledby=f"{self.ident}-h",
+            class_="narrow" if self.narrow else "",
         )
 
 

@@ -1,12 +1,17 @@
-"""The head of a report: whether it is simulated, the verdict with its reasons, the figures that sum it up."""
+"""The head of a report, beside each other: verdict, widest sigma and its remedy, the tool before and after."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from operator_app.report.html.elements import bullets, sentence
+from operator_app.calibration.sensitivity import halvings
+from operator_app.report.html.elements import bullets, plots, prose, remark, sentence
+from operator_app.report.html.figures import drawn
 from operator_app.report.html.markup import Html, element
+from operator_app.report.plots.before_after import hand_pair
+from operator_app.report.uncertainty_tables import source_words
+from operator_app.units.figure import CLOSURE_LENGTH, SHARE, Figure, quantity_of
 
 if TYPE_CHECKING:
     from operator_app.report.facts import Facts
@@ -17,6 +22,56 @@ def verdict_words(subject: Subject) -> str:
     """Return the verdict in a word or two."""
     facts = subject.facts
     return ("not identifiable" if facts is None else facts.verdict).capitalize()
+
+
+def summary(subject: Subject) -> Html:
+    """Return what comes first: the verdict and what to do next beside what the calibration brings."""
+    return element(
+        "div",
+        element("div", banner(subject), verdict(subject), *_widest(subject)),
+        *_tool(subject),
+        class_="summary",
+    )
+
+
+def _widest(subject: Subject) -> list[Html]:
+    """The parameter that is known worst, and what narrows it; nothing without a budget."""
+    found = () if subject.solution is None else halvings(subject.solution)
+    if not found:
+        return []
+    worst = found[0]
+    sigma, then = (
+        Figure(v, quantity_of(worst.parameter), digits=2) for v in (worst.sigma, worst.then)
+    )
+    return [
+        element("h2", "Widest sigma"),
+        element(
+            "p",
+            element("span", worst.parameter.name, class_="mono"),
+            f": {sigma.with_unit}, {Figure(worst.share, SHARE, places=0).with_unit} of its variance from "
+            f"{source_words(worst.source)}. With half of that: {then.with_unit}.",
+        ),
+        element("p", "To halve it: ", prose(f"{worst.remedy}.")),
+    ]
+
+
+def _tool(subject: Subject) -> list[Html]:
+    """How far off the tool is before and after, as figures and in a picture."""
+    solution, facts = subject.solution, subject.facts
+    if solution is None or facts is None or (found := solution.accuracy) is None:
+        return []
+    pair = hand_pair(solution, subject.procedure.arm)
+    before, after = (Figure(s.rms, CLOSURE_LENGTH).with_unit for s in (found.before, found.after))
+    truth = facts.table("truth")
+    return [
+        element(
+            "div",
+            element("h2", f"Tool off by {before} rms before, {after} after (one sigma)"),
+            *([] if pair is None else [plots([drawn(pair.before), drawn(pair.after)])]),
+            *([] if pair is None else [remark(pair.note)]),
+            *([] if truth is None else [element("p", "The truth: ", truth.note)]),
+        )
+    ]
 
 
 def banner(subject: Subject) -> Html:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from operator_app.report.html.head import banner, tiles, verdict, verdict_words
+from operator_app.report.html.head import summary, tiles, verdict_words
 from operator_app.report.html.markup import Html, element
 from operator_app.report.html.sections import sections_of
 from operator_app.report.html.style import STYLE
@@ -37,9 +37,7 @@ def report_html(subject: Subject) -> bytes:
     body = element(
         "body",
         element("a", "Skip to the content", href="#content", class_="skip"),
-        element(
-            "header", banner(subject), verdict(subject), tiles(subject.facts), _contents(sections)
-        ),
+        element("header", summary(subject), tiles(subject.facts), _contents(sections)),
         element("main", *(section.html for section in sections), id="content"),
         element(
             "footer",

@@ -84,6 +84,22 @@ HEADINGS = {
 """Headings where the table's title is long, or its section holds something else as well."""
 
 
+NARROW = frozenset(
+    {
+        "truth",
+        "hand",
+        "determined",
+        "estimators",
+        "jackknife",
+        "noise",
+        "halving",
+        "tests",
+        "observability",
+    }
+)
+"""Tables that leave half of the page free."""
+
+
 def sections_of(subject: Subject) -> tuple[Section, ...]:
     """Return all sections in which there is something to say, most important first."""
     facts = subject.facts
@@ -126,22 +142,20 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
                 calibration_plots.misses(subject, estimate),
             )
             content += [remark(CLOSURE_WORDS), plots(map(figures.drawn, shown))]
-    title = HEADINGS.get(table.ident, table.title)
-    return Section(ident=table.ident, title=title, content=tuple(content))
+    return Section(
+        ident=table.ident,
+        title=HEADINGS.get(table.ident, table.title),
+        content=tuple(content),
+        narrow=table.ident in NARROW,
+    )
 
 
 def _before_and_after(subject: Subject) -> list[str]:
-    """Pairs of pictures side by side, each with its remark."""
-    if subject.solution is None:
+    """The arm before and after, side by side; the tool is in the page's head."""
+    pair = None if subject.solution is None else before_after.arm_pair(subject)
+    if pair is None:
         return []
-    pairs = (
-        before_after.hand_pair(subject.solution, subject.procedure.arm),
-        before_after.arm_pair(subject),
-    )
-    content: list[str] = []
-    for pair in filter(None, pairs):
-        content += [plots(map(figures.drawn, (pair.before, pair.after))), remark(pair.note)]
-    return content
+    return [plots(map(figures.drawn, (pair.before, pair.after))), remark(pair.note)]
 
 
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:

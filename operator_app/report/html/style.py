@@ -68,8 +68,15 @@ header{{padding-top:20px}}
 h1{{font-size:1.65rem;line-height:1.2;margin:0;font-weight:650}}
 h2{{font-size:1.1rem;margin:34px 0 6px;padding-top:10px;border-top:1px solid var(--rule);font-weight:650}}
 h3{{font-size:.95rem;margin:18px 0 4px;font-weight:650}}
-p{{margin:6px 0;max-width:76ch}}
-ul{{margin:6px 0;padding-left:1.2em;max-width:80ch}}
+p{{margin:6px 0;max-width:120ch}}
+ul{{margin:6px 0;padding-left:1.2em;max-width:124ch}}
+.summary{{display:grid;grid-template-columns:minmax(0,2fr) minmax(0,3fr);gap:0 34px}}
+.summary h2{{border:0;margin:10px 0 2px;padding:0}}
+.summary>div:only-child{{grid-column:1/-1}}
+.summary .plots{{grid-template-columns:1fr 1fr;margin:4px 0}}
+main{{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:0 34px;grid-auto-flow:row dense}}
+section{{grid-column:1/-1;min-width:0}}
+section.narrow{{grid-column:auto}}
 li{{margin:3px 0}}
 a{{color:var(--accent)}}
 a:focus-visible,.scroll:focus-visible{{outline:2px solid var(--accent);outline-offset:2px}}
@@ -94,12 +101,13 @@ table.correlations tbody th{{font-size:.92em;
 .tiles dd{{margin:0;font-size:1.3rem;font-weight:600;line-height:1.3}}
 .tiles dd .unit{{font-size:.85rem}}
 .tiles dd.was{{font-size:.8rem;font-weight:400;color:var(--muted)}}
-dl.facts{{display:grid;grid-template-columns:max-content 1fr;gap:2px 18px;margin:8px 0}}
+dl.facts{{display:grid;grid-template-columns:repeat(2,max-content minmax(0,1fr));gap:2px 18px;margin:8px 0}}
 dl.facts dt{{color:var(--muted)}}
 dl.facts dd{{margin:0;overflow-wrap:anywhere}}
 nav{{font-size:.88rem;margin:10px 0 0}}
 nav ul{{list-style:none;display:flex;flex-wrap:wrap;gap:2px 16px;padding:0;max-width:none}}
-ul.warnings{{list-style:none;padding:0}}
+ul.warnings{{list-style:none;padding:0;max-width:none;display:grid;gap:0 34px;
+ grid-template-columns:repeat(auto-fit,minmax(min(100%,480px),1fr))}}
 ul.warnings li{{border-left:3px solid var(--warn);padding:2px 0 2px 12px;margin:8px 0}}
 ul.warnings .glyph,.warn{{color:var(--warn)}}
 .scroll{{overflow-x:auto;margin:10px 0;
@@ -153,6 +161,10 @@ svg .axis,svg .legend{{fill:var(--text)}}
 .mark.c{{fill:var(--second)}}
 .mark.d{{fill:var(--third)}}
 footer{{margin:36px auto 30px;color:var(--muted);font-size:.85rem}}
+@media (max-width:900px){{
+ main,.summary{{display:block}}
+ dl.facts{{grid-template-columns:max-content minmax(0,1fr)}}
+}}
 @media (max-width:560px){{
  body{{font-size:14.5px}}
  main,header,footer{{padding-left:14px;padding-right:14px}}
@@ -171,6 +183,9 @@ footer{{margin:36px auto 30px;color:var(--muted);font-size:.85rem}}
  html{{font-size:11.5px}}
  body{{font-size:9pt;-webkit-print-color-adjust:exact;print-color-adjust:exact}}
  main,header,footer{{max-width:none;padding:0}}
+ main{{display:block}}
+ dl.facts{{grid-template-columns:repeat(2,max-content minmax(0,1fr))}}
+ .summary{{gap:0 18px}}
  nav,.skip{{display:none}}
  h2{{margin-top:14px}}
  h2,h3,caption,tbody tr:nth-child(-n+2){{break-after:avoid}}

@@ -68,7 +68,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
         )
         return Picture(
             ident=f"hand-{when.lower()}",
-            title=f"{when}: {what}, rms {rms}",
+            title=f"{when}: {what} {rms} rms",
             description=f"{accuracy.poses} poses over the joints' ranges, each a mark whose area is how far "
             f"off the hand is there: rms {rms}, largest {worst}.",
             x=x,
@@ -78,8 +78,8 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
         )
 
     return Pair(
-        before=shown("Before", "how far off the hand is", errors.before_m, accuracy.before),
-        after=shown("After", "one sigma of the hand", errors.after_m, accuracy.after),
+        before=shown("Before", "off by", errors.before_m, accuracy.before),
+        after=shown("After", "one sigma", errors.after_m, accuracy.after),
         note="The area of a mark is how far off the hand is there, in both pictures on one scale"
         f"{held_in_short(accuracy)}.",
     )

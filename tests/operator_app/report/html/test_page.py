@@ -162,3 +162,12 @@ def test_no_table_is_cut_on_a_laptop_or_a_screen_and_no_page_on_a_phone(
     # On a phone wide tables scroll, each by itself; the page does not.
     assert ("390", "page") in seen
     assert [r for r in regions if int(r[-1]) > 0] == []
+
+
+def test_verdict_widest_sigma_and_the_tool_come_before_everything_else(subject: Subject) -> None:
+    head, _, rest = report_html(subject).decode().partition("<main")
+    assert head.index("<h1") < head.index("Widest sigma") < head.index("hand-before")
+    assert head.index("hand-before") < head.index("hand-after") < head.index('class="tiles"')
+    assert "To halve it: " in head
+    assert "hand-before" not in rest
+    assert 'id="warnings"' in rest

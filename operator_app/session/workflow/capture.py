@@ -20,7 +20,8 @@ from operator_app.calibration.verification import VerificationResult, fixed_by, 
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.clear_ways import is_clear
-from operator_app.session.safety.resume_checks import SHIFT_RAD, check_return, return_words
+from operator_app.session.safety.resume_checks import SHIFT_RAD
+from operator_app.session.safety.return_check import check_return, return_words
 from operator_app.session.store.state import CapturedPose, SessionState, pose_set_of
 from operator_app.session.workflow.exploration import explore, reach
 from operator_app.session.workflow.home import (

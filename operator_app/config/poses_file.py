@@ -55,6 +55,8 @@ OPTIONAL = ("samples", "utc", "note")
 POSITION = ("x_m", "y_m", "z_m")
 THETA = re.compile(r"theta([1-9][0-9]{0,2})_deg")
 SD = re.compile(r"sd([1-9][0-9]{0,2})_deg")
+NUMBERED = re.compile(r"(\D*)(\d{1,15})", re.ASCII)
+"""A label that is a number, or ends in one: `12`, `pose 12`."""
 EXAMPLE = "the header is placement,pose,theta1_deg,theta2_deg,..."
 
 
@@ -115,7 +117,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     if not columns["pose"]:
         raise only(file, None, None, "has a header and no poses", "capture poses first")
     try:
-        poses = _pose_set(columns)
+        poses = _pose_set(_as_numbered(columns))
     except ValueError as error:
         remedy = "correct qw,qx,qy,qz, or measure that pose again"
         raise only(file, None, None, str(error), remedy) from error
@@ -257,6 +259,16 @@ def _quantity(name: str, cell: str) -> float:
     if name.startswith("sd") and value < 0.0:
         raise BadCell(f"a spread of {cell.strip()} deg is negative", "correct the number")
     return value
+
+
+def _as_numbered(columns: Mapping[str, Sequence[Any]]) -> Mapping[str, Sequence[Any]]:
+    """Return the rows as their poses are numbered, whatever their order in the file; named poses stay."""
+    numbers = [NUMBERED.fullmatch(label) for label in columns["pose"]]
+    if not all(numbers) or len({m[1] for m in numbers if m}) > 1:
+        return columns
+    keys = [(p, int(m[2])) for p, m in zip(columns["placement"], numbers, strict=True) if m]
+    order = sorted(range(len(keys)), key=keys.__getitem__)
+    return {name: [column[k] for k in order] for name, column in columns.items()}
 
 
 def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:

@@ -251,7 +251,11 @@ def _direction(
     vector: FloatArray, names: tuple[str, ...], spans_rad: FloatArray | None
 ) -> UnidentifiableDirection:
     size = np.abs(vector)
-    order = [int(k) for k in np.argsort(-size, kind="stable") if size[k] > 0.05 * size.max()]
+    # Either sign is the same direction: its largest part is positive, on every machine.
+    vector = vector * np.sign(vector[np.argmax(np.round(size, 6))])
+    # Parts that are alike stay in the order of the parameters, whatever their last digits.
+    share = np.round(size / size.max(), 6)
+    order = [int(k) for k in np.argsort(-share, kind="stable") if share[k] > 0.05]
     parameters = tuple(names[k] for k in order)
     immobile = tuple(j for j in _still(spans_rad) if f"theta_off_{j}" in parameters)
     reason = ""

@@ -324,6 +324,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
         "scaled_condition_number?": number(),
         "accepted": yes_or_no,
         "record?": OBJECT,
+        "made_with?": keyed(text, text),
     },
     "checked": {"record": OBJECT},
     "exported": {

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +28,7 @@ from operator_app.config.parameter_uncertainty import budget_of, correlations_of
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
 from operator_app.errors import GuardError, SessionError
+from operator_app.session.store.software import software_version
 from solver.chain.kinematics import DhTable
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.placements import Placements
@@ -116,7 +116,7 @@ def document_of(
         budget=_budget(solution, listed),
         rvdt=tuple(map(_remedy, reading_tables(solution))),
         forced=" ".join(forced.split()) or None,
-        software_version=version("sarcal"),
+        software_version=software_version(),
         utc=utc,
     )
 

@@ -17,6 +17,7 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import RecordError, from_dict, to_dict
 from operator_app.errors import SessionError
 from operator_app.session.store.missing_repeat import unreturned_notices
+from operator_app.session.store.software import versions
 
 if TYPE_CHECKING:
     from operator_app.config.procedure import Procedure
@@ -139,6 +140,7 @@ def solved_data(
         },
         "scaled_condition_number": solution.seen.scaled_condition_number,
         "accepted": solution.accepted,
+        "made_with": versions(),
         "record": to_dict(solution),
     }
 

@@ -185,3 +185,19 @@ def test_the_result_is_tested_on_a_second_file(
     (tmp_path / "mixed.csv").write_text("\n".join([head, *named]) + "\n")
     assert main(["solve", made, "--test", str(tmp_path / "mixed.csv")]) == 2
     assert "3 of the 15 poses (113, 114, 115) are of those" in capsys.readouterr().err
+
+
+def test_the_order_of_the_rows_changes_no_printed_character(
+    reference_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
+    header, *rows = csv.read_text().splitlines()
+    other = tmp_path / "other.csv"
+    other.write_text("\n".join([header, *rows[1::2], *reversed(rows[::2])]) + "\n")
+    said = []
+    for file in (csv, other):
+        for form in ([], ["--json"]):
+            main(["solve", str(file), *form])
+            said.append(capsys.readouterr().out)
+    assert said[:2] == said[2:]
+    assert "theta_off_7" in said[0]

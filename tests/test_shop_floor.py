@@ -139,6 +139,7 @@ def test_rvdts_bend_within_two_percent_use_half_of_it_and_have_the_stated_gain(s
     assert np.std(slopes) == pytest.approx(0.005, rel=0.2)
 
 
+@pytest.mark.campaign
 def test_hinge_and_joints_give_by_the_stated_sizes(sessions):
     for rows, size in ((slice(0, 3), 0.2e-3), (slice(3, 6), 0.2e-3)):
         square = [np.mean(s.ground[:, rows] ** 2) + np.mean(s.hand[:, rows] ** 2) for s in sessions]

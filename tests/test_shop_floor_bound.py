@@ -25,6 +25,7 @@ COUNT = 2.0 * np.pi / 400_000
 LSB = np.deg2rad(120.0) / 4096
 
 
+@pytest.mark.campaign
 def test_with_noise_alone_it_is_the_other_oracles():
     sizes = replace(Sizes.only(), linearity=0.0, gain=0.0)
     taken = session(4, sizes)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -46,7 +47,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
     """
     text = _decode(data, file)
     try:
-        node = StrictLoader(text, file).get_single_node()
+        node = _composed(text, file)
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise only(
@@ -79,6 +80,13 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         unreadable=frozenset(builder.unreadable),
     )
     return replace(bare, problems=tuple(_placed(bare, found) for found in builder.found))
+
+
+@lru_cache(maxsize=16)
+def _composed(text: str, file: str) -> Node | None:
+    """Compose the one document. Opening a session reads the same packaged files several times."""
+    node: Node | None = StrictLoader(text, file).get_single_node()
+    return node
 
 
 def resolve_plain(text: str) -> Scalar:

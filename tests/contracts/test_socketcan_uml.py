@@ -52,6 +52,7 @@ PYTEST = [
 ]  # fmt: skip
 
 
+@pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
 def test_socketcan_keeps_the_contracts_of_transport_and_arm() -> None:
     # Timing under a user-mode kernel on one processor says nothing; two sessions of the arm are enough.
@@ -65,6 +66,7 @@ def test_socketcan_keeps_the_contracts_of_transport_and_arm() -> None:
     assert " passed" in said
 
 
+@pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
 def test_candump_and_cansend_agree_and_missing_devices_are_named() -> None:
     agrees(in_user_mode_linux(sys.executable, "-c", INSIDE))

@@ -68,16 +68,9 @@ QUICK = [
     ("frozen-sensor", IN_CAPTURE[0]),
     ("missed-answers", BEFORE),
     ("unwatched", BEFORE),
-    ("other-map", BEFORE),
-    ("other-heartbeat", BEFORE),
-    ("stray", IN_CAPTURE[0]),
-    ("sagging-drive", FIRST_SYNCS),
     ("lost-enable", FIRST_SYNCS),
-    ("lost-enable", IN_CAPTURE[1]),
     ("deaf-drive", BEFORE),
     ("emcy-storm", IN_CAPTURE[1]),
-    ("blocked-joint", IN_CAPTURE[1]),
-    ("wrong-node", IN_CAPTURE[1]),
 ]
 
 

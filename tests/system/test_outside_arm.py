@@ -37,6 +37,7 @@ def desk(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
     return tmp_path
 
 
+@pytest.mark.campaign
 def test_it_is_calibrated_by_name(
     desk: Path,
     folder: Path,

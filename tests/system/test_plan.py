@@ -51,6 +51,7 @@ def datasheet(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subproces
     return folder / "sessions", done
 
 
+@pytest.mark.campaign
 def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet) -> None:
     sessions, done = datasheet
     assert done.returncode == 0, done.stderr
@@ -70,6 +71,7 @@ def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet) -> 
     assert {"drives_chosen", "campaign", "campaign_move", "campaign_ended"} <= set(names)
 
 
+@pytest.mark.campaign
 def test_plan_on_the_estimate_of_a_session(datasheet, capsys: pytest.CaptureFixture[str]) -> None:
     sessions, done = datasheet
     taken = json.loads(done.stdout)["poses"]
@@ -85,6 +87,7 @@ def test_plan_on_the_estimate_of_a_session(datasheet, capsys: pytest.CaptureFixt
     assert found["sigma"]["theta_off_1"] < json.loads(done.stdout)["sigma"]["theta_off_1"] * 1.5
 
 
+@pytest.mark.campaign
 def test_a_planned_session_is_verified_with_the_drives_it_chose(
     datasheet, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -181,6 +184,7 @@ def test_plain_ascii_on_request(plan_output) -> None:
         assert label in picture
 
 
+@pytest.mark.campaign
 def test_plan_as_json_with_advice(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = said(
         capsys, "plan", "hinge_planned", "--poses", "4", "--advise", "--tries", "1", "--json"
@@ -239,6 +243,7 @@ def test_rigid_with_its_elbow_free_is_planned_but_refused_with_its_reason(
     assert "refused: joint 4 does not move" in out
 
 
+@pytest.mark.campaign
 def test_the_drives_of_a_foreign_arm_are_ranked_and_not_those_of_another(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,6 +18,7 @@ def words(line: str) -> str:
     return " ".join(NUMBER.sub("#", line).split())
 
 
+@pytest.mark.campaign
 def test_the_transcript_is_true(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     block = README.read_text().split("```text\n")[1].split("```")[0]
     written = [line for line in block.splitlines() if line.strip()]

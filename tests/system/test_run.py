@@ -107,6 +107,7 @@ def test_as_reported_lands_where_the_paper_did(
     assert any(w["code"].startswith("RVDT") for w in found["warnings"])
 
 
+@pytest.mark.campaign
 def test_a_run_is_the_same_for_a_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ("hinge", "--poses", "4", "--seed", "3", "--sessions", str(tmp_path))
     _, one = run_json(capsys, *options)
@@ -182,6 +183,7 @@ def test_an_arm_with_a_drive_that_stays_powered_is_not_called_held(
     assert read_journal(folder).events[-1].name == "closed"
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.campaign)]
 )
@@ -208,6 +210,7 @@ def test_interrupted_it_holds_the_arm_and_resumes(tmp_path: Path, number: signal
     assert numbers == list(range(1, 31))
 
 
+@pytest.mark.campaign
 @pytest.mark.real_time
 def test_a_controller_in_its_own_process(tmp_path: Path) -> None:
     channel = f"test-{os.getpid()}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,19 @@ import pytest
 
 from operator_app.cli import main
 from operator_app.session.store.folders import read_session
+from tests.oracles.recorded import recorded_folder
 
 
 @pytest.fixture(scope="module")
 def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("sessions")
-    assert main(["run", "hinge", "--poses", "15", "--sessions", str(folder)]) == 0
+    folder = tmp_path_factory.mktemp("sessions") / "made"
+    shutil.copytree(recorded_folder(hinge_session), folder)
     return folder
+
+
+def hinge_session(folder: Path) -> None:
+    """Run one session of the hinge."""
+    assert main(["run", "hinge", "--poses", "15", "--sessions", str(folder)]) == 0
 
 
 def test_new_poses_on_the_arm_confirm_the_calibration(
@@ -44,6 +51,7 @@ def test_new_poses_on_the_arm_confirm_the_calibration(
     assert min(apart) > np.deg2rad(0.5)
 
 
+@pytest.mark.campaign
 def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(
     sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -45,6 +45,7 @@ def read(file: Path) -> list[tuple[float, int, bytes, int | None]]:
     ]
 
 
+@pytest.mark.campaign
 def test_what_a_run_recorded_is_all_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -336,6 +336,7 @@ def test_a_second_program_that_is_refused_after_it_has_reset_the_nodes_was_let_i
     assert "was let in" in findings[-1].text
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "pace",
     [

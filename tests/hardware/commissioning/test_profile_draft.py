@@ -246,6 +246,7 @@ def test_a_drive_whose_first_object_cannot_be_read_is_named(
     assert none.value.reasons == (f"node 3: {index:04X}h cannot be read",)
 
 
+@pytest.mark.campaign
 def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(
     settings: BusSettings, foreign: ForeignArm
 ) -> None:

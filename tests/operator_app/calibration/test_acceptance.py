@@ -215,6 +215,7 @@ def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_
     assert judgement.verdict is Verdict.NOT_ACCEPTED
 
 
+@pytest.mark.campaign
 def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_unseen() -> None:
     """Readings that scatter by 2 degrees: what an estimate that ended nowhere cannot see says nothing."""
     found = session(8001)

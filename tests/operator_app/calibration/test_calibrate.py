@@ -56,6 +56,7 @@ def test_a_disturbed_pose_is_named_and_still_counts(
     assert "OUTLIER" in codes(found)
 
 
+@pytest.mark.campaign
 def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(
     arm: ArmModel, hinge: Hinge, poses: PoseSet
 ) -> None:

@@ -28,6 +28,7 @@ def test_a_hinge_read_with_much_noise_is_no_ball():
     assert "WRONG_FIXTURE" not in said.causes
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("fixture", ["hinge", "sarcos_ball"])
 def test_the_other_fixture_is_named_and_its_remedy_works(fixture, tmp_path, monkeypatch):
     """Poses of a ball solved as a hinge's, and the other way round: the command that is said is run."""

@@ -14,6 +14,7 @@ from tests.benchmarks.shop_floor_outcome import outcome
 from tests.oracles.shop_floor_large import LARGE_FAULTS, large
 
 
+@pytest.mark.campaign
 def test_a_sound_set_of_a_thousand_poses_is_accepted() -> None:
     """The fit made the arm smaller and smaller: with 1,000 poses it was refused, s_3 and s_5 exchanged."""
     found = outcome(large(1, 1000))

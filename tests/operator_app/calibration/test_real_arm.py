@@ -109,6 +109,7 @@ def test_offsets_of_separate_pairs_agree_within_what_they_claim(
     assert np.mean(np.abs(apart) < 1.96) >= 0.9
 
 
+@pytest.mark.campaign
 def test_one_arm_serves_all_six_sockets_when_gravity_bends_it() -> None:
     """Joint 4 carries 11 N m in the first two and 2 in the next: rigid, it seemed to slip by 0.17 deg."""
     arm = load_arm("franka_panda")

@@ -83,6 +83,7 @@ def test_before_and_after_are_distances_of_hands_that_pinocchio_places() -> None
     )
 
 
+@pytest.mark.campaign
 def test_the_truth_is_as_far_from_the_calibrated_hand_as_its_sigma_says() -> None:
     """Eight arms, each looked at over its whole range: errors over sigma come to 1, not to 2 or a half."""
     ratios = []

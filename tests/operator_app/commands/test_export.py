@@ -15,6 +15,7 @@ from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import read_journal
 
 
+@pytest.mark.campaign
 def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

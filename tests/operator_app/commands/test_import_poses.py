@@ -107,6 +107,7 @@ def test_one_log_of_several_placements_is_that_of_a_log_each(
     assert read.poses.placements == (3, 4)
 
 
+@pytest.mark.campaign
 def test_report_compare_verify_and_export_work_on_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

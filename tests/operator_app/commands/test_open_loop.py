@@ -91,6 +91,7 @@ def test_endpoints_are_never_ignored_in_silence(
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.campaign
 def test_on_the_arm_out_of_its_hinge_it_is_judged_by_the_tracker(
     journalled: Mapping[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

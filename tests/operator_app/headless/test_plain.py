@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,14 @@ from operator_app.headless.plain import Plain
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
 from tests.oracles.live_source import FakeSource
+
+
+def look_again(pause_s: float) -> None:
+    """Pause a fiftieth of what was asked: not to look without end, which takes the time of those at work."""
+    WORK.wait(pause_s / 50.0)
+
+
+WORK = threading.Event()
 
 
 class Script:
@@ -46,6 +55,7 @@ class Script:
 
     def touched(self, timeout_s: float) -> bool:
         self.touches += 1
+        look_again(timeout_s)
         return self.touch_after is not None and self.touches > self.touch_after
 
 
@@ -58,8 +68,7 @@ def source(tmp_path: Path) -> Iterator[FakeSource]:
 
 def run(source: FakeSource, *answers: str | Callable[[], str]) -> Script:
     script = Script(list(answers))
-    pauses: list[float] = []
-    script.reason = Plain(source, script, pause=pauses.append).run()
+    script.reason = Plain(source, script, pause=look_again).run()
     return script
 
 
@@ -102,6 +111,7 @@ def test_what_is_closed_says_why_and_is_not_done(source):
     assert script.reason == "end of input"
 
 
+@pytest.mark.campaign
 def test_a_wrong_number_and_a_wrong_serial_do_nothing(source):
     script = run(
         source, lambda: "99", lambda: "one", *TO_CAPTURE, "Capture all", "Go on", "Calibrate",
@@ -205,6 +215,7 @@ def test_a_session_folder_that_is_taken_away_is_said_and_the_rescue_named(source
     assert f"--resume {source.root / 'session-1-rescued'}" in said
 
 
+@pytest.mark.campaign
 def test_a_fixture_mounted_anew_goes_on_in_the_same_session(source):
     """Both placements are captured into one pose set; between them the arm is let go."""
     script = run(
@@ -237,6 +248,7 @@ def test_a_fixture_mounted_anew_goes_on_in_the_same_session(source):
     assert state.pose_set().placements == (1, 2)
 
 
+@pytest.mark.campaign
 def test_an_arm_is_connected_again_once_somebody_says_that_its_fixture_is_mounted(source):
     """The journal says until then that it is off, whenever this program is killed."""
     source.simulated = False

@@ -27,6 +27,7 @@ from operator_app.cli import main
 from tests.oracles.manual_pages import NOT_OURS, Block, blocks, written_topics
 from tests.oracles.open_arm import measured_csv
 from tests.oracles.panda import panda_readings
+from tests.oracles.recorded import recorded_folder
 from tests.oracles.recordings import recorded_arm, write_bag, write_log
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
@@ -38,12 +39,18 @@ PATIENCE_S = 60.0
 REDIRECTED = re.compile(r" > (\S+)$")
 
 TOPICS = [topic for topic in written_topics() if any(b.commands for b in blocks(topic))]
+LONG = ("mounting", "own-poses", "paper", "real-can", "scripting")
+"""Pages that take more than three seconds also where a run is short."""
 
 
 @pytest.fixture(scope="module")
-def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a session and with the files that pages call mine."""
-    folder = tmp_path_factory.mktemp("prepared")
+def prepared() -> Path:
+    """A folder with a session and with the files that pages call mine. Not to be changed."""
+    return recorded_folder(prepare)
+
+
+def prepare(folder: Path) -> None:
+    """Write the files that pages call mine, and a session."""
     rows = HINGE.read_text().splitlines()
     (folder / "my_poses.csv").write_text("\n".join(rows[:25]) + "\n")
     (folder / "my_other_poses.csv").write_text("\n".join([rows[0], *rows[25:45]]) + "\n")
@@ -80,7 +87,6 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with contextlib.chdir(folder):
         assert quietly(SHORT) == 0
         assert quietly(["export", "latest", "--format", "urdf", "-o", "my_arm.urdf"]) == 0
-    return folder
 
 
 def quietly(words: list[str]) -> int:
@@ -147,7 +153,10 @@ def ours(block: Block) -> list[str]:
     return [c for c in block.commands if c.strip() and not c.startswith(NOT_OURS)]
 
 
-@pytest.mark.parametrize("topic", TOPICS)
+@pytest.mark.parametrize(
+    "topic",
+    [pytest.param(t, marks=[pytest.mark.campaign] if t in LONG else []) for t in TOPICS],
+)
 def test_every_command_of_a_page_runs(topic: str, prepared: Path, desk: Path) -> None:
     made: list[Path] = []
     if topic not in ("tutorial", "wrist-repair", "scripting", "paper"):
@@ -246,14 +255,15 @@ def test_nothing_is_written_that_no_test_runs() -> None:
             assert block.language != "yaml" or block.file
 
 
-def test_commands_within_the_text_have_parsers_that_take_them() -> None:
-    """What a sentence or a table quotes as a command is one, with options that it has."""
+def test_commands_have_parsers_that_take_them() -> None:
+    """What a page has typed, or a sentence or a table quotes as a command, is one with options that it has."""
     from operator_app.commands.table import APP, COMMANDS, parser_of
     from operator_app.manual.pages import FOLDER
 
     for topic in written_topics():
         prose = re.sub(r"```.*?```", "", (FOLDER / f"{topic}.md").read_text(), flags=re.DOTALL)
-        for quoted in re.findall(r"`sarcal(?: ([^`]*))?`", " ".join(prose.split())):
+        typed = [c.removeprefix("sarcal") for block in blocks(topic) for c in ours(block)]
+        for quoted in typed + re.findall(r"`sarcal(?: ([^`]*))?`", " ".join(prose.split())):
             words = shlex.split(quoted)
             name = words[0] if words and not words[0].startswith("-") else APP
             assert name in {APP, *COMMANDS}, f"{topic}: {quoted}"

@@ -67,6 +67,7 @@ def test_a_urdf_whose_middle_is_stretched_out_gets_a_bent_home(
     assert (np.abs(home_deg()) < 0.7 * np.array(lbr_iiwa.RANGE_DEG)).all()
 
 
+@pytest.mark.campaign
 def test_a_home_that_closes_with_a_hinge_that_stands_already(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -143,6 +143,7 @@ def test_a_journal_changed_in_place_is_noticed_as_it_is_closed(make_session: Mak
     assert read_journal(session.journal.kept_in).events[-1].name == "closed"
 
 
+@pytest.mark.campaign
 def test_run_says_what_happened_and_where_everything_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -45,6 +45,7 @@ def wanted_poses(session: Session) -> int:
     return first_picture(session).wanted_poses
 
 
+@pytest.mark.campaign
 def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -> None:
     publisher = Publisher(session)
     work = Operations(session, publisher)

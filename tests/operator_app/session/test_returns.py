@@ -247,6 +247,7 @@ def test_a_joint_that_slipped_before_the_return_is_named_and_refused(
     assert "between pose 1 and its second reading after 20 poses" in cause.text
 
 
+@pytest.mark.campaign
 def test_a_fixture_that_bends_is_no_encoder_that_slipped(make_session: MakeSession) -> None:
     solution = sessioned(
         make_session(short_procedure(20, "as_reported", samples=32), "as_reported")

@@ -47,6 +47,7 @@ async def test_a_refused_connection_says_what_to_do_and_can_be_tried_again(
         assert d.s.alarms == ()
 
 
+@pytest.mark.campaign
 async def test_a_silent_bus_stops_the_arm_and_the_work_and_says_so(drive, source):
     source.pace_s = 0.002
     async with drive() as d:
@@ -316,6 +317,7 @@ async def test_any_key_ends_a_motion_of_the_live_arm(drive, source):
         assert "ended by the operator" in d.s.messages[-1].text
 
 
+@pytest.mark.campaign
 async def test_a_calibration_can_be_cancelled(drive, source, monkeypatch):
     from operator_app.session.workflow.session import Session
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from operator_app.session.store.steps import Step
 from operator_app.session.ui.actions import ACTIONS, by_name, footer, for_key
 from operator_app.session.ui.snapshot import TaskKind
@@ -30,6 +32,7 @@ def test_the_footer_has_at_most_six_keys_that_all_work_there_and_stop_is_first()
             assert for_key(action.keys[0], step) is action
 
 
+@pytest.mark.campaign
 async def test_every_action_is_in_the_palette_and_in_help(still):
     async with still(story()["start"]) as d:
         provider = ActionProvider(d.app.main)

@@ -47,6 +47,7 @@ async def test_the_keys_of_the_tutorial_end_with_uploaded_parameters_and_the_app
         assert d.app._exit
 
 
+@pytest.mark.campaign
 async def test_following_the_footer_alone_ends_with_uploaded_parameters(drive, source):
     async with drive((80, 24)) as d:
         for _ in range(MOST_KEYS):

@@ -31,6 +31,7 @@ def test_whole_session_on_an_arm_it_does_not_know(wild_session) -> None:
     assert np.abs(error[:5]).max() < 2e-4
 
 
+@pytest.mark.campaign
 def test_same_readings_same_proposals(wild_session) -> None:
     record, error = wild_session
     again, error_again = run_session(
@@ -106,6 +107,7 @@ def test_precision_asked_for_ends_it_early(task, x) -> None:
     assert len(campaign.readings_rad) < 12
 
 
+@pytest.mark.campaign
 def test_precision_out_of_reach_is_said(task, x) -> None:
     campaign = at_plan(task, x, poses=3, requested={"alpha_0": 1e-9})
     actions = drive(campaign, task, x)
@@ -113,6 +115,7 @@ def test_precision_out_of_reach_is_said(task, x) -> None:
     assert actions[-1].decision.weak[0].name == "alpha_0"
 
 
+@pytest.mark.campaign
 def test_stopped_move_is_taken_back_and_planned_round(task, x) -> None:
     campaign = at_plan(task, x, poses=3)
     actions = drive(campaign, task, x, stop_planned=1)
@@ -121,6 +124,7 @@ def test_stopped_move_is_taken_back_and_planned_round(task, x) -> None:
     assert actions[-1].complete
 
 
+@pytest.mark.campaign
 def test_stopped_again_and_again_gives_up(task, x) -> None:
     campaign = at_plan(task, x, poses=3, most_blocked=2)
     actions = drive(campaign, task, x, stop_planned=99)
@@ -128,6 +132,7 @@ def test_stopped_again_and_again_gives_up(task, x) -> None:
     assert "again and again" in actions[-1].text
 
 
+@pytest.mark.campaign
 def test_goes_on_from_poses_taken_before_without_exploring_again(task, x) -> None:
     first = at_plan(task, x, poses=3)
     drive(first, task, x)
@@ -147,6 +152,7 @@ def test_goes_on_from_poses_taken_before_without_exploring_again(task, x) -> Non
     assert actions[-1].complete
 
 
+@pytest.mark.campaign
 def test_nothing_is_left_to_do_when_all_poses_were_taken_before(task, x) -> None:
     first = at_plan(task, x, poses=3)
     drive(first, task, x)

@@ -71,6 +71,7 @@ def test_fifty_counts_that_louder_noise_hid_are_a_step_of_that_joint(seed: int) 
     assert f"STEP_{trial.step.suspect.upper().replace(' ', '_')}" == cause
 
 
+@pytest.mark.campaign
 def test_sound_sessions_show_no_step() -> None:
     worst = [judged(fitted(session(seed))).step for seed in range(3310, 3316)]
     assert all(step is not None and step.chi2 < 0.7 * step.threshold for step in worst)

@@ -108,6 +108,7 @@ def test_noise_out_of_specification(truth: Truth) -> None:
         assert re.search(r"noise of a single reading [34]\.\d LSB", verdict.text)
 
 
+@pytest.mark.campaign
 def test_rates_over_many_arms(truth: Truth) -> None:
     inside, curved, runs = 0, 0, 25
     for seed in range(runs):

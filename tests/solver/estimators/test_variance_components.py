@@ -93,6 +93,7 @@ def test_spreads_inside_poses_tell_the_noise(truth: Truth) -> None:
         assert whole.components.sd(name) == pytest.approx(single, rel=0.08)
 
 
+@pytest.mark.campaign
 def test_components_separate() -> None:
     simulation = Simulation(poses=60, wrist_sd=4e-3, flexure_m=1e-3, flexure_rad=2e-3)
     runs, hits, inside = 6, np.zeros(14), dict.fromkeys(("rvdt_6", "fixture_m", "fixture_rad"), 0)
@@ -115,6 +116,7 @@ def test_components_separate() -> None:
     assert hits.mean() / runs > 0.85
 
 
+@pytest.mark.campaign
 def test_what_gives_as_stated_is_no_surprise(truth: Truth) -> None:
     simulation = Simulation(poses=40, flexure_m=2e-4, flexure_rad=2e-4)
     errors = sensors(40, give_rad=2e-4, give_m=2e-4)
@@ -163,6 +165,7 @@ def test_a_tolerance_is_a_prior(truth: Truth) -> None:
     assert middle.standard_deviation[14] > 0.7 * own
 
 
+@pytest.mark.campaign
 def test_as_reported_intervals_are_honest() -> None:
     runs, hits, total = 5, 0, 0
     model = loop_of(paper_truth(), names=(*NAMES, *LENGTHS))

@@ -37,7 +37,9 @@ def nothing_known() -> DhLoop:
     )
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(s, marks=pytest.mark.campaign) for s in range(2, 5))]
+)
 def test_offsets_anywhere_and_hinge_unknown(seed):
     problem = wild_problem(seed)
     found = global_start(nothing_known(), problem.q, starts=300)
@@ -49,7 +51,7 @@ def test_offsets_anywhere_and_hinge_unknown(seed):
     assert 10 < found.best.starts <= found.starts
 
 
-@pytest.mark.parametrize("seed", [100, 101])
+@pytest.mark.parametrize("seed", [100, pytest.param(101, marks=pytest.mark.campaign)])
 def test_real_sensors_do_not_mislead_the_search(seed):
     problem = wild_problem(seed)
     q = with_sensors(problem.q, seed)
@@ -84,7 +86,7 @@ def test_an_elbow_that_stands_still_may_be_bent_either_way():
     assert min(abs(b - float(wrap_angle(problem.offsets[3] + elbow))) for b in bends) < 1e-8
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.campaign)])
 def test_a_hand_put_on_the_other_way_round_is_set_aside(seed):
     problem = wild_problem(seed, upside_down=4)
     q = np.roll(problem.q, 10, axis=0)

@@ -99,6 +99,7 @@ def test_an_answer_that_comes_twice_now_and_then_is_no_second_device(
     assert driven.capture(5).samples == 5
 
 
+@pytest.mark.campaign
 def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:

@@ -160,6 +160,7 @@ def outcome(folder: Path, raw: bytes) -> str:
     return "state"
 
 
+@pytest.mark.campaign
 def test_random_contents_with_right_checksums_are_a_state_or_one_error(tmp_path: Path) -> None:
     seen = {outcome(tmp_path, mutated_journal(Random(seed))) for seed in range(400)}  # noqa: S311
     assert {"state", "JournalDamagedError"} <= seen

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from mypy import api
 
 ROOT = Path(__file__).parents[4]
@@ -24,6 +25,7 @@ def publish(runner: Runner, publisher: Publisher) -> None:
 """
 
 
+@pytest.mark.campaign
 def test_a_misspelt_or_mistyped_field_is_a_type_error_and_a_right_one_is_not(tmp_path) -> None:
     file = tmp_path / "snippet.py"
     file.write_text(SNIPPET, "utf-8")

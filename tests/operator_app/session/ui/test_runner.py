@@ -164,6 +164,7 @@ def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(tmp_p
     source.close("end of the test")
 
 
+@pytest.mark.campaign
 def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
     """A screen on a terminal that is not read any more takes no key that stops."""
     ended = threading.Event()
@@ -210,6 +211,7 @@ def test_a_plan_once_begun_is_the_plan_that_is_shown(runner: Runner) -> None:
     assert runner.snapshot().at_waypoint == 3
 
 
+@pytest.mark.campaign
 def test_a_new_calibration_was_not_verified(runner: Runner) -> None:
     work = runner.operations
     work.connect()

@@ -107,6 +107,7 @@ def test_the_planned_arm_is_known_to_its_own_uncertainty(whole: SimpleNamespace)
     assert np.all(error < 5.0 * solution.estimate.standard_deviation)
 
 
+@pytest.mark.campaign
 def test_it_goes_to_its_first_pose_and_back_on_ways_that_the_plan_knows(tmp_path: Path) -> None:
     wanted = procedure(4)
     session = opened(tmp_path / "session", PlantArm(wanted, "exact"), wanted)
@@ -194,6 +195,7 @@ def test_a_journal_that_cannot_be_repeated_is_planned_anew(
     assert told.capture._campaign is None
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "sync",
     [
@@ -222,6 +224,7 @@ def test_interrupted_anywhere_it_goes_on_with_nothing_lost(
     assert again.calibrate().accepted
 
 
+@pytest.mark.campaign
 def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(
     make_session: MakeSession,
 ) -> None:
@@ -300,6 +303,7 @@ def test_more_poses_wanted_on_resuming_are_planned_beside_those_taken(
     assert sum(not p.planned for p in again.state.poses) == explored
 
 
+@pytest.mark.campaign
 def test_precision_asked_for_ends_it_with_words(make_session: MakeSession) -> None:
     session = make_session(
         procedure(8, requested_sigma={"theta_off_1_deg": math.degrees(1e-3), "a_0_mm": 1.0})
@@ -312,6 +316,7 @@ def test_precision_asked_for_ends_it_with_words(make_session: MakeSession) -> No
     assert named(session, "campaign_ended")[-1]["text"] == end.text
 
 
+@pytest.mark.campaign
 def test_what_stays_weak_is_named(make_session: MakeSession) -> None:
     session = make_session(procedure(2, requested_sigma={"alpha_0_deg": math.degrees(1e-12)}))
     end = Told(session).run()
@@ -320,6 +325,7 @@ def test_what_stays_weak_is_named(make_session: MakeSession) -> None:
     assert "alpha_0" in end.text
 
 
+@pytest.mark.campaign
 def test_the_drives_change_in_the_middle_and_are_read_back(make_session: MakeSession) -> None:
     wanted = replace(procedure(6), position_joints=None)
     session = make_session(wanted)

@@ -73,6 +73,21 @@ def test_candump_and_cansend_agree_and_missing_devices_are_named() -> None:
 
 
 @pytest.mark.campaign
+@pytest.mark.needs("linux.uml")
+def test_a_frame_that_a_full_queue_refuses_is_offered_again_and_arrives_once() -> None:
+    said = in_user_mode_linux(sys.executable, "-m", "tests.oracles.full_transmit_queue")
+    answers = {
+        line.split()[0]: line.partition(" ")[2] for line in said.splitlines() if line.strip()
+    }
+    assert answers["FULL"] == "105"  # ENOBUFS
+    assert "transmit queue was full for 10 ms" in answers["ENDS"]
+    assert "sudo ip link set can0 txqueuelen 1000" in answers["ENDS"]
+    taken, again = re.fullmatch(r"(\d+) AGAIN (\d+)", answers["TAKEN"]).groups()  # type: ignore[union-attr]
+    assert int(taken) == 2000
+    assert int(again) > 0
+
+
+@pytest.mark.campaign
 @pytest.mark.needs("qemu-system-x86_64", "busybox")
 def test_socketcan_keeps_the_contract_of_transports_where_user_mode_linux_does_not_run() -> None:
     # One boot for both, and of pytest's plugins those alone that the project's settings name: each import

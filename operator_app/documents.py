@@ -1,16 +1,29 @@
-"""The parameters document that a reference means: a file, or the calibration in a session's journal."""
+"""Documents of calibrations: the one that a reference means, and all of an arm, from files and journals."""
 
 from __future__ import annotations
 
-from datetime import datetime
+import math
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from operator_app.calibration.history import (
+    ArmHistory,
+    PastCalibration,
+    PastVerification,
+    history_of,
+)
 from operator_app.carried_procedure import carried_procedure
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.resources import expanded
 from operator_app.errors import SessionError
-from operator_app.session.store.folders import PARAMETERS_NAME, find_session, read_session
+from operator_app.session.store.folders import (
+    PARAMETERS_NAME,
+    find_session,
+    list_sessions,
+    read_session,
+)
+from operator_app.session.store.journal import read_journal
 from operator_app.session.store.parameters import document_of
 from operator_app.session.store.stored_calibration import StoredCalibration, recorded
 from operator_app.session.workflow.opening import Choices, resume
@@ -52,6 +65,77 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
             f"write it with: sarcal export {folder}",
         )
     return load_parameters(file)
+
+
+def arm_history(
+    serial: str, root: Path, *, kept_mounted: bool = False, interval: timedelta | None = None
+) -> ArmHistory:
+    """Return the history of an arm, from the journals of the sessions below `root`.
+
+    Parameters
+    ----------
+    kept_mounted
+        The fixture stays mounted between sessions, unless a session says that it came off; else each session
+        mounted it anew.
+    interval
+        Between calibrations; None: as it was so far.
+
+    Raises
+    ------
+    SessionError
+        There is no accepted calibration of such an arm.
+    """
+    calibrations: list[PastCalibration] = []
+    checks: list[PastVerification] = []
+    left_out: list[tuple[str, str]] = []
+    serials: set[str] = set()
+    mounting = 0
+    for entry in list_sessions(root):
+        state, name = entry.state, entry.folder.name
+        if state is None:
+            left_out.append((name, f"its journal cannot be read: {entry.problem}"))
+            continue
+        serials.add(state.serial_number)
+        if state.serial_number != serial:
+            continue
+        found = recorded(state)
+        if isinstance(found, str):
+            if state.used_poses:
+                left_out.append((name, found))
+            continue
+        if not found.solution.accepted:
+            left_out.append((name, "not accepted"))
+            continue
+        mounting += not kept_mounted or state.placement > 1
+        procedure = carried_procedure(resume(str(entry.folder), Choices(), root=root))
+        solved = datetime.fromisoformat(state.solved_utc)
+        calibrations.append(
+            PastCalibration(
+                session=name,
+                document=document_of(found.solution, state, procedure, utc=solved),
+                within=found.solution.within,
+                mounting=mounting,
+            )
+        )
+        checks += [
+            PastVerification(
+                session=name,
+                utc=datetime.fromisoformat(event.utc),
+                poses=int(event.data.get("poses", 0)),
+                holds=bool(event.data.get("holds")),
+                position_m=float(event.data.get("position_m", math.nan)),
+                why=str(event.data.get("why", "")),
+            )
+            for event in read_journal(entry.folder).events
+            if event.name == "verified"
+        ]
+    if not calibrations:
+        known = ", ".join(sorted(s for s in serials if s)) or "none"
+        raise SessionError(
+            f"{root}: no accepted calibration of an arm with serial number {serial}",
+            f"serial numbers there: {known}; another folder: --sessions",
+        )
+    return history_of(calibrations, checks, left_out=left_out, interval=interval)
 
 
 def _journalled(folder: Path) -> ParametersDocument | None:

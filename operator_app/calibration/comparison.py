@@ -152,11 +152,10 @@ def compare(
     if reasons := _different_arms(before, after):
         raise IncomparableError(reasons)
     other_fixture = before.fixture != after.fixture
-    loop = _loop(before)
     names = [e.entry for e in before.calibrated]
     later = {e.entry: e.sigma for e in after.calibrated}
-    values = _nearest_values(before, after)
-    sides = _sides(loop)
+    values = nearest_values(before, after)
+    sides = sides_of(before)
     left_out = [(name, "identified in A only") for name in names if name not in later]
     left_out += [(name, "identified in B only") for name in later if name not in names]
     if other_fixture or remounted:
@@ -242,7 +241,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
     )
 
 
-def _nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
+def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
     """Return B's identified entries in the description nearest to A's (rad, m)."""
     loop = _loop(b)
     here, there = a.table.stacked(), b.table.stacked()
@@ -252,7 +251,9 @@ def _nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, f
     return {e.name: float(v) for e, v in zip(loop.entries, nearest, strict=True)}
 
 
-def _sides(loop: DhLoop) -> dict[str, Side]:
+def sides_of(document: ParametersDocument) -> dict[str, Side]:
+    """Return whose each calibrated entry is."""
+    loop = _loop(document)
     found = {e.name: Side.ARM for e in loop.entries}
     found |= dict.fromkeys(loop.ground_side, Side.GROUND)
     return found | dict.fromkeys(loop.hand_side, Side.HAND)

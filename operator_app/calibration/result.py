@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from operator_app.calibration.acceptance import Judgement, Verdict
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.notices import Notice
@@ -114,6 +116,15 @@ class Solution:
     def causes(self) -> tuple[NamedCause, ...]:
         """What is wrong, the most probable first."""
         return self.judgement.causes
+
+    @property
+    def within(self) -> dict[str, float]:
+        """Type A of each parameter (rad, m): what the same poses taken again would scatter; empty if not known."""
+        if self.components is None:
+            return {}
+        # What the poses do not tell at all has none, but for rounding.
+        sd = np.sqrt(np.maximum(np.diagonal(self.components.repeatability), 0.0))
+        return {p.name: s for p, s in zip(self.estimate.parameters, sd.tolist(), strict=True)}
 
     @property
     def identified(self) -> Estimate:

@@ -15,6 +15,7 @@ COMMANDS = {
     "export": "write, show or upload the parameters of a session",
     "report": "write an HTML report of a session",
     "compare": "say what drifted between two calibrations",
+    "history": "say what shifted over all calibrations of one arm, and when the next is due",
     "reproduce": "reproduce the paper: its tables, its figures, its sources of error, its remedies",
     "new": "make an arm, fixture or procedure file",
     "check": "say all that is wrong with files, or what would be done with them",

@@ -30,7 +30,7 @@ SINCE_1970_S = 1e8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recording:
+class JointRecording:
     """Angles (m, n), rad, at rising times (m,), s.
 
     Attributes
@@ -65,7 +65,7 @@ def load_timed_log(
     joints: Sequence[str],
     unit: Unit | None = None,
     columns: str = "",
-) -> Recording:
+) -> JointRecording:
     """Read a CSV log of angles over time.
 
     Parameters
@@ -149,7 +149,7 @@ def _angle(cell: str, file: str, line: int, column: int) -> float:
 
 def recording_of(
     time_s: FloatArray, q_rad: FloatArray, *, joints: tuple[str, ...], file: str, source: str
-) -> Recording:
+) -> JointRecording:
     """Order samples by time and leave out those that are not whole.
 
     Raises
@@ -167,7 +167,7 @@ def recording_of(
     if (largest := float(np.abs(found[:, joint]).max())) > LARGEST_RAD:
         text = f"{joints[joint]} reaches {np.rad2deg(largest):.4g} deg"
         raise only(file, None, None, text, "degrees where radians belong, or no revolute joint?")
-    return Recording(
+    return JointRecording(
         file=file,
         time_s=rising,
         q_rad=found,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from operator_app.config.errors import ConfigError
-from operator_app.config.recording import Recording, find_joints, recording_of
+from operator_app.config.recording import JointRecording, find_joints, recording_of
 from operator_app.config.resources import expanded
 from operator_app.config.text import only
 
@@ -29,7 +29,7 @@ def is_bag(path: str | Path) -> bool:
 
 def load_bag(
     path: str | Path, *, joints: Sequence[str], columns: str = "", topic: str = ""
-) -> Recording:
+) -> JointRecording:
     """Read the joint states of a ROS 2 bag: a file (.mcap, .db3) or its folder.
 
     Parameters

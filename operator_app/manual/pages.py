@@ -27,6 +27,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "recordings": "calibrate from a ROS 2 bag or a log over time",
             "real-can": "go on a real CAN bus, in a safe order",
             "wrist-repair": "see which offsets moved",
+            "over-the-years": "follow an arm over the years: what shifted, when the next is due",
             "notebooks": "two notebooks, for readings of your own",
             "scripting": "use it from a shell or from Python",
             "recording": "keep the frames of a bus",

@@ -208,7 +208,5 @@ def _repeatability(solution: Solution) -> FloatArray | None:
     """Type A: standard deviations of what the same poses taken again would give, (P,)."""
     if solution.components is None:
         return None
-    # What the poses do not tell at all has none, but for rounding.
-    sd = np.sqrt(np.maximum(np.diagonal(solution.components.repeatability), 0.0))
-    listed = zip(solution.estimate.parameters, sd.tolist(), strict=True)
-    return np.array([s for p, s in listed if p.name not in solution.tolerated])
+
+    return np.array([s for name, s in solution.within.items() if name not in solution.tolerated])

@@ -12,13 +12,13 @@ from operator_app.units.numbers import plural
 
 if TYPE_CHECKING:
     from operator_app.calibration.dwells import Dwell, RefusedDwell
-    from operator_app.config.recording import Recording
+    from operator_app.config.recording import JointRecording
 
 MOST_LINES = 20
 
 
 def recording_text(
-    recording: Recording,
+    recording: JointRecording,
     dwells: Sequence[Dwell],
     refused: Sequence[RefusedDwell],
     *,
@@ -55,7 +55,7 @@ def recording_text(
 
 
 def recording_json(
-    recording: Recording, dwells: Sequence[Dwell], refused: Sequence[RefusedDwell]
+    recording: JointRecording, dwells: Sequence[Dwell], refused: Sequence[RefusedDwell]
 ) -> dict[str, Any]:
     """Return the same, with every stretch; times in s as in the recording."""
     return {

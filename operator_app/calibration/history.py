@@ -1,0 +1,244 @@
+"""Every accepted calibration and verification of one arm over time: what scatters, what shifted, when the next is due.
+
+Pure: takes documents and verdicts, knows no file and no screen. Offsets of the arm itself are judged over all
+sessions; what belongs to the fixture's mounting begins anew with each mounting. Another fixture or estimator
+carries systematic errors into the parameters in another way: a history of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from itertools import pairwise
+from statistics import median
+
+import numpy as np
+
+from operator_app.calibration.comparison import Side, nearest_values, sides_of
+from operator_app.config.parameters import ParametersDocument
+from solver.arrays import FloatArray
+from solver.chain.parameters import DhEntry, DhKind, wrap_angle
+from solver.diagnostics.control_chart import (
+    BASELINE,
+    ControlChart,
+    control_chart,
+    smallest_shift,
+)
+
+ONCE_A_YEAR = timedelta(days=365)
+"""Between calibrations, where there is one only and nobody states an interval."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PastCalibration:
+    """One accepted calibration: its session, its document, type A of its entries (rad, m) and its mounting.
+
+    Sessions of one `mounting` were taken without the fixture coming off in between.
+    """
+
+    session: str
+    document: ParametersDocument
+    within: Mapping[str, float]
+    mounting: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PastVerification:
+    """New poses that were held against a calibration: when, how many, whether it held, rms closure (m)."""
+
+    session: str
+    utc: datetime
+    poses: int
+    holds: bool
+    position_m: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EntryShift:
+    """Entry `name` has shifted by `size` (rad, m; standard deviation `sigma`) from session number `at` on, from 0."""
+
+    name: str
+    at: int
+    seen: int
+    size: float
+    sigma: float
+    chart: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EntryHistory:
+    """Calibrations by one fixture and estimator, oldest first, and some of their entries.
+
+    Attributes
+    ----------
+    side
+        Whose the entries are.
+    values, sigma, within
+        (sessions, entries), rad and m, in equal descriptions of the loop: as found, their standard uncertainty,
+        and its type A.
+    chart
+        What each was judged by.
+    smallest
+        Shift of each that the next three sessions would show in 90 % of cases; NaN before there is a baseline.
+    """
+
+    side: Side
+    calibrations: tuple[PastCalibration, ...]
+    names: tuple[str, ...]
+    values: FloatArray
+    sigma: FloatArray
+    within: FloatArray
+    chart: ControlChart
+    smallest: FloatArray
+
+    @property
+    def shifts(self) -> tuple[EntryShift, ...]:
+        """What has shifted, in the order in which it was seen."""
+        return tuple(
+            EntryShift(
+                name=self.names[c.column], at=c.at, seen=c.seen,
+                size=c.size, sigma=c.sigma, chart=c.chart,
+            )
+            for c in self.chart.changes
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmHistory:
+    """What is known of one arm over time.
+
+    Attributes
+    ----------
+    parts
+        Offsets of the arm, and per mounting what belongs to it, by fixture and estimator.
+    left_out
+        Sessions that take no part, with the reason.
+    due
+        When the next calibration is, and why then.
+    """
+
+    calibrations: tuple[PastCalibration, ...]
+    verifications: tuple[PastVerification, ...]
+    parts: tuple[EntryHistory, ...]
+    left_out: tuple[tuple[str, str], ...]
+    due: datetime
+    due_why: str
+
+    @property
+    def shifted(self) -> bool:
+        """Whether anything has."""
+        return any(part.shifts for part in self.parts)
+
+
+def history_of(
+    calibrations: Sequence[PastCalibration],
+    verifications: Sequence[PastVerification],
+    *,
+    left_out: Sequence[tuple[str, str]] = (),
+    interval: timedelta | None = None,
+) -> ArmHistory:
+    """Bring accepted calibrations of one arm, at least one, into an order and judge each by those before it."""
+    ordered = sorted(calibrations, key=lambda c: c.document.utc)
+    kept: list[PastCalibration] = []
+    skipped = list(left_out)
+    poses: dict[str, str] = {}
+    for past in ordered:
+        # Other readings of other poses are a measurement; the same poses once more are none.
+        earlier = poses.setdefault(past.document.pose_set_sha256, past.session)
+        if earlier == past.session:
+            kept.append(past)
+        else:
+            skipped.append((past.session, f"the same poses as {earlier}"))
+    methods: dict[tuple[object, ...], list[PastCalibration]] = {}
+    for past in kept:
+        d = past.document
+        methods.setdefault((d.fixture, d.estimator, len(d.joints)), []).append(past)
+    parts = []
+    for group in methods.values():
+        parts.append(_part(group, Side.ARM))
+        last = [c for c in group if c.mounting == group[-1].mounting]
+        parts += [_part(last, side) for side in (Side.GROUND, Side.HAND)]
+    parts = [part for part in parts if part.names]
+    checks = tuple(sorted(verifications, key=lambda v: v.utc))
+    due, why = _due(kept, checks, parts, interval)
+    return ArmHistory(
+        calibrations=tuple(kept),
+        verifications=checks,
+        parts=tuple(parts),
+        left_out=tuple(skipped),
+        due=due,
+        due_why=why,
+    )
+
+
+def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
+    """Align the entries of one side that all calibrations have; of the arm its offsets only.
+
+    Its lengths and twists are known within the maker's tolerance: most of what is found of them is that.
+    """
+    first = group[0].document
+    sides = sides_of(first)
+    common = set.intersection(*({e.entry for e in c.document.calibrated} for c in group))
+    names = tuple(
+        e.entry
+        for e in first.calibrated
+        if e.entry in common
+        and sides[e.entry] is side
+        and (side is not Side.ARM or DhEntry.parse(e.entry).kind is DhKind.THETA_OFF)
+    )
+    entries = [DhEntry.parse(name) for name in names]
+    stacked = first.table.stacked()
+    base = np.array([stacked[e.kind, e.row] for e in entries])
+    values, sigma, within = (np.zeros((len(group), len(names))) for _ in range(3))
+    for k, past in enumerate(group):
+        found = nearest_values(first, past.document)
+        stated = {e.entry: e.sigma for e in past.document.calibrated}
+        for j, entry in enumerate(entries):
+            change = found[entry.name] - base[j]
+            change = float(wrap_angle(change)) if entry.kind.is_angle else change
+            values[k, j] = base[j] + change
+            per = math.radians(1.0) if entry.kind.is_angle else 1.0
+            sigma[k, j] = per * stated[entry.name]
+            within[k, j] = past.within.get(entry.name, sigma[k, j])
+    chart = control_chart(values, within)
+    smallest = np.full(len(names), np.nan)
+    if len(group) > BASELINE and names:
+        between = chart.between[-1]
+        smallest = smallest_shift(between, len(group), len(names))
+    return EntryHistory(
+        side=side,
+        calibrations=tuple(group),
+        names=names,
+        values=values,
+        sigma=sigma,
+        within=within,
+        chart=chart,
+        smallest=smallest,
+    )
+
+
+def _due(
+    kept: Sequence[PastCalibration],
+    checks: Sequence[PastVerification],
+    parts: Sequence[EntryHistory],
+    interval: timedelta | None,
+) -> tuple[datetime, str]:
+    """At once where the last word was a shift or a failed verification; else an interval after the last."""
+    last = kept[-1].document.utc
+    if failed := [v for v in checks if v.utc > last and not v.holds]:
+        return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"
+    for part in parts:
+        for shift in part.shifts:
+            if part.calibrations[shift.seen].session == kept[-1].session:
+                return last, f"{shift.name} has shifted: a second calibration confirms it"
+    if interval is not None:
+        return last + interval, f"{interval.days} days after the last, as stated"
+    times = [c.document.utc for c in kept]
+    gaps = [(b - a).total_seconds() for a, b in pairwise(times)]
+    if not gaps:
+        return last + ONCE_A_YEAR, "a year after the first; state an interval with --every"
+    usual = timedelta(seconds=median(gaps))
+    return last + usual, "the usual interval after the last (median)"

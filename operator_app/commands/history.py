@@ -1,0 +1,74 @@
+"""`sarcal history`: every accepted calibration and verification of one arm, and what of it has shifted."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+
+from operator_app.commands.options import a_name, a_path, json_option, sessions_option
+from operator_app.exit_codes import ExitCode, UsageError
+from operator_app.safe_output import say
+
+LONGEST_DAYS = 36500.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "serial", type=a_name, metavar="SERIAL", help="serial number of the arm, e.g. SDA-0001"
+    )
+    parser.add_argument(
+        "--kept-mounted",
+        action="store_true",
+        help="the fixture stays mounted between sessions: judge what belongs to its mounting as well; "
+        "without it each session begins that anew",
+    )
+    parser.add_argument(
+        "--every",
+        type=float,
+        metavar="DAYS",
+        help="interval between calibrations (default: the median of those there are)",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=a_path,
+        metavar="FILE",
+        help="write an HTML page with charts there as well",
+    )
+    sessions_option(parser)
+    json_option(parser)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Read the sessions, judge and report."""
+    from datetime import timedelta
+
+    from operator_app.config.atomic import write_atomically
+    from operator_app.documents import arm_history
+    from operator_app.report.html.history_page import history_html
+    from operator_app.report.results.history import history_json, history_text
+    from operator_app.session.workflow.importing import UNSTATED
+
+    if args.every is not None and not 0.0 < args.every <= LONGEST_DAYS:
+        raise UsageError(f"--every {args.every:g}: days, more than 0 and at most {LONGEST_DAYS:g}")
+    if args.serial == UNSTATED:
+        raise UsageError(
+            "sessions of arms that nobody named are of many arms; import with --serial"
+        )
+    found = arm_history(
+        args.serial,
+        args.sessions,
+        kept_mounted=args.kept_mounted,
+        interval=None if args.every is None else timedelta(days=math.ceil(args.every)),
+    )
+    if args.output is not None:
+        write_atomically(args.output, history_html(found))
+    if args.json:
+        say(json.dumps(history_json(found), indent=2, allow_nan=False))
+    else:
+        say(history_text(found))
+        if args.output is not None:
+            say(f"\nPage        {args.output}")
+    return ExitCode.NOT_ACCEPTED if found.shifted else ExitCode.ACCEPTED

@@ -1,0 +1,235 @@
+"""The history of an arm as tables, text and JSON. Computes nothing, prints nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from operator_app.calibration.comparison import Side
+from operator_app.calibration.history import ArmHistory, EntryHistory, EntryShift
+from operator_app.report.table import Cell, Column, FactTable, figures, words
+from operator_app.report.text import paragraph, table_lines
+from operator_app.units.figure import ANGLE, LENGTH, Figure, Quantity
+from operator_app.units.numbers import places_to_show, plural
+from solver.chain.parameters import DhEntry
+from solver.diagnostics.control_chart import BASELINE, LEVEL, RECENT
+
+HOW = (
+    f"Mean is that of the baseline. A session leaves mean +- limit (Shewhart), or the mean of the last {RECENT} "
+    f"its own limit (EWMA), by chance in {100.0 * LEVEL:g} % of sessions, all entries together. Limits are made "
+    "of the scatter between sessions, not of sigma: most of sigma is the same in every session. Type A is what the "
+    "same poses taken again would scatter; shift is what the next three sessions would show in 90 % of cases. "
+    "NIST/SEMATECH e-Handbook, 2.3.5 and 6.3.2."
+)
+
+
+def quantity(name: str) -> Quantity:
+    """Return how values of an entry are given."""
+    return ANGLE if DhEntry.parse(name).kind.is_angle else LENGTH
+
+
+def title_of(part: EntryHistory) -> str:
+    """Return what a part of the history is of."""
+    first, last = part.calibrations[0].document, part.calibrations[-1].document
+    what = {Side.ARM: "Offsets of the arm", Side.GROUND: "Ground side", Side.HAND: "Hand side"}
+    since = "" if part.side is Side.ARM else f", mounted {first.utc:%Y-%m-%d}"
+    return (
+        f"{what[part.side]}: fixture {last.fixture.name}, {last.estimator}{since}, "
+        f"{plural(len(part.calibrations), 'session')}"
+    )
+
+
+def entries_table(part: EntryHistory) -> FactTable:
+    """Return one row an entry: where it stands and what it is judged by."""
+    rows: list[tuple[Cell, ...]] = []
+    chart, shifted = part.chart, {s.name for s in part.shifts}
+    for j, name in enumerate(part.names):
+        unit = quantity(name)
+        places = places_to_show((unit.per_si * float(part.within[-1, j]),), least=3)
+        found = (
+            part.values[-1, j], part.sigma[-1, j], np.sqrt(np.mean(part.within[:, j] ** 2)),
+            chart.between[-1, j], chart.centre[-1, j], chart.shewhart[-1, j], part.smallest[j],
+            chart.ewma[-1, j], chart.ewma_limit[-1, j],
+        )  # fmt: skip
+        shown = (Figure(float(value), unit, places=places) for value in found)
+        rows.append((name, unit.unit, *shown, "!" if name in shifted else ""))
+    return FactTable(
+        ident="history",
+        title=title_of(part),
+        columns=(
+            *words("entry", "unit"),
+            *figures("last", "sigma", "type A", "between", "mean", "limit", "shift"),
+            *figures("mean", "limit", group="EWMA", detail=True),
+            *words(""),
+        ),
+        rows=tuple(rows),
+    )
+
+
+def sessions_table(part: EntryHistory) -> FactTable:
+    """Return one row a session with the values of all entries."""
+    units = [quantity(name) for name in part.names]
+    rows: list[tuple[Cell, ...]] = [
+        (
+            f"{past.document.utc:%Y-%m-%d}",
+            *(Figure(float(v), u, places=3) for v, u in zip(values, units, strict=True)),
+            past.session,
+        )
+        for past, values in zip(part.calibrations, part.values, strict=True)
+    ]
+    return FactTable(
+        ident="values",
+        title="By session, in the units above",
+        columns=(
+            *words("date"),
+            *figures(*part.names),
+            Column("session", words=True, detail=True),
+        ),
+        rows=tuple(rows),
+    )
+
+
+def verdict_text(found: ArmHistory) -> str:
+    """Say what has shifted, or that nothing has, or that it is too early."""
+    lines = [
+        paragraph(f"- {_shift_text(part, shift)}", indent=2)
+        for part in found.parts
+        for shift in part.shifts
+    ]
+    if lines:
+        return "\n".join(["SHIFTED:", *lines])
+    most = max((len(p.calibrations) for p in found.parts if p.side is Side.ARM), default=0)
+    if most <= BASELINE:
+        return paragraph(
+            f"TOO EARLY TO JUDGE: limits need {BASELINE} sessions by one fixture before the one that is judged, "
+            f"there are {most} in all. Compare two sessions with sarcal compare."
+        )
+    return "IN CONTROL: no entry has shifted."
+
+
+def due_text(found: ArmHistory) -> str:
+    """Say when the next calibration is due."""
+    return f"Next calibration due {found.due:%Y-%m-%d}: {found.due_why}."
+
+
+def checks_lines(found: ArmHistory) -> list[str]:
+    """Return one line a verification."""
+    return [
+        f"{v.utc:%Y-%m-%d %H:%M}  {'HOLDS' if v.holds else 'DOES NOT HOLD'}  "
+        f"{plural(v.poses, 'new pose')}, {1e3 * v.position_m:.3f} mm rms, {v.session}"
+        for v in found.verifications
+    ]
+
+
+def history_text(found: ArmHistory) -> str:
+    """Return everything worth knowing, the verdict first, for a terminal."""
+    last = found.calibrations[-1].document
+    counts = (
+        f"{last.arm.model} {last.arm.serial}: {plural(len(found.calibrations), 'accepted calibration')}, "
+        f"{plural(len(found.verifications), 'verification')}\n{due_text(found)}"
+    )
+    blocks = [verdict_text(found), counts]
+    for part in found.parts:
+        head = [title_of(part), *table_lines(entries_table(part))]
+        if part.side is Side.ARM:
+            head += ["", *table_lines(sessions_table(part))]
+        blocks.append("\n".join(head))
+    if lines := checks_lines(found):
+        blocks.append("\n".join(["Verifications", *(f"  {line}" for line in lines)]))
+    blocks.append(paragraph(HOW))
+    blocks += [paragraph(f"Left out: {name} ({why})") for name, why in found.left_out]
+    return "\n\n".join(blocks)
+
+
+def history_json(found: ArmHistory) -> dict[str, Any]:
+    """Return the object of `sarcal history --json`: deg and m, as in the documents."""
+    last = found.calibrations[-1].document
+    return {
+        "arm_model": last.arm.model,
+        "arm_serial": last.arm.serial,
+        "verdict": "shifted" if found.shifted else "in control",
+        "due": _utc(found.due),
+        "due_why": found.due_why,
+        "level": LEVEL,
+        "parts": [_part_json(part) for part in found.parts],
+        "verifications": [
+            {
+                "session": v.session,
+                "utc": _utc(v.utc),
+                "poses": v.poses,
+                "holds": v.holds,
+                "position_mm": Figure(1e3 * v.position_m).in_json,
+                "why": v.why,
+            }
+            for v in found.verifications
+        ],
+        "left_out": [{"session": name, "why": why} for name, why in found.left_out],
+    }
+
+
+def _part_json(part: EntryHistory) -> dict[str, Any]:
+    chart = part.chart
+
+    def listed(table: Any, j: int, name: str) -> list[float | None]:
+        return [Figure(float(v), quantity(name)).in_json for v in table[:, j]]
+
+    return {
+        "side": part.side.name.lower(),
+        "fixture": part.calibrations[-1].document.fixture.name,
+        "estimator": part.calibrations[-1].document.estimator,
+        "sessions": [
+            {"session": c.session, "utc": _utc(c.document.utc), "mounting": c.mounting}
+            for c in part.calibrations
+        ],
+        "entries": {
+            name: {
+                "unit": "deg" if quantity(name) is ANGLE else "m",
+                "value": listed(part.values, j, name),
+                "sigma": listed(part.sigma, j, name),
+                "type_a": listed(part.within, j, name),
+                "between": listed(chart.between, j, name),
+                "centre": listed(chart.centre, j, name),
+                "shewhart_half_width": listed(chart.shewhart, j, name),
+                "ewma": listed(chart.ewma, j, name),
+                "ewma_half_width": listed(chart.ewma_limit, j, name),
+                "smallest_shift": Figure(float(part.smallest[j]), quantity(name)).in_json,
+            }
+            for j, name in enumerate(part.names)
+        },
+        "shifts": [
+            {
+                "entry": s.name,
+                "since": part.calibrations[s.at].session,
+                "seen": part.calibrations[s.seen].session,
+                "size": Figure(s.size, quantity(s.name)).in_json,
+                "sigma": Figure(s.sigma, quantity(s.name)).in_json,
+                "chart": s.chart,
+            }
+            for s in part.shifts
+        ],
+    }
+
+
+def _shift_text(part: EntryHistory, shift: EntryShift) -> str:
+    unit = quantity(shift.name)
+    size = Figure(shift.size, unit, places=3, signed=True).with_unit
+    sigma = Figure(shift.sigma, unit, places=3).with_unit
+    by = {"shewhart": "Shewhart", "ewma": "EWMA"}[shift.chart]
+    advice = (
+        "look at the encoder's home mark and the coupling of that joint"
+        if part.side is Side.ARM
+        else "the fixture's mounting has moved, or it was mounted anew: leave --kept-mounted out"
+    )
+    return (
+        f"{shift.name} by {size} (sigma {sigma}) from {_day(part, shift.at)} on, session "
+        f"{part.calibrations[shift.at].session}; seen in session {shift.seen + 1} by {by}: {advice}"
+    )
+
+
+def _day(part: EntryHistory, k: int) -> str:
+    return f"{part.calibrations[k].document.utc:%Y-%m-%d}"
+
+
+def _utc(time: Any) -> str:
+    return f"{time:%Y-%m-%dT%H:%M:%SZ}"

@@ -1,0 +1,172 @@
+"""Control charts of several quantities that are measured again and again: Shewhart and EWMA, with change points.
+
+NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
+process by a check standard: within- and between-session standard deviations). Here there is no long history
+to fix limits from: each session is judged by those before it, without the `RECENT` ones, so that a shift does not
+hide in its own baseline. The scatter between sessions is the history's own, not what was stated: systematic parts
+that are the same in all sessions do not scatter. With few sessions one quantity's own variance says little: it is
+drawn towards the common ratio of observed to stated variance, as of `PRIOR_DOF` degrees of freedom (Smyth 2004,
+"moderated t").
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray, IntArray
+
+BASELINE = 4
+"""Sessions before the first that is judged."""
+
+RECENT = 3
+"""Sessions, the one judged among them, that the EWMA weighs and the baseline leaves out where it can."""
+
+LAMBDA = 0.3
+"""Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
+
+PRIOR_DOF = 12.0
+LEVEL = 0.0025
+"""Chance that a session raises a false alarm in any quantity by either chart: some 4 % over 12 sessions."""
+
+LEAST_RATIO = 0.1
+"""Scatter between sessions is never taken to be less than this share of the stated repeatability."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChartSignal:
+    """Quantity `column` has shifted by `size` (standard deviation `sigma`) from session `at` on.
+
+    Session `seen` (from 0) is the first that shows it, by `chart`: ``shewhart`` or ``ewma``.
+    """
+
+    column: int
+    at: int
+    seen: int
+    size: float
+    sigma: float
+    chart: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlChart:
+    """What each session was judged by, arrays (sessions, quantities); NaN where nothing was judged.
+
+    Attributes
+    ----------
+    centre
+        Mean of the baseline.
+    between
+        Standard deviation between sessions.
+    shewhart, ewma_limit
+        Half widths of the limits: of a single value, and of the weighted mean of recent ones.
+    ewma
+        That weighted mean.
+    changes
+        In the order in which they were seen; a quantity's baseline begins anew with each.
+    """
+
+    centre: FloatArray
+    between: FloatArray
+    shewhart: FloatArray
+    ewma: FloatArray
+    ewma_limit: FloatArray
+    changes: tuple[ChartSignal, ...]
+
+
+def control_chart(values: FloatArray, within: FloatArray) -> ControlChart:
+    """Judge sessions one after the other.
+
+    Parameters
+    ----------
+    values
+        (sessions, quantities), in the order of time.
+    within
+        Stated repeatability of each (type A), of the same shape.
+    """
+    from scipy.special import stdtrit
+
+    count, width = values.shape
+    centre, between, shewhart, ewma, ewma_limit = (
+        np.full((count, width), np.nan) for _ in range(5)
+    )
+    begin = np.zeros(width, dtype=np.int64)
+    changes: list[ChartSignal] = []
+    for t in range(BASELINE, count):
+        judged = np.flatnonzero(t - begin >= BASELINE)
+        if not len(judged):
+            continue
+        ends = np.where(t + 1 - RECENT - begin >= BASELINE, t + 1 - RECENT, t)
+        variance, dof = _variances(values, within, begin, ends, judged)
+        for j, var, nu in zip(judged.tolist(), variance.tolist(), dof.tolist(), strict=True):
+            first, last = int(begin[j]), int(ends[j])
+            mean, size = values[first:last, j].mean(), last - first
+            recent = values[last : t + 1, j]
+            weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(len(recent))[::-1]
+            weights /= weights.sum()
+            limit = -float(stdtrit(nu, 0.5 * LEVEL / len(judged)))
+            centre[t, j], between[t, j] = mean, np.sqrt(var)
+            shewhart[t, j] = limit * np.sqrt(var * (1.0 + 1.0 / size))
+            ewma[t, j] = weights @ recent
+            ewma_limit[t, j] = limit * np.sqrt(var * (weights @ weights + 1.0 / size))
+            single = abs(recent[-1] - mean) / shewhart[t, j]
+            weighted = abs(ewma[t, j] - mean) / ewma_limit[t, j]
+            if max(single, weighted) <= 1.0:
+                continue
+            chart = "shewhart" if single >= weighted else "ewma"
+            found = _change(values[first : t + 1, j], last - first, var)
+            begin[j] = first + found[0]
+            changes.append(
+                ChartSignal(
+                    column=j, at=int(begin[j]), seen=t, size=found[1], sigma=found[2], chart=chart
+                )
+            )
+    return ControlChart(
+        centre=centre,
+        between=between,
+        shewhart=shewhart,
+        ewma=ewma,
+        ewma_limit=ewma_limit,
+        changes=tuple(changes),
+    )
+
+
+def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> FloatArray:
+    """Return the shift that `RECENT` further sessions show with a chance of 90 %, after so many sessions."""
+    from scipy.special import stdtrit
+
+    weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(RECENT)
+    weights /= weights.sum()
+    dof = PRIOR_DOF + sessions - 1
+    needed = -float(stdtrit(dof, 0.5 * LEVEL / quantities)) - float(stdtrit(dof, 0.1))
+    return np.asarray(needed * between * np.sqrt(weights @ weights + 1.0 / sessions))
+
+
+def _variances(
+    values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, judged: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Moderated variances between sessions of the judged quantities and their degrees of freedom."""
+    own, stated, nu = np.zeros(len(judged)), np.zeros(len(judged)), np.zeros(len(judged))
+    for k, j in enumerate(judged.tolist()):
+        rows = slice(int(begin[j]), int(ends[j]))
+        own[k] = values[rows, j].var(ddof=1)
+        stated[k] = np.mean(within[rows, j] ** 2)
+        nu[k] = rows.stop - rows.start - 1
+    # A value that is stated to repeat exactly scatters by rounding.
+    stated = np.maximum(stated, 1e-24)
+    ratio = max(float(np.sum(nu * own / stated) / nu.sum()), LEAST_RATIO**2)
+    prior = np.minimum(PRIOR_DOF, nu.sum())
+    variance = (prior * ratio * stated + nu * own) / (prior + nu)
+    return np.maximum(variance, LEAST_RATIO**2 * stated), prior + nu
+
+
+def _change(values: FloatArray, baseline: int, variance: float) -> tuple[int, float, float]:
+    """Most probable first session of a shift behind the baseline, its size and standard deviation."""
+    best = (0, 0.0, 1.0)
+    for k in range(baseline, len(values)):
+        size = float(values[k:].mean() - values[:k].mean())
+        sigma = float(np.sqrt(variance * (1.0 / k + 1.0 / (len(values) - k))))
+        if abs(size) / sigma > abs(best[1]) / best[2]:
+            best = (k, size, sigma)
+    return best

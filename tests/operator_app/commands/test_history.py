@@ -1,0 +1,133 @@
+"""`sarcal history`: sessions in folders, months apart, of one arm whose joint 4 slips before the sixth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from operator_app.cli import main
+from operator_app.config.poses_file import load_poses
+from operator_app.config.resources import resolve
+from operator_app.session.store.stored_calibration import solve
+from operator_app.session.workflow.importing import ImportedSession
+from solver.chain.poses import PoseSet
+
+HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
+SERIAL = "SDA-7"
+NOISE_DEG = np.array([0.004, 0.004, 0.004, 0.004, 0.004, 0.05, 0.05])
+SLIPPED_DEG, SINCE, SESSIONS = 0.3, 5, 7
+MONTH = timedelta(days=30)
+BEGAN = datetime(2026, 1, 31, 12, tzinfo=UTC)
+
+
+def calibrated_on(root: Path, when: datetime, poses: PoseSet, *, serial: str = SERIAL) -> Path:
+    session = ImportedSession(
+        poses,
+        arm=resolve("arm", "sarcos_dextrous"),
+        fixture=resolve("fixture", "hinge"),
+        file="poses.csv",
+        name="hinge",
+        serial_number=serial,
+        clock=lambda: when,
+    )
+    found = solve(session.state, session.procedure, estimator="implicit", unsensed_joints=())
+    session.add(found, None)
+    return session.write(root=root)
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    root = tmp_path_factory.mktemp("sessions")
+    sound, rng = load_poses(HINGE).poses, np.random.default_rng(11)
+    for k in range(SESSIONS):
+        chosen = np.sort(rng.choice(len(sound), 40, replace=False))
+        q_deg = np.rad2deg(sound.q_rad[chosen]) + rng.normal(0.0, NOISE_DEG, (40, 7))
+        q_deg[:, 3] -= SLIPPED_DEG * (k >= SINCE)
+        poses = PoseSet(
+            placement=np.ones(40, dtype=np.int64),
+            label=tuple(str(n) for n in range(1, 41)),
+            q_rad=np.deg2rad(q_deg),
+        )
+        calibrated_on(root, BEGAN + k * MONTH, poses)
+    # The last poses once more, and another arm's.
+    calibrated_on(root, BEGAN + SESSIONS * MONTH, poses)
+    calibrated_on(root, BEGAN, poses, serial="SDA-8")
+    return root
+
+
+def asked(words: list[str], root: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    code = main(["history", *words, "--sessions", str(root)])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_a_slipped_joint_is_named_with_session_and_size(
+    sessions: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = asked([SERIAL, "--json"], sessions, capsys)
+    assert code == 4
+    found = json.loads(out)
+    assert found["verdict"] == "shifted"
+    arm, *mounted = found["parts"]
+    assert (arm["side"], len(arm["sessions"])) == ("arm", SESSIONS)
+    assert sorted(arm["entries"]) == [f"theta_off_{j}" for j in range(2, 7)]
+    assert [s["entry"] for s in arm["shifts"]] == ["theta_off_4"]
+    (shift,) = arm["shifts"]
+    assert shift["since"] == arm["sessions"][SINCE]["session"]
+    assert shift["size"] == pytest.approx(SLIPPED_DEG, abs=4.0 * shift["sigma"])
+    entry = arm["entries"]["theta_off_2"]
+    # Between sessions the arm scatters less than sigma, of which most is the same in all of them.
+    assert 0.0 < entry["between"][-1] < 0.5 * entry["sigma"][-1]
+    assert entry["type_a"][-1] < entry["sigma"][-1]
+    # Ground and hand begin anew with each session.
+    assert [len(part["sessions"]) for part in mounted] == [1, 1]
+    assert found["left_out"] == [
+        {"session": f"{BEGAN + SESSIONS * MONTH:%Y%m%d-%H%M%S}-hinge",
+         "why": f"the same poses as {arm['sessions'][-1]['session']}"}
+    ]  # fmt: skip
+    assert found["due"] == f"{BEGAN + SESSIONS * MONTH:%Y-%m-%dT%H:%M:%SZ}"
+
+
+def test_text_page_and_what_stays_mounted(
+    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "history.html"
+    words = [SERIAL, "--kept-mounted", "--every", "90", "-o", str(page)]
+    code, out, _ = asked(words, sessions, capsys)
+    assert code == 4
+    lines = out.splitlines()
+    assert lines[0] == "SHIFTED:"
+    assert max(len(line) for line in lines if not line.startswith("Page")) <= 80
+    assert f"due {BEGAN + (SESSIONS - 1) * MONTH + 3 * MONTH:%Y-%m-%d}" in out
+    assert f"Ground side: fixture hinge, implicit, mounted 2026-01-31, {SESSIONS} sessions" in out
+    text = page.read_text()
+    assert text.count("<svg") == 14
+    assert "theta_off_4 by " in text
+
+
+def test_one_session_is_too_early_to_judge(
+    sessions: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = asked(["SDA-8"], sessions, capsys)
+    assert code == 0
+    assert out.startswith("TOO EARLY TO JUDGE")
+    assert "due 2027-01-31" in out
+
+
+def test_what_is_wrong_is_one_sentence(
+    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, root, said in (
+        (["SDA-9"], sessions, "erial numbers there: SDA-7, SDA-8"),
+        (["SDA-9"], tmp_path / "none", "erial numbers there: none"),
+        (["unstated"], sessions, "import with --serial"),
+        ([SERIAL, "--every", "0"], sessions, "--every 0: days"),
+    ):
+        code, _, err = asked(words, root, capsys)
+        assert code == 2
+        assert said in err

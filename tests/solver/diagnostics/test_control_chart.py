@@ -1,0 +1,87 @@
+"""Control charts: how often a sound history raises an alarm, and how soon a shift is named. Statistical model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from solver.diagnostics.control_chart import LEVEL, ChartSignal, control_chart, smallest_shift
+
+SESSIONS, ENTRIES = 12, 5
+STATED_DEG = np.array([0.0091, 0.018, 0.013, 0.016, 0.012])
+"""Type A of arm entries."""
+
+
+def histories(
+    count: int, *, seed: int, sd_deg: float = 0.010, shift_deg: float = 0.0
+) -> Iterator[tuple[int, tuple[ChartSignal, ...]]]:
+    """Sessions scatter by `sd_deg` on average, 25 % more or less, correlated; the stated figure is off by more.
+
+    What is common to all sessions, 0.1 deg, is in every value. Twelve sessions; of ten a shift counts.
+    """
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        own = STATED_DEG / STATED_DEG.mean() * np.exp(rng.normal(0.0, 0.15, ENTRIES))
+        scatter = sd_deg * own / own.mean()
+        correlation = np.full((ENTRIES, ENTRIES), 0.3) + 0.7 * np.eye(ENTRIES)
+        noise = rng.multivariate_normal(np.zeros(ENTRIES), correlation, SESSIONS) * scatter
+        values = rng.normal(0.0, 0.1, ENTRIES) + noise
+        j = int(rng.integers(ENTRIES))
+        values[7:, j] += shift_deg * rng.choice((-1.0, 1.0))
+        within = np.tile(STATED_DEG * rng.uniform(0.7, 3.0), (SESSIONS, 1))
+        last = SESSIONS if shift_deg == 0.0 else 10
+        yield j, control_chart(values[:last], within[:last]).changes
+
+
+@pytest.mark.campaign
+def test_at_most_5_percent_of_200_sound_histories_raise_an_alarm() -> None:
+    alarms = [np.mean([bool(found) for _, found in histories(200, seed=s)]) for s in range(10)]
+    assert np.mean(alarms) <= 0.05
+    assert max(alarms) < 0.08  # of 200, 5 % is 10 with a standard deviation of 3
+
+
+@pytest.mark.campaign
+def test_a_shift_of_0_05_deg_at_session_8_is_named_by_session_10() -> None:
+    named, placed = [], []
+    for j, found in histories(1000, seed=77, shift_deg=0.05):
+        own = [c for c in found if c.column == j and c.at >= 6]
+        named.append(bool(own))
+        placed += [c.at == 7 for c in own[:1]]
+    assert np.mean(named) >= 0.90
+    assert np.mean(placed) >= 0.85
+
+
+def test_a_shift_is_named_once_with_session_and_size() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(0.0, 0.01, (20, 4))
+    values[12:, 2] += 0.2
+    found = control_chart(values, np.full((20, 4), 0.03))
+    (change,) = found.changes
+    assert (change.column, change.at, change.seen, change.chart) == (2, 12, 12, "shewhart")
+    assert change.size == pytest.approx(0.2, abs=0.03)
+    assert np.isnan(found.centre[:4]).all()
+    assert not np.isnan(found.centre[4:, :2]).any()
+    # Four sessions after it the quantity is judged again, by its new level.
+    assert np.isnan(found.centre[13:16, 2]).all()
+    assert found.centre[17, 2] == pytest.approx(0.2, abs=0.02)
+
+
+def test_limits_are_of_the_scatter_and_not_of_what_was_stated() -> None:
+    rng = np.random.default_rng(4)
+    values = rng.normal(0.0, 0.01, (40, 5))
+    for stated in (0.01, 0.05, 0.002):
+        found = control_chart(values, np.full((40, 5), stated))
+        assert found.changes == ()
+        assert found.between[-1].mean() == pytest.approx(0.01, rel=0.25)
+    least = smallest_shift(found.between[-1], 37, 5)
+    assert np.all((least > 2.5 * found.between[-1]) & (least / found.between[-1] < 4.5))
+    assert 0.0 < LEVEL < 0.05
+
+
+def test_values_that_are_all_the_same_are_no_alarm() -> None:
+    values = np.tile([0.1, 0.2], (9, 1))
+    assert control_chart(values, np.zeros((9, 2))).changes == ()
+    values[8, 0] += 1e-6
+    assert [c.column for c in control_chart(values, np.full((9, 2), 1e-5)).changes] == []

@@ -33,6 +33,7 @@ from solver.chain.poses import PoseSet
 Unit = Literal["rad", "deg"]
 WHOLE = re.compile(r"[1-9]\d{0,3}")
 MOST_PLACEMENTS = 100
+JOINT_NAME = re.compile(r"(.*?)(\d{1,3})(\D*)")
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 
 
@@ -172,6 +173,8 @@ def find_columns(
             return tuple(left)
         names = f" ({', '.join(header[k] for k in left)})" if header else ""
         text = f"{len(left)} columns{names} for an arm of {joint_count} joints"
+        if named := _numbered_run(header, left, joint_count):
+            return named
         # What a log has beside its joints, times mostly, stands before them.
         first = max(1, there - joint_count + 1)
         example = f"{first}-{first + joint_count - 1}"
@@ -195,6 +198,20 @@ def find_columns(
         text = f"--columns names {len(set(found))} columns for an arm of {joint_count} joints"
         raise only(file, None, None, text, "name one for each joint, in the order of the joints")
     return tuple(found)
+
+
+def _numbered_run(header: list[str], left: list[int], joint_count: int) -> tuple[int, ...]:
+    """Return the columns whose names differ by their number alone, 1 to n (q1, q2, ...); empty if none do."""
+    found: dict[str, dict[int, int]] = {}
+    for k in left:
+        if header and (match := JOINT_NAME.fullmatch(header[k])):
+            found.setdefault(f"{match[1]}#{match[3]}".casefold(), {})[int(match[2])] = k
+    runs = [
+        by
+        for by in found.values()
+        if sorted(by) in ([*range(1, joint_count + 1)], [*range(joint_count)])
+    ]
+    return tuple(runs[0][k] for k in sorted(runs[0])) if len(runs) == 1 else ()
 
 
 def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:

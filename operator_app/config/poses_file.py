@@ -99,7 +99,8 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     line, header = next(records)
     names = tuple(cell.strip() for cell in header)
     if not any(map(_known, names)):
-        raise only(file, line, None, "this line is no header of a poses file", EXAMPLE)
+        remedy = f"a raw log goes in with: sarcal import {file}; of a poses file {EXAMPLE}"
+        raise only(file, line, None, "this line is no header of a poses file", remedy)
     problems = [
         Problem(file=file, line=line, column=column, key=key, text=text, remedy=remedy)
         for column, key, text, remedy in _complaints(names, joint_count)

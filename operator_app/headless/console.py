@@ -83,6 +83,8 @@ class ConsoleListener(Listener):
             longest_s = state.late.last_s if new == 1 else state.late.longest_s
             self.say(f"Warning: {late_words(new, longest_s)}.")
         if not self._stderr.isatty():
+            # A bar is for a screen: in a file, or a pipe, each pose is a line.
+            self.say(f"Pose {state.captured} captured ({len(state.used_poses)} of {wanted}).")
             return
         if self._progress is None:
             self._progress = Progress(

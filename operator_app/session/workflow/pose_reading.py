@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 
 from hardware.arm import Arm, Reading
+from hardware.errors import HardwareError
 from operator_app.config.degrees import degrees_for_file
 from operator_app.errors import Cancelled, GuardError, SessionError
 from operator_app.session.safety.latency import LatenessLog
 from operator_app.session.safety.sensor_faults import SensorFaults
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.workflow.instrument import SOURCES, Instrument
+from operator_app.units.figure import SCATTER
 from solver.arrays import FloatArray
 
 
@@ -63,11 +65,25 @@ class PoseReader:
                 timeout_syncs=self._rule.timeout_syncs,
             )
 
+    def _restless(self) -> str:
+        """Say which joint is farthest beyond its limit, by how much; empty where none is any more."""
+        limits = np.asarray(self._rule.spread_rad(self._logbook.model))
+        try:
+            rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]
+        except HardwareError:
+            return ""  # that it does not rest is what counts
+        spread = np.ptp(np.array(rows), axis=0)
+        j = int(np.argmax(spread / limits))
+        if spread[j] <= limits[j]:
+            return ""
+        found, limit = (SCATTER(float(v)).with_unit for v in (spread[j], limits[j]))
+        return f": joint {j + 1} spreads by {found} within {2 * len(rows)} samples (limit {limit})"
+
     def read(self) -> Reading:
         """Let the arm settle and read a pose, without keeping it."""
         if not self.settle():
             raise GuardError(
-                "the arm does not come to rest",
+                f"the arm does not come to rest{self._restless()}",
                 "look for something that moves or pushes it, then capture again",
             )
         with self._sensor_faults.kept():

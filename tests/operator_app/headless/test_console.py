@@ -6,6 +6,7 @@ import pytest
 
 from hardware.arm import ArmIdentity, NodeIdentity
 from operator_app.headless.console import ConsoleListener
+from operator_app.session.store.state import SessionState
 
 
 @pytest.mark.parametrize(
@@ -29,3 +30,10 @@ def test_a_simulated_arm_is_said_to_be_one(
     listener = ConsoleListener()
     listener.connected(ArmIdentity(model="an_arm", serial_number="A-1", nodes=found))
     assert capsys.readouterr().err == f"Connected to an_arm, serial A-1: {nodes}\n"
+
+
+def test_each_pose_is_a_line_where_stderr_is_no_screen(capsys: pytest.CaptureFixture[str]) -> None:
+    listener = ConsoleListener()
+    for captured in (1, 2):
+        listener.pose_captured(SessionState(captured=captured), 16)
+    assert capsys.readouterr().err == ("Pose 1 captured (0 of 16).\nPose 2 captured (0 of 16).\n")

@@ -1,8 +1,8 @@
 """Where a recorded arm was at rest: one pose per dwell, and what came near to one and is refused. No I/O.
 
 A dwell: in every window of the stated time all joints stay within the stated spread. What moves slowly through
-such windows is told by the whole: it drifts by more than half of the spread. Where samples are missing, only
-the time that was observed counts.
+such windows is told by the whole: it drifts by more than half of the spread. Where samples are missing for long,
+that time does not count.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ SPREAD_RAD = float(np.deg2rad(0.05))
 """At rest for this long, within this (largest less smallest reading of each joint), by default."""
 
 LEAST_SAMPLES = 5
-GAP_STEPS = 5.0
-"""A step of more median steps than this is a drop-out: no more than this of it counts as observed."""
+GAP_STEPS, GAP_SHARE = 5.0, 0.25
+"""Of a step without samples, this many median steps or this share of the dwell count as observed, no more."""
 
 HALVINGS = 6
 """How often the spread is halved to tell dwells from a creep between them."""
@@ -76,7 +76,8 @@ def find_dwells(
     if len(time_s) < LEAST_SAMPLES:
         return (), ()
     step = np.diff(time_s)
-    observed_s = np.concatenate(([0.0], np.cumsum(np.minimum(step, GAP_STEPS * np.median(step)))))
+    most_s = max(GAP_STEPS * float(np.median(step)), GAP_SHARE * dwell_s)
+    observed_s = np.concatenate(([0.0], np.cumsum(np.minimum(step, most_s))))
     dwells: list[Dwell] = []
     refused: list[RefusedDwell] = []
     taken = np.zeros(len(time_s), dtype=bool)

@@ -95,6 +95,11 @@ class EntryHistory:
     smallest: FloatArray
 
     @property
+    def several(self) -> bool:
+        """Whether there is anything to compare."""
+        return len(self.calibrations) > 1
+
+    @property
     def shifts(self) -> tuple[EntryShift, ...]:
         """What has shifted, in the order in which it was seen."""
         return tuple(

@@ -78,6 +78,8 @@ class LoadedPoses:
 
 def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPoses:
     """Read a poses file; raises as `parse_poses`."""
+    if str(path).endswith((".mcap", ".db3")):
+        raise only(str(path), None, None, "is a ROS 2 bag", "sarcal import makes poses of it")
     data = read_limited(expanded(path), str(path), limit=LIMIT_BYTES)
     return parse_poses(data, str(path), joint_count=joint_count)
 

@@ -15,7 +15,7 @@ NOISE_RAD = 2e-6
 def recorded_arm(
     poses_rad: np.ndarray, *, decoys: int, seed: int, rate_hz: float = 50.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times (m,) and angles (m, n): 2 s at each pose, quick ways between, slow motions, jitter, drop-outs."""
+    """Times (m,), angles (m, n): 2 s a pose, quick ways between, slow motions, jitter, a drop-out every 10 s."""
     rng = np.random.default_rng(seed)
     step = 1.0 / rate_hz
     parts = [np.tile(poses_rad[0], (round(2.0 * rate_hz), 1))]
@@ -36,7 +36,7 @@ def recorded_arm(
     q = q + rng.normal(0.0, NOISE_RAD, q.shape)
     time_s = BEGAN_S + np.arange(len(q)) * step + rng.uniform(-0.3, 0.3, len(q)) * step
     kept = rng.random(len(q)) > 0.05
-    for begin in rng.choice(len(q), len(q) // 500, replace=False):
+    for begin in rng.choice(len(q), round(len(q) * step / 10.0), replace=False):
         kept[begin : begin + round(0.3 * rate_hz)] = False
     return time_s[kept], q[kept]
 

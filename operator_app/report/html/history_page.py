@@ -33,7 +33,7 @@ def history_html(found: ArmHistory) -> bytes:
             ident=f"part-{k}",
             title=title_of(part),
             content=(
-                plots(_chart(part, j) for j in range(len(part.names))),
+                *([plots(_chart(part, j) for j in range(len(part.names)))] if part.several else []),
                 table_html(entries_table(part)),
                 table_html(sessions_table(part)),
             ),

@@ -127,7 +127,7 @@ def history_text(found: ArmHistory) -> str:
     last = found.calibrations[-1].document
     counts = (
         f"{last.arm.model} {last.arm.serial}: {plural(len(found.calibrations), 'accepted calibration')}, "
-        f"{plural(len(found.verifications), 'verification')}\n{due_text(found)}"
+        f"{plural(len(found.verifications), 'verification')}\n{paragraph(due_text(found))}"
     )
     blocks = [verdict_text(found), counts]
     for part in found.parts:

@@ -11,7 +11,7 @@ from tests.oracles.recordings import recorded_arm
 
 
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("rate_hz", [20.0, 100.0])
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
 def test_every_pose_once_and_none_of_twenty_slow_motions(seed: int, rate_hz: float) -> None:
     _, q_rad = panda_readings()
     poses = q_rad[30 * seed : 30 * seed + 30]
@@ -21,7 +21,7 @@ def test_every_pose_once_and_none_of_twenty_slow_motions(seed: int, rate_hz: flo
     # At 20 Hz the mean of 40 samples is known to 3e-7.
     limit = 1e-6 if rate_hz > 50.0 else 1.5e-6
     assert np.abs(np.array([d.mean_rad for d in found]) - poses).max() < limit
-    assert all(1.2 < d.seconds < 2.1 for d in found)
+    assert all(1.5 < d.seconds < 2.1 for d in found)
     assert min(d.samples for d in found) > 0.6 * 2.0 * rate_hz
     np.testing.assert_allclose(np.median([d.sd_rad for d in found]), 2e-6, rtol=0.2)
     assert all(r.joint for r in refused)
@@ -58,8 +58,8 @@ def test_a_creep_is_no_pose_and_costs_none_beside_it() -> None:
 
 
 def test_a_lost_minute_is_not_a_minute_at_rest() -> None:
-    time_s, q = stretches((1, 20), (0.5, 0), (60, 0), (0.3, 0), (1, 20))
-    seen = (time_s < 1.5) | (time_s > 61.5)
+    time_s, q = stretches((1, 20), (0.4, 0), (60, 0), (0.3, 0), (1, 20))
+    seen = (time_s < 1.4) | (time_s > 61.4)
     found, refused = find_dwells(time_s[seen], q[seen])
     assert not found
     assert [r.joint for r in refused] == [0]

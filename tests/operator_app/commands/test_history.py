@@ -10,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from operator_app.calibration.history import PastVerification, history_of
 from operator_app.cli import main
 from operator_app.config.poses_file import load_poses
 from operator_app.config.resources import resolve
+from operator_app.documents import arm_history
+from operator_app.report.results.history import history_text
 from operator_app.session.store.stored_calibration import solve
 from operator_app.session.workflow.importing import ImportedSession
 from solver.chain.poses import PoseSet
@@ -117,6 +120,18 @@ def test_one_session_is_too_early_to_judge(
     assert code == 0
     assert out.startswith("TOO EARLY TO JUDGE")
     assert "due 2027-01-31" in out
+
+
+def test_a_verification_that_did_not_hold_makes_the_next_due_at_once(sessions: Path) -> None:
+    past = arm_history("SDA-8", sessions).calibrations
+    when = BEGAN + 2 * MONTH
+    for holds, due in ((True, BEGAN + timedelta(days=365)), (False, when)):
+        check = PastVerification(
+            session=past[0].session, utc=when, poses=6, holds=holds, position_m=1e-3, why=""
+        )
+        found = history_of(past, [check])
+        assert found.due.date() == due.date()
+        assert ("DOES NOT HOLD" in history_text(found)) is not holds
 
 
 def test_what_is_wrong_is_one_sentence(

@@ -260,6 +260,8 @@ def test_what_does_not_go_with_a_recording_is_refused(
     ):
         assert main(["import", *words, *PANDA, "--sessions", str(tmp_path / "s")]) == 2
         assert said in capsys.readouterr().err
+    assert main(["solve", bag, *PANDA]) == 2
+    assert "is a ROS 2 bag; sarcal import" in capsys.readouterr().err
     for words in (
         ["torn.csv", "--time", "time"],
         ["two.csv", "--time", "1", "--columns", "3-9"],

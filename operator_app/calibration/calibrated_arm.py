@@ -62,12 +62,10 @@ class CalibratedArm:
 
         The tip is turned as the last frame is.
         """
-        table = self.hand if frame == "tip" else self.flange
-        frames = forward(q_rad + table.theta_off_rad, *table.stacked()[1:])
-        T = np.zeros((*np.shape(q_rad)[:-1], 4, 4))
-        T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = frames.R_end, frames.p_end, 1.0
-        if frame == "tip":
-            T[..., :3, 3] += (frames.R_end @ self.tip_m[:, None])[..., 0]
+        if frame == "flange":
+            return T_base_flange(self.flange, q_rad)
+        T = T_base_flange(self.hand, q_rad)
+        T[..., :3, 3] += (T[..., :3, :3] @ self.tip_m[:, None])[..., 0]
         return T
 
     def tip_sigma_m(self, q_rad: FloatArray) -> FloatArray:
@@ -92,6 +90,14 @@ class CalibratedArm:
         tip = point.loop(nominal_vector(point.parameters), q_rad, np.zeros((*q_rad.shape[:-1], 0)))
         rates = tip.jac_x[..., [order.index(name) for name in self._free]]
         return tip.residual, np.sqrt(spread_along(rates, self._covariance))
+
+
+def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
+    """Place of the last frame of D-H rows 1..n in the base frame at readings (..., n): (..., 4, 4), m."""
+    frames = forward(q_rad + table.theta_off_rad, *table.stacked()[1:])
+    T = np.zeros((*np.shape(q_rad)[:-1], 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = frames.R_end, frames.p_end, 1.0
+    return T
 
 
 EVERYWHERE = 300

@@ -6,13 +6,16 @@ from dataclasses import dataclass, field
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, Literal
 
+from operator_app.calibration.calibrated_arm import T_base_flange
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.fixture_file import FixtureSpec, parse_fixture
 from operator_app.config.resources import Resource, resolve
 
-from .given import shown
+from .given import readings_rad, shown
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from solver.arrays import FloatArray
     from solver.chain.arm_model import ArmModel
 
@@ -36,6 +39,8 @@ class Arm:
     <sarcal.Arm franka_panda: 7 joints>
     >>> arm.upper_rad.shape
     (7,)
+    >>> arm.fk(arm.home_rad).shape
+    (4, 4)
     """
 
     name: str
@@ -62,6 +67,15 @@ class Arm:
     def home_rad(self) -> FloatArray:
         """Home pose, sensor coordinates, shape (n,)."""
         return self._model.home_rad
+
+    def fk(self, q_rad: ArrayLike) -> FloatArray:
+        """Place of frame n in the arm's base frame by its file's own figures, before any calibration.
+
+        Readings (n,) or (m, n), rad, give T_base_flange (4, 4) or (m, 4, 4), lengths in m: what
+        `Result.fk` with ``frame="flange"`` corrects. TypeError, ValueError: these are no readings of this arm.
+        """
+        q = readings_rad("q_rad", q_rad, self.lower_rad, self.upper_rad)
+        return T_base_flange(self._model.table, q)
 
     def __repr__(self) -> str:
         return f"<sarcal.Arm {self.name}: {self.joint_count} joints>"

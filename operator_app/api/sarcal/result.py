@@ -8,7 +8,10 @@ from datetime import UTC, datetime
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
 
 from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibrated_arm
 from operator_app.config.atomic import write_atomically
@@ -30,6 +33,7 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.store.parameters import document_of, why_used
 from operator_app.session.store.stored_calibration import StoredCalibration
 from operator_app.session.workflow.importing import How, ImportedSession
+from solver.diagnostics.statistics import intervals
 
 from .given import one_of, readings_rad
 from .naming import with_units
@@ -127,6 +131,15 @@ class Result:
     def sigmas(self) -> Mapping[str, float]:
         """Their standard deviations, in which every stated source of error is, by the same names."""
         return self._by_name(self._solution.identified.standard_deviation)
+
+    @property
+    def intervals_95(self) -> Mapping[str, tuple[float, float]]:
+        """Their 95 % intervals, lower and upper end, by the same names."""
+        found = intervals(self._solution.identified)
+        low, high = (
+            self._by_name(np.array([getattr(i, end) for i in found])) for end in ("low", "high")
+        )
+        return MappingProxyType({name: (low[name], high[name]) for name in low})
 
     @property
     def tables(self) -> tuple[str, ...]:

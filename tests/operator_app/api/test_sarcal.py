@@ -15,7 +15,9 @@ import pytest
 import sarcal
 
 from operator_app.cli import main
+from operator_app.config.arm_file import load_arm
 from tests.oracles.panda import FOLDER as PANDA
+from tests.oracles.pinocchio_chain import PinocchioChain
 
 HINGE = Path(__file__).parents[2] / "data/hinge"
 EXACT = HINGE / "hinge_exact.csv"
@@ -276,3 +278,25 @@ def test_wrong_input_says_what_to_do(tmp_path: Path) -> None:
         sarcal.load_poses(_Frame({f"theta{j}_deg": [1.0, 2.0] for j in range(1, 9)}), joint_count=7)
     with pytest.raises(ValueError, match="give the readings once"):
         sarcal.poses_of()
+
+
+def test_intervals_are_those_of_the_json_object(result: sarcal.Result) -> None:
+    listed = result.to_json()["interval_95"]
+    assert set(result.intervals_95) == set(result.values)
+    low, high = result.intervals_95["theta_off_3_deg"]
+    assert [low, high] == pytest.approx(listed["theta_off_3"])
+    assert low < result.values["theta_off_3_deg"] < high
+    assert result.intervals_95["s_1_mm"] == pytest.approx([1e3 * v for v in listed["s_1"]])
+
+
+def test_an_arms_own_fk_is_where_pinocchio_has_its_flange() -> None:
+    arm = sarcal.load_arm("franka_panda")
+    q = np.random.default_rng(1).uniform(arm.lower_rad, arm.upper_rad, (20, 7))
+    offsets, *others = load_arm("franka_panda").table.stacked()
+    chain = PinocchioChain(7)
+    for angles, T in zip(q, arm.fk(q), strict=True):
+        turns, origins = chain.frames(angles + offsets, *others)
+        np.testing.assert_allclose(T[:3, :3], turns[-1], atol=1e-9)
+        np.testing.assert_allclose(T[:3, 3], origins[-1], atol=1e-9)
+    with pytest.raises(ValueError, match="np.deg2rad"):
+        arm.fk(np.rad2deg(q))

@@ -298,5 +298,5 @@ def test_an_arms_own_fk_is_where_pinocchio_has_its_flange() -> None:
         turns, origins = chain.frames(angles + offsets, *others)
         np.testing.assert_allclose(T[:3, :3], turns[-1], atol=1e-9)
         np.testing.assert_allclose(T[:3, 3], origins[-1], atol=1e-9)
-    with pytest.raises(ValueError, match="np.deg2rad"):
+    with pytest.raises(ValueError, match=r"np\.deg2rad"):
         arm.fk(np.rad2deg(q))

@@ -106,7 +106,8 @@ def arm_history(
         if not found.solution.accepted:
             left_out.append((name, "not accepted"))
             continue
-        mounting += not kept_mounted or state.placement > 1
+        several = len({pose.placement for pose in state.used_poses}) > 1
+        mounting += several or not kept_mounted
         procedure = carried_procedure(resume(str(entry.folder), Choices(), root=root))
         solved = datetime.fromisoformat(state.solved_utc)
         calibrations.append(

@@ -43,12 +43,14 @@ ASCII = str.maketrans(
     {
         "│": "|", "─": "-", "├": "|", "┤": "|", "┼": "+", "└": "+", "╭": "+", "╮": "+",
         "╯": "+", "╰": "+", "━": "=", "▌": ">", "●": "o", "○": ".", "▲": "!", "■": "#",
-        "▶": ">", "✓": "+", "·": ".", "…": "~", "—": "-", "°": "d", "±": "~", "→": ">",
-        "⊕": "@", "◌": "o",
+        "▶": ">", "✓": "+", "·": ".", "…": "~", "—": "-", "°": "d", "→": ">",
+        "⊕": "@", "◌": "o", "✗": "x", "✕": "x", "\N{MINUS SIGN}": "-",
         "█": "#", "▁": "_", "▂": "_", "▃": "-", "▄": "-", "▅": "=", "▆": "=", "▇": "#",
     }
 )  # fmt: skip
 """One character for one, so that nothing moves. Braille is replaced where it is drawn."""
+PLUS_MINUS = "±", "+-"
+"""The one that takes two: it stands before a figure, and nothing behind it is aligned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +73,7 @@ class Look:
         text = harmless(text, keep="\n")
         if not self.ascii_only:
             return text
-        plain = text.translate(ASCII)
+        plain = text.replace(*PLUS_MINUS).translate(ASCII)
         return plain.encode("ascii", "replace").decode("ascii")
 
 

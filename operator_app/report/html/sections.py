@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from operator_app.calibration.acceptance import Verdict
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.html import figures
 from operator_app.report.html.elements import (
@@ -172,15 +173,17 @@ def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
 
 
 def _warnings(subject: Subject) -> Section | None:
-    """What the operator should know and do; None when there is nothing."""
-    glyph = element("span", "▲ ", class_="glyph", aria_hidden="true")
+    """What the operator should know and do; None when there is nothing. Notes where nothing has to be done."""
+    facts = subject.facts
+    notes = facts is not None and facts.verdict == Verdict.ACCEPTED.words
+    glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")
     items = [element("li", glyph, prose(sentence(n.text))) for n in subject.notices]
     if not items:
         return None
     return Section(
         ident="warnings",
-        title=plural(len(items), "warning"),
-        content=(element("ul", *items, class_="warnings"),),
+        title=plural(len(items), "note" if notes else "warning"),
+        content=(element("ul", *items, class_="warnings notes" if notes else "warnings"),),
     )
 
 

@@ -109,7 +109,9 @@ nav ul{{list-style:none;display:flex;flex-wrap:wrap;gap:2px 16px;padding:0;max-w
 ul.warnings{{list-style:none;padding:0;max-width:none;display:grid;gap:0 34px;
  grid-template-columns:repeat(auto-fit,minmax(min(100%,480px),1fr))}}
 ul.warnings li{{border-left:3px solid var(--warn);padding:2px 0 2px 12px;margin:8px 0}}
-ul.warnings .glyph,.warn{{color:var(--warn)}}
+ul.warnings.notes li{{border-color:var(--rule)}}
+ul.warnings.notes .glyph{{color:var(--muted)}}
+ul.warnings:not(.notes) .glyph,.warn{{color:var(--warn)}}
 .scroll{{overflow-x:auto;margin:10px 0;
  background:linear-gradient(to right,var(--page) 35%,transparent) left/44px 100% no-repeat local,
  linear-gradient(to left,var(--page) 35%,transparent) right/44px 100% no-repeat local,

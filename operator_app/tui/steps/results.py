@@ -74,10 +74,12 @@ class VerdictPanel(Lines):
         ]
         for reason in facts.reasons:
             rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
-        short = [f" ▲ {_in_short(notice.text)}" for notice in facts.notices]
-        whole = [row for text in short for row in wrapped(text, width, "warn", "   ")]
+        short = [f" {'·' if noted else '▲'} {_in_short(notice.text)}" for notice in facts.notices]
+        # Of what is accepted nothing has to be done: grey, as all that is normal.
+        role = "text" if noted else "warn"
+        whole = [row for text in short for row in wrapped(text, width, role, "   ")]
         if len(rows) + len(whole) > height:
-            whole = [line((text, "warn")) for text in short]
+            whole = [line((text, role)) for text in short]
         return [clip(row, width) for row in (*rows, *whole)]
 
 

@@ -171,3 +171,14 @@ def test_verdict_widest_sigma_and_the_tool_come_before_everything_else(subject: 
     assert "To halve it: " in head
     assert "hand-before" not in rest
     assert 'id="warnings"' in rest
+
+
+def test_what_needs_no_act_is_a_note_and_not_amber(subject: Subject) -> None:
+    assert subject.solution is not None
+    accepted = report_html(subject).decode()
+    assert subject.facts is not None
+    assert subject.facts.verdict == "accepted"
+    assert 'class="warnings notes"' in accepted
+    assert " warning<" not in accepted
+    refused = replace(subject, solution=replace(subject.solution, reasons=("too far off",)))
+    assert 'class="warnings"' in report_html(refused).decode()

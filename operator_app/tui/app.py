@@ -83,6 +83,7 @@ class SarcalApp(App[str]):
         self._screen_over = threading.Event()
         self._source_lock = threading.Lock()
         self._stopped_at_the_door: list[events.Key] = []
+        self._typed_early: list[events.Key] | None = []
         self._make_source = make_source
         self.source: Sessions
         self.main: MainScreen
@@ -160,6 +161,8 @@ class SarcalApp(App[str]):
         self.picture = runner.snapshot()
         self.face.follow(self.picture)
         self.main.show(self.picture)
+        if self._typed_early is not None:
+            self._press_early(self._typed_early)
 
     # -- keys --------------------------------------------------------------------------------------
 
@@ -179,6 +182,14 @@ class SarcalApp(App[str]):
         elif self._is_stop(event):
             self._stopped_at_the_door.append(event)
             runner.stop()
+
+    def _press_early(self, early: list[events.Key]) -> None:
+        """What was pressed while the program was loading counts, in its order, once there is a picture."""
+        self._typed_early = None
+        for event in early:
+            # A terminal that no program has set up yet makes a line feed of Enter.
+            typed = ("enter", "\r") if event.key == "ctrl+j" else (event.key, event.character)
+            self.post_message(events.Key(*typed))
 
     def _was_done_at_the_door(self, event: events.Key) -> bool:
         before = len(self._stopped_at_the_door)
@@ -203,9 +214,10 @@ class SarcalApp(App[str]):
 
     def _take(self, event: events.Key) -> bool:
         """Whether a key was dealt with here."""
-        if not self.loaded:
+        if self._typed_early is not None:
             if event.key in QUIT_KEYS:
                 self.leave("left")
+            self._typed_early.append(event)
             return True
         if self._was_done_at_the_door(event):
             self.main.refuse("")

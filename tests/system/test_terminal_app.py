@@ -126,6 +126,13 @@ def test_connect_to_export_killed_in_mid_capture_and_resumed(terminal, tmp_path,
 
 
 @pytest.mark.campaign
+def test_enter_pressed_before_there_is_a_screen_connects(terminal) -> None:
+    t = terminal()
+    t.keys("Enter")
+    t.until("Enter Fixture")
+
+
+@pytest.mark.campaign
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_in_mid_capture_ends_it_in_order(terminal, tmp_path, number):
     t = terminal()

@@ -107,6 +107,12 @@ def find_dwells(
     return tuple(sorted(dwells, key=lambda d: d.start_s)), tuple(refused)
 
 
+def quietest_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
+    """Return the spread of the quietest window of this length; infinite where the recording is shorter."""
+    last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
+    return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
+
+
 def _moving(start_s: float, seconds: float, moved_rad: FloatArray) -> RefusedDwell:
     joint = int(np.argmax(moved_rad))
     moved = float(moved_rad[joint])

@@ -225,7 +225,13 @@ def _recorded(
     """Return the poses of a recording, one per dwell, and what is said of it."""
     import numpy as np
 
-    from operator_app.calibration.dwells import DWELL_S, SPREAD_RAD, find_dwells, poses_of
+    from operator_app.calibration.dwells import (
+        DWELL_S,
+        SPREAD_RAD,
+        find_dwells,
+        poses_of,
+        quietest_rad,
+    )
     from operator_app.config.recording import load_timed_log, utc_text
     from operator_app.config.ros_bag import is_bag, load_bag
     from operator_app.report.results.recording import recording_json, recording_text
@@ -259,8 +265,11 @@ def _recorded(
     text = recording_text(recording, dwells, refused, dwell_s=dwell_s, spread_deg=spread_deg)
     say(text, err=True)
     if not dwells:
+        quietest_deg = np.rad2deg(quietest_rad(recording.time_s, recording.q_rad, dwell_s))
+        found = f" (its quietest {dwell_s:g} s spread by {quietest_deg:.3g} deg)"
         raise UsageError(
-            f"{file}: the arm is nowhere at rest for {dwell_s:g} s within {spread_deg:g} deg; give another "
-            "--dwell-s or --spread-deg, or record an arm that stops at its poses"
+            f"{file}: the arm is nowhere at rest for {dwell_s:g} s within {spread_deg:g} deg"
+            f"{found if np.isfinite(quietest_deg) else ''}; give another --dwell-s or --spread-deg, or "
+            "record an arm that stops at its poses"
         )
     return poses_of(dwells, utc_text), recording_json(recording, dwells, refused)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from operator_app.calibration.dwells import LEAST_SAMPLES, find_dwells
+from operator_app.calibration.dwells import LEAST_SAMPLES, find_dwells, quietest_rad
 from tests.oracles.panda import panda_readings
 from tests.oracles.recordings import recorded_arm
 
@@ -64,3 +64,9 @@ def test_a_lost_minute_is_not_a_minute_at_rest() -> None:
     assert not found
     assert [r.joint for r in refused] == [0]
     assert find_dwells(time_s[: LEAST_SAMPLES - 1], q[: LEAST_SAMPLES - 1]) == ((), ())
+
+
+def test_how_quiet_a_noisy_recording_is() -> None:
+    time_s, q = stretches((1, 20), (2, 0.1), (1, 20))
+    assert np.rad2deg(quietest_rad(time_s, q, 1.0)) == pytest.approx(0.1, rel=0.02)
+    assert quietest_rad(time_s, q, 5.0) == np.inf

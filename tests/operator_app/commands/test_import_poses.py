@@ -247,7 +247,11 @@ def test_what_does_not_go_with_a_recording_is_refused(
         ([bag, "--rad"], "a bag has times and is in radians"),
         ([bag, "--placement", "q1"], "--placement is of logs"),
         ([bag, "--dwell-s", "0"], "--dwell-s 0: seconds"),
-        ([bag, "--dwell-s", "3"], "nowhere at rest for 3 s within 0.05 deg"),
+        (
+            [bag, "--dwell-s", "3"],
+            "nowhere at rest for 3 s within 0.05 deg (its quietest 3 s spread",
+        ),
+        ([bag, "--dwell-s", "300"], "nowhere at rest for 300 s within 0.05 deg; give another"),
         ([bag, "--spread-deg", "9"], "--spread-deg 9: degrees"),
         ([str(log), "--dwell-s", "1"], "name the column of times of a log with --time"),
         ([str(log), "--time", "time"], "say --rad, or --deg"),

@@ -113,6 +113,7 @@ def _results(s: SessionSnapshot) -> list[str]:
     return [
         f"{facts.verdict.capitalize()}.",
         *(f"{h.text.capitalize()}." for h in facts.headlines),
+        *(f"The truth: {t.note}" for t in facts.tables if t.ident == "truth"),
         *(f"Reason: {reason}." for reason in facts.reasons),
         *(f"Warning: {n.text}." for n in facts.notices),
     ]

@@ -6,7 +6,7 @@ Every function runs on the worker's thread and may block. Knows no thread and no
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,14 @@ from solver.design.drive_joints import RankedDrives, rank_at_pose
 WIGGLE_RAD = float(np.deg2rad(2.0))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Edit:
+    """A pose before it was edited, and how many there were then: a capture since comes first in an undo."""
+
+    before: CapturedPose
+    captured: int
+
+
 class Operations:
     """The work of the seven steps.
 
@@ -51,6 +59,7 @@ class Operations:
         session.cancelled = publisher.cancelled
         session.told = lambda text: publisher.say(Level.INFO, text)
         self._appraisal = Appraisal(session)
+        self._edits: list[_Edit] = []
         self.results = Results(session, publisher, self._listener, self.refresh)
 
     # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
@@ -213,14 +222,21 @@ class Operations:
             )
 
     def undo(self) -> None:
-        """Take back the last pose."""
+        """Take back what was done last: an exclusion, a note, else the last pose."""
+        if self._edits and self._edits[-1].captured == self._session.state.captured:
+            pose = self._edits.pop().before
+            self._as_before(pose)
+            self.refresh()
+            self._publisher.say(Level.INFO, f"the last change of pose {pose.number} taken back")
+            return
+        self._edits.clear()
         pose = self._session.undo()
         self.refresh()
         self._publisher.say(Level.INFO, f"pose {pose.number} taken back")
 
     def exclude(self, number: int) -> None:
         """Exclude a pose, or let it count again."""
-        pose = next((p for p in self._session.state.poses if p.number == number), None)
+        pose = self._edited(number)
         if pose is not None and pose.excluded:
             self._session.include(number)
             self._publisher.say(Level.INFO, f"pose {number} counts again")
@@ -231,8 +247,26 @@ class Operations:
 
     def note(self, number: int, text: str) -> None:
         """Attach a note."""
+        self._edited(number)
         self._session.note(number, text)
         self.refresh()
+
+    def _edited(self, number: int) -> CapturedPose | None:
+        """Remember what a pose is like before it is edited."""
+        state = self._session.state
+        pose = next((p for p in state.poses if p.number == number), None)
+        if pose is not None:
+            self._edits.append(_Edit(before=pose, captured=state.captured))
+        return pose
+
+    def _as_before(self, pose: CapturedPose) -> None:
+        now = next((p for p in self._session.state.poses if p.number == pose.number), pose)
+        if now.note != pose.note:
+            self._session.note(pose.number, pose.note)
+        if now.excluded and not pose.excluded:
+            self._session.include(pose.number)
+        elif pose.excluded and not now.excluded:
+            self._session.exclude(pose.number, pose.excluded)
 
     # -- any time ----------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from textual.containers import Horizontal, Vertical
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.result import Solution
+from operator_app.report.facts import Facts
 from operator_app.report.plots.calibration_plots import misses, rvdt_deviations
 from operator_app.report.session_tables import joint_table
 from operator_app.report.spans import Line, clip, line, wrapped
@@ -69,6 +70,7 @@ class VerdictPanel(Lines):
         rows = [
             line((f" {glyph} {facts.verdict.upper()}{tail}", role)),
             *_hand(s.solution, width),
+            *_truth(facts, width),
             headline_spans(sigmas, width),
             headline_spans(others, width),
         ]
@@ -96,6 +98,12 @@ def _hand(found: Solution, width: int) -> list[Line]:
         said += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as held"
     more = ", rms over the ranges of all joints"
     return [line((said, "bold"), (more if len(said + more) <= width else "", "text"))]
+
+
+def _truth(facts: Facts, width: int) -> list[Line]:
+    """How far a simulated arm's calibration is from the truth; nothing of a real arm."""
+    table = facts.table("truth")
+    return [] if table is None else list(wrapped(f"   truth: {table.note}", width, "text", "   "))
 
 
 def _in_short(notice: str) -> str:

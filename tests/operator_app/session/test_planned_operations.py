@@ -77,6 +77,16 @@ def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -
     assert len(traced) >= 2
     assert np.abs(traced[-1][-1] - used[-1].mean_rad).max() < np.deg2rad(1.0)
 
+    # What was done last is taken back, an edit of a pose before the pose itself.
+    first, last = used[0].number, used[-1].number
+    work.note(first, "seen")
+    work.exclude(first)
+    work.undo()
+    assert (session.state.poses[0].excluded, session.state.poses[0].note) == ("", "seen")
+    work.undo()
+    assert session.state.poses[0].note == ""
+    assert session.state.poses[-1].number == last
+
     # A pose taken back is wanted again.
     work.undo()
     assert wanted_poses(session) == len(used)

@@ -118,6 +118,8 @@ def test_a_burst_arrives_whole_and_in_order(opener: Opener) -> None:
     assert numbers == list(range(count))
 
 
+@pytest.mark.campaign
+@pytest.mark.real_time
 def test_timestamps_are_times_of_arrival_however_late_the_reader(opener: Opener) -> None:
     ours, theirs = opener(), opener()
     before = time.time()

@@ -73,11 +73,12 @@ def apply_modes(t: Terminal) -> None:
     t.until("Enter Automatic")
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "size",
     [
         pytest.param((120, 36), id="120x36"),
-        pytest.param((80, 24), id="80x24", marks=pytest.mark.campaign),
+        pytest.param((80, 24), id="80x24"),
     ],
 )
 def test_connect_to_export_killed_in_mid_capture_and_resumed(terminal, tmp_path, size):

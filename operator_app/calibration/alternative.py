@@ -14,7 +14,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.causes import Words
 from operator_app.calibration.closed_loops import in_order, loop_of_poses
-from operator_app.calibration.error_model import error_model, noise_model, soften
+from operator_app.calibration.error_model import error_model, noise_model, soften, stated_priors
 from operator_app.calibration.local_minima import far_from_nominal
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -22,6 +22,7 @@ from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.errors import SolverError
 from solver.estimators.implicit import ImplicitFit, fit_implicit
+from solver.estimators.layout import Layout
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.mixed_fit import fit_mixed
 from solver.estimators.paper import ClosureProblem
@@ -116,15 +117,16 @@ def solved(arm: ArmModel, rival: Rival) -> tuple[float, int]:
         hard = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
         model, tolerance = soften(hard, arm)
         errors = error_model(
-            arm, rival.fixture, rival.poses, kept, unsensed_joints=unsensed, tolerance=tolerance
-        )
+            arm, rival.fixture, rival.poses, kept, unsensed_joints=unsensed, tolerance=tolerance,
+            prior=stated_priors(hard, arm, rival.fixture),
+        )  # fmt: skip
         fit = fit_mixed(
             model,
             rival.poses.q_rad,
             errors,
             in_order(model, hard, x),
             group=rival.poses.placement,
-            estimate=False,
+            variances=Layout.stated_variances,
         ).fit
         return fit.chi2 / max(fit.dof, 1), fit.dof
 

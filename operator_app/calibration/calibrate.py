@@ -12,9 +12,16 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.alternatives import named_rivals
+from operator_app.calibration.calibrated_arm import with_best_table
 from operator_app.calibration.closed_loops import in_order, loop_of_poses, pick
 from operator_app.calibration.diagnosis import PriorInformation, weigh
-from operator_app.calibration.error_model import error_model, first_of_each, soften
+from operator_app.calibration.distances import distances
+from operator_app.calibration.error_model import (
+    error_model,
+    first_of_each,
+    soften,
+    stated_priors,
+)
 from operator_app.calibration.failure_analysis import (
     do_not_fit,
     saturated_readings,
@@ -52,12 +59,17 @@ from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.estimate import require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress
+from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import Calibrated, VarianceComponents
+from solver.posterior.scales import learned_scales, shares_of_poses
 
 ESTIMATORS = ("implicit", "paper")
 
 JUDGED = 2000
 """Poses, evenly among all, that tests and the verdict on RVDTs look at: more tell them nothing."""
+
+LEAST_SHARE = 0.5
+"""Of what is known of a parameter the poses bring at least this share, or it is the files that tell it."""
 
 OUTLIER_LEVEL = 0.01
 """Chance of naming any pose of a pose set in which all are sound."""
@@ -114,12 +126,15 @@ def calibrate(
         model, arm, poses, sensed=not unsensed_joints, search=search, drop=drop, progress=progress
     )
     hard, q, paper, found = loops.model, loops.q, loops.paper, loops.search
+    alone = loops.alone
+    if estimator == "paper":
+        hard = alone
     kept, flipped, blind = loops.kept, loops.flipped, loops.blind
     sigma, held = arm.sigma_rad(), loops.blind if drop else ()
 
     def require(seen: Identifiability) -> Identifiability:
         try:
-            require_identifiable(seen, hard, len(q))
+            require_identifiable(seen, hard, len(q), known=by_arm)
         except UnidentifiableError as error:
             used = pick(poses, np.flatnonzero(kept))
             raise why_blind(
@@ -133,9 +148,11 @@ def calibrate(
             ) from error
         return seen
 
-    # Before anything is weighted: an estimate along a blind direction is worth nothing.
+    prior = stated_priors(hard, arm, fixture) if estimator == "implicit" else {}
+    by_arm = set(prior) - {*hard.ground_side, *hard.hand_side}
+    # Before anything is weighted: along a direction that neither poses nor files tell no estimate is worth anything.
     if paper is not None and (estimator == "paper" or not plainly_seen(paper, q)):
-        seen = require(identifiability(hard, paper.x, q, sigma_rad=sigma))
+        seen = require(identifiability(alone, paper.x, q, sigma_rad=sigma))
     x0 = loops.x0 if paper is None else paper.x
     # The paper's estimate is judged by what weighing every reading by its noise gives beside it.
     model, tolerance = soften(hard, arm, length_tolerance_m=length_tolerance_m, held=held)
@@ -143,15 +160,25 @@ def calibrate(
     distinct, which = first_of_each(poses, kept)
     found_there = np.searchsorted(there, distinct)
     errors = error_model(
-        arm, fixture, poses, distinct, unsensed_joints=unsensed_joints, tolerance=tolerance
+        arm,
+        fixture,
+        poses,
+        distinct,
+        unsensed_joints=unsensed_joints,
+        tolerance=tolerance,
+        prior=prior,
     )
 
     def starts() -> Iterator[FloatArray | None]:
-        yield None if x0 is None else in_order(model, hard, x0)
+        if by_arm and not search and not unsensed_joints:
+            # Within what the files state of the arm, from where the fixture then stands.
+            fixture_only = hard.without(by_arm)
+            yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)
+        yield None if x0 is None else in_order(model, alone, x0)
         yield nominal_vector(model.parameters)
         if not unsensed_joints:
             few = evenly(len(q), FEW)
-            yield in_order(model, hard, best_about_nominal(hard.at_poses(few), q[few]))
+            yield in_order(model, alone, best_about_nominal(alone.at_poses(few), q[few]))
 
     try:
         whole = fitted(
@@ -169,7 +196,7 @@ def calibrate(
             pick(poses, distinct),
             unsensed=unsensed_joints,
             scale=np.inf,
-            dof=len(distinct) * hard.equations_per_pose - len(hard.parameters),
+            dof=len(distinct) * hard.equations_per_pose - len(alone.parameters),
         )
         raise do_not_fit(rivals) from error
     components: VarianceComponents | None
@@ -179,7 +206,7 @@ def calibrate(
     judged, some = whole.few(JUDGED)
     closes = gross_misfit(whole) < GROSS
     same = alike(model, whole.estimate) if closes else ()
-    unknowns = tuple(p.name for p in hard.parameters)
+    unknowns, seeable = (tuple(p.name for p in m.parameters) for m in (hard, alone))
     outliers = _outliers(whole, distinct)
     judged_paper = paper if estimator == "paper" else None
     implicit = None
@@ -189,11 +216,10 @@ def calibrate(
     else:
         # Where there was a first estimate the fit ended at loops that close.
         seen = require(
-            seen_by_fit(judged.linear, unknowns, taken=judged.order)
+            seen_by_fit(judged.linear, seeable, taken=judged.order)
             if paper is not None
-            else identifiability(hard, in_order(hard, model, estimate.x), q, sigma_rad=sigma)
+            else identifiability(alone, in_order(alone, model, estimate.x), q, sigma_rad=sigma)
         )
-    x = in_order(hard, model, estimate.x)
     checks = placement_checks(fixture, arm, model, estimate.x)
     rvdt = (
         judge_rvdts(
@@ -209,6 +235,8 @@ def calibrate(
         if closes
         else ()
     )
+    shares = {} if judged_paper is not None else shares_of_poses(whole.linear)
+    by_files = tuple(n for n in unknowns if shares.get(n, 1.0) < LEAST_SHARE)
     known = PriorInformation(
         out_of_range=out_of_range,
         flipped=flipped,
@@ -218,6 +246,7 @@ def calibrate(
         returned=repeats_of(
             rereads, arm, model, estimate.x, tuple(poses.label[k] for k in there), fixture.give
         ),
+        by_files=by_files,
     )
     judgement = weigh(
         judged,
@@ -249,10 +278,15 @@ def calibrate(
         hand=tip_sigma(model, estimate, q),
         implicit=implicit,
         length_tolerance_m=length_tolerance_m,
-        condition_at_readings=condition_at_readings(hard, x, q),
+        scales=() if judged_paper is not None else learned_scales(whole.linear, whole.found),
+        shares=shares,
+        distances=distances(model, estimate, poses.placements),
+        condition_at_readings=condition_at_readings(alone, in_order(alone, model, estimate.x), q),
         warnings=(),
         reasons=(),
     )
+    if judged_paper is None and not unsensed_joints:
+        solution = with_best_table(solution, arm, whole, q)
     return with_notices(
         solution,
         arm,
@@ -262,7 +296,7 @@ def calibrate(
         judged=judged,
         known=known,
         same=same,
-        as_stated=() if drop else blind,
+        as_stated=by_files if judged_paper is None else () if drop else blind,
         judgement=judgement,
         limits=limits,
     )

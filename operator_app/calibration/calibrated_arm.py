@@ -11,15 +11,20 @@ from typing import Literal
 
 import numpy as np
 
+from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy, spread_along, spread_of
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward
 from solver.chain.parameters import DhEntry, is_entry, nominal_vector
+from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import TIP, PointClosure
+from solver.posterior.best_table import BestTable, best_table, even_steps, where_used
+from solver.posterior.corrections import Corrections, corrections_of
+from solver.posterior.joint_corrections import JointCorrections
 
 Frame = Literal["tip", "flange"]
 
@@ -43,29 +48,51 @@ class CalibratedArm:
         axis is the z axis of that frame, and for a rigid attachment.
     identified
         Entries of `flange` that were calibrated.
+    best, corrections
+        The table that has the tool best where no corrections are applied, and these; None where there are none.
     """
 
     flange: DhTable
     hand: DhTable
     tip_m: FloatArray
     identified: tuple[str, ...]
-    _free: tuple[str, ...]
+    free: tuple[str, ...]
     _covariance: FloatArray
+    best: BestTable | None = None
+    corrections: Corrections | None = None
+
+    def table(self, frame: Frame = "flange") -> DhTable:
+        """Links 1..n that are to be used without corrections: to frame n of the arm's own table, or to the tip's."""
+        if self.best is None:
+            return self.flange if frame == "flange" else self.hand
+        if frame == "tip":
+            return self.best.table
+        rows, own = self.best.rows.copy(), self.flange.stacked()
+        # What the fixture says of the last link is not the arm's.
+        held = own[:, -1] != self.hand.stacked()[:, -1]
+        rows[held, -1] = own[held, -1]
+        return DhTable.from_stacked(rows)
 
     @property
     def entries(self) -> tuple[str, ...]:
         """Entries of `hand` that were calibrated."""
-        return tuple(name for name in self._free if name not in TIP_NAMES)
+        return tuple(name for name in self.free if name not in TIP_NAMES)
 
-    def T_base(self, q_rad: FloatArray, frame: Frame = "tip") -> FloatArray:
+    def T_base(
+        self, q_rad: FloatArray, frame: Frame = "tip", *, corrected: bool = False
+    ) -> FloatArray:
         """Place of the tip, or of frame n, in the base frame at readings (..., n): (..., 4, 4), m.
 
-        The tip is turned as the last frame is.
+        By the best table; or, `corrected`, by the identified one with corrections of the readings. The tip is
+        turned as the last frame is.
         """
-        if frame == "flange":
-            return T_base_flange(self.flange, q_rad)
-        T = T_base_flange(self.hand, q_rad)
-        T[..., :3, 3] += (T[..., :3, :3] @ self.tip_m[:, None])[..., 0]
+        table, tip_m = self.table(frame), self.tip_m if self.best is None else self.best.tip_m
+        if corrected:
+            table, tip_m = (self.hand if frame == "tip" else self.flange), self.tip_m
+            q_rad = q_rad if self.corrections is None else q_rad + self.corrections.at(q_rad)
+        T = T_base_flange(table, q_rad)
+        if frame == "tip":
+            T[..., :3, 3] += (T[..., :3, :3] @ tip_m[:, None])[..., 0]
         return T
 
     def tip_sigma_m(self, q_rad: FloatArray) -> FloatArray:
@@ -75,12 +102,15 @@ class CalibratedArm:
     def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tip in the base frame (m, 3), and the standard deviation of its distance from there (m,), m.
 
-        ``sqrt(trace(J C J'))``, J = dp/dx of the parameters that are not the ground's, C their covariance.
+        ``sqrt(trace(J C J'))``, J = dp/dx of the parameters that are not the ground's, C their covariance; with
+        what no table holds of the corrections.
         """
-        own = tuple(name for name in self._free if name in TIP_NAMES)
+        if self.best is not None:
+            return self.best.tool(q_rad)
+        own = tuple(name for name in self.free if name in TIP_NAMES)
         point = PointClosure(
             table=self.hand,
-            entries=tuple(DhEntry.parse(name) for name in self._free if name not in TIP_NAMES),
+            entries=tuple(DhEntry.parse(name) for name in self.free if name not in TIP_NAMES),
             tip_m=self.tip_m,
             ground_m=np.zeros(3),
             own=own,
@@ -88,7 +118,7 @@ class CalibratedArm:
         order = [p.name for p in point.parameters]
         # From a socket at the base's origin.
         tip = point.loop(nominal_vector(point.parameters), q_rad, np.zeros((*q_rad.shape[:-1], 0)))
-        rates = tip.jac_x[..., [order.index(name) for name in self._free]]
+        rates = tip.jac_x[..., [order.index(name) for name in self.free]]
         return tip.residual, np.sqrt(spread_along(rates, self._covariance))
 
 
@@ -99,6 +129,9 @@ def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
     T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = frames.R_end, frames.p_end, 1.0
     return T
 
+
+MOST_POSES = 100
+"""Poses of a session, evenly among all, at which a best table is looked for."""
 
 EVERYWHERE = 300
 """Poses over the joints' ranges: their rms is known to some 4 %."""
@@ -129,16 +162,8 @@ def hand_accuracy(errors: HandErrors) -> HandAccuracy:
 
 
 def even_poses(arm: ArmModel) -> FloatArray:
-    """Readings (m, n), rad, evenly over the ranges of all joints.
-
-    They follow an additive recurrence (Roberts' R_n: steps of powers of the root of
-    ``g^(n+1) = g + 1``), as even as random ones of many times their number; no machine's own sequence.
-    """
-    n, g = arm.joint_count, 2.0
-    for _ in range(60):
-        g = (1.0 + g) ** (1.0 / (n + 1))
-    steps = g ** -np.arange(1.0, n + 1)
-    even = (0.5 + np.arange(1, EVERYWHERE + 1)[:, None] * steps) % 1.0
+    """Readings (m, n), rad, evenly over the ranges of all joints."""
+    even = even_steps(EVERYWHERE, arm.joint_count)
     return np.asarray(arm.lower_rad + even * (arm.upper_rad - arm.lower_rad))
 
 
@@ -150,6 +175,7 @@ def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
     believed = replace(
         found,
         hand=with_entries(found.hand, {e.name: float(nominal[e.kind, e.row - 1]) for e in entries}),
+        best=None,
     )
     tip, sigma = found.tip_with_sigma_m(q)
     return HandErrors(
@@ -189,9 +215,38 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
         hand=with_entries(held, {n: x[given[n]] for n in entries}),
         tip_m=tip,
         identified=tuple(own),
-        _free=tuple(free),
+        free=tuple(free),
         _covariance=estimate.covariance[np.ix_(rows, rows)],
+        best=solution.best,
+        corrections=solution.corrections,
     )
+
+
+def with_best_table(
+    solution: Solution, arm: ArmModel, found: Calibrated, q: FloatArray
+) -> Solution:
+    """Add the best table over readings q (m, n), rad, and the corrections, by the fit of the same poses."""
+    own = calibrated_arm(solution, arm)
+    part, columns, _ = solution.model.parts()[0]
+    plain = [p.name for p in part.parameters]
+    here = np.arange(len(solution.estimate.x))[columns]
+    index = here[[plain.index(name) for name in own.free]]
+    joints = JointCorrections.of(found.linear)
+    some = q[evenly(len(q), MOST_POSES)]
+    used, weight = where_used(some, arm.lower_rad, arm.upper_rad)
+    there = joints.at(used)
+    best = best_table(
+        own.hand,
+        own.tip_m,
+        joints,
+        there,
+        weight,
+        known=own.free,
+        covariance=joints.with_parameters(index),
+        hayati=arm.hayati_rows,
+        tip=bool(TIP_NAMES & set(plain)),
+    )
+    return replace(solution, best=best, corrections=corrections_of(joints, there.first(len(some))))
 
 
 def _hand_rows(part: ClosureModel, nominal: DhTable, flange: DhTable) -> DhTable:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.error_model import error_model, noise_model, soften
+from operator_app.calibration.error_model import error_model, noise_model, soften, stated_priors
 from operator_app.calibration.instrument_registration import as_calibrated
 from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray, IntArray
@@ -58,7 +58,13 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
         if name in solution.tolerated
     }
     errors = error_model(
-        arm, fixture, poses, kept, unsensed_joints=model.unsensed_joints, tolerance=tolerance
+        arm,
+        fixture,
+        poses,
+        kept,
+        unsensed_joints=model.unsensed_joints,
+        tolerance=tolerance,
+        prior=stated_priors(model.without(solution.tolerated), arm, fixture),
     )
 
     def estimated(rest: IntArray) -> Calibrated:

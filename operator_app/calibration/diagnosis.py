@@ -71,6 +71,8 @@ class PriorInformation:
         What the loops say of each RVDT.
     returned
         Poses that were read again, and what that says.
+    by_files
+        Parameters of which the poses brought less than half of what is known.
     """
 
     out_of_range: tuple[RangeFinding, ...] = ()
@@ -79,6 +81,7 @@ class PriorInformation:
     search: GlobalStart | None = None
     rvdt: tuple[RvdtVerdict, ...] = ()
     returned: tuple[tuple[Reread, Repeat], ...] = ()
+    by_files: tuple[str, ...] = ()
 
 
 def weigh(
@@ -163,8 +166,9 @@ def weigh(
     if paper is not None:
         test, of_paper = paper_test(paper, found.estimate)
         tests = (*tests, test)
+    # What files tell of a parameter is no fault of the poses, nor what follows from it of others.
     of_fit = of_the_fit(
-        judging,
+        judging.given(known.by_files),
         judged,
         known_beforehand(model.parameters, arm, fixture),
         partial(remedy_beside_poses, found),
@@ -172,7 +176,7 @@ def weigh(
     if lost or astray:
         # Said already as it is at the nominal values; where the solution is astray its sigmas tell of no pose.
         of_fit = tuple(cause for cause in of_fit if cause.code != "LITTLE_MOTION")
-    if any(cause.refuses for cause in of_fit):
+    if far or any(cause.refuses for cause in of_fit):
         of_fit = (*named_hinge(arm, fixture, used, unsensed=unsensed), *of_fit)
     first = (
         *_beforehand(arm, poses, known),

@@ -16,10 +16,11 @@ from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import instrument_variance, loop_of_poses, pick
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
+from solver.chain.parameters import DhEntry, DhKind, Parameter, is_entry, nominal_vector
 from solver.chain.pose_order import back_to_caller, canonical_order
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
+from solver.chain.statics import unstated_masses
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.load_effects import LoadBasis, load_basis
@@ -37,8 +38,9 @@ def error_model(
     *,
     unsensed_joints: tuple[int, ...] = (),
     tolerance: Mapping[str, float] | None = None,
+    prior: Mapping[str, float] | None = None,
 ) -> ErrorModel:
-    """Return what the files state of the kept poses; `tolerance` is that of `soften`."""
+    """Return what the files state of the kept poses; `tolerance` is that of `soften`, `prior` of `stated_priors`."""
     errors = stated_errors(
         arm,
         samples=samples_of(poses)[kept],
@@ -54,6 +56,7 @@ def error_model(
         give_rad=fixture.give.orientation_rad if held else None,
         give_m=fixture.give.position_m if held else None,
         tolerance={} if tolerance is None else tolerance,
+        prior={} if prior is None else prior,
         discrepancy=True,
         loads=_loads(arm, fixture, poses, there, unsensed_joints),
         approach=approach_of(arm, poses, there),
@@ -63,13 +66,15 @@ def error_model(
 def _loads(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, there: IntArray, unsensed: tuple[int, ...]
 ) -> LoadBasis | None:
-    """What gravity bends at the poses `there`, if the arm's file states what weighs.
+    """What gravity bends at the poses `there`; the fixture only if the arm's file states what weighs.
 
     At the nominal values and in canonical order: neither a search's start nor the file's order may
     show in the result, not in its last digit.
     """
-    if arm.masses is None or not len(there):
+    if not len(there):
         return None
+    masses = arm.masses or unstated_masses(arm.joint_count)
+    pulled = arm.masses is not None and fixture.kind != "measured"
     order = canonical_order(poses.q_rad[there])
     used = pick(poses, there[order])
     model = loop_of_poses(arm, fixture, used, unsensed_joints=unsensed)
@@ -79,8 +84,8 @@ def _loads(
         x,
         used.q_rad,
         unsensed_at_readings(model, x, used.q_rad),
-        arm.masses,
-        give=(give.orientation_rad, give.position_m) if fixture.kind != "measured" else (0.0, 0.0),
+        masses,
+        give=(give.orientation_rad, give.position_m) if pulled else (0.0, 0.0),
     ).at_poses(back_to_caller(order))
 
 
@@ -201,6 +206,43 @@ def soften(
         free |= {"s_1", f"a_{n}", f"s_{n}", f"alpha_{n}"}
     chosen = {e: sd for e, sd in found.items() if sd > 0.0 and e.name not in free}
     return model.freed(tuple(chosen)), {e.name: sd for e, sd in chosen.items()}
+
+
+def stated_priors(model: ClosureModel, arm: ArmModel, fixture: Fixture) -> dict[str, float]:
+    """Return how well files state the unknowns of a loop: standard deviations (rad, m) by name.
+
+    The arm's offsets and the entries it frees within their tolerances, the fixture's within that of its
+    placement. Offsets of an arm whose file does not state `offset_tolerance_deg` have none, and neither have
+    placements of a fixture beside the first: its file can describe one.
+    """
+    placed, offset = fixture.tolerance, arm.offset_tolerance_rad
+    sides = {*model.ground_side, *model.hand_side}
+    first = {p.name for p in _named(model)}
+    found: dict[str, float] = {}
+    for p in model.parameters:
+        plain = p.name.partition("[")[0]
+        entry = DhEntry.parse(plain) if is_entry(plain) else None
+        of_fixture = (placed.orientation_rad if p.is_angle else placed.position_m) * (
+            p.name in sides
+        )
+        if p.name not in first and p.name in sides:
+            continue
+        if entry is not None and entry.kind is DhKind.THETA_OFF:
+            size = 0.0 if offset is None else float(np.hypot(offset, of_fixture))
+        elif p.name in sides or entry is None:
+            size = of_fixture
+        else:
+            row = entry.row - 1
+            size = float((arm.twist_tolerance_rad if p.is_angle else arm.length_tolerance_m)[row])
+        if size > 0.0:
+            found[p.name] = size
+    return found
+
+
+def _named(model: ClosureModel) -> list[Parameter]:
+    """Parameters, by their names in `model`, of the first of its placements."""
+    _, columns, _ = model.parts()[0]
+    return [model.parameters[k] for k in np.arange(len(model.parameters))[columns]]
 
 
 def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:

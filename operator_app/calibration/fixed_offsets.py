@@ -88,6 +88,7 @@ def _rate(
         there = replace(
             found,
             hand=with_entries(found.hand, values),
+            best=None,
             tip_m=found.tip_m + step * np.array(tip),
         )
         places.append(there.T_base(q)[:, :3, 3])

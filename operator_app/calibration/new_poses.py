@@ -54,15 +54,20 @@ def judge_new(
             "--open-loop judges by them; without it, leave them out"
         )
     known, there = made_from.placements, new.placements
+    fixed, made = fixed_by(solution), MadeFrom(solution=solution, poses=made_from)
+    fixture = as_calibrated(fixture, solution.model)
+    if fixture.kind == "ball" and fixture.stays_on_hand:
+        # Where another socket stands is found from the new poses themselves.
+        return judge_poses(arm, fixture, new, fixed, calibrated=known, made=made)
     if len(there) > 1 and there != known:
         raise NoTestError(
             "new poses must be of one placement that was calibrated, or of all of them"
         )
     if len(known) > 1 and not set(there) <= set(known):
         raise NoTestError(f"the new poses are of placement {there[0]}, which was not calibrated")
-    fixed = fixed_by(solution, there[0] if len(there) == 1 else None)
-    made = MadeFrom(solution=solution, poses=made_from)
-    return judge_poses(arm, as_calibrated(fixture, solution.model), new, fixed, made=made)
+    if len(there) == 1:
+        fixed = fixed_by(solution, there[0])
+    return judge_poses(arm, fixture, new, fixed, made=made)
 
 
 def require_new(new: PoseSet, made_from: PoseSet, fixture: Fixture) -> None:

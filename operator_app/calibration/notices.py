@@ -5,7 +5,7 @@ Every sentence says what to do where there is something to do. Knows results; co
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import radians
 
@@ -19,6 +19,7 @@ from operator_app.units.figure import (
     CHI2,
     CLOSURE_LENGTH,
     CONDITION,
+    LENGTH_TOLERANCE,
     NOMINAL_OFFSET,
     ORI_LIMIT,
     POS_LIMIT,
@@ -172,18 +173,24 @@ def held_in_short(accuracy: HandAccuracy) -> str:
     return f". It holds only if {names} is held at what it is: see the warnings" if names else ""
 
 
-def as_stated_notices(blind: tuple[str, ...], arm: ArmModel) -> tuple[Notice, ...]:
-    """Say which offsets are known no better than before: these poses cannot see them."""
-    if not blind or arm.offset_tolerance_rad is None:
+def as_stated_notices(
+    by_files: tuple[str, ...], estimate: Estimate, shares: Mapping[str, float]
+) -> tuple[Notice, ...]:
+    """Say of which parameters the poses bring less than the files, and how well these tell them."""
+    said = []
+    for name in by_files:
+        share = f"{name}: {100.0 * shares.get(name, 0.0):.0f} % from these poses"
+        names = [p.name for p in estimate.parameters]
+        if name in names:
+            k = names.index(name)
+            kind = ANGLE_TOLERANCE if estimate.parameters[k].is_angle else LENGTH_TOLERANCE
+            size = kind(float(estimate.standard_deviation[k]))
+            share += f", sigma {size.with_unit}"
+        said.append(share)
+    if not said:
         return ()
-    size = ANGLE_TOLERANCE(arm.offset_tolerance_rad).with_unit
-    return (
-        Notice(
-            code="AS_STATED",
-            text=f"{', '.join(blind)} cannot be seen in these poses and "
-            f"{'is' if len(blind) == 1 else 'are'} what the arm's file states, within {size}",
-        ),
-    )
+    text = f"known by the files rather than by the poses: {'; '.join(said)}"
+    return (Notice(code="AS_STATED", text=text),)
 
 
 def rival_notices(found: GlobalStart | None) -> tuple[Notice, ...]:

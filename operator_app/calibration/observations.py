@@ -25,11 +25,13 @@ from solver.search.global_start import GlobalStart, global_start
 class SeenLoops(NamedTuple):
     """The loops that are fitted, with what is not seen taken out.
 
-    `q` (k, n) and `kept` (m,) are the poses on the main branch, `flipped` the others; `blind` is what was taken
-    out, `search` the global start, where one was asked for; `x0` and `paper` are first estimates, where there are.
+    `q` (k, n) and `kept` (m,) are the poses on the main branch, `flipped` the others; `blind` is what poses alone
+    leave open, and `alone` the loops without it; `search` is the global start, where one was asked for; `x0` and
+    `paper` are first estimates of `alone`, where there are.
     """
 
     model: ClosureModel
+    alone: ClosureModel
     q: FloatArray
     kept: BoolArray
     flipped: tuple[int, ...]
@@ -60,7 +62,7 @@ def seen_loops(
     model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
     require_enough_poses(model, len(q))
     x0 = None if found is None else found.x
-    model, blind = _without_blind(model, arm, x0, q, drop=drop)
+    whole, (model, blind) = model, _without_blind(model, arm, x0, q, drop=drop)
     if blind:
         require_enough_poses(model, len(q))
         if search:
@@ -71,7 +73,7 @@ def seen_loops(
     if sensed:
         made = branches.paper if x0 is None and not blind else None
         paper = made or estimate_paper(model, q, x0=x0)
-    return SeenLoops(model, q, kept, flipped, blind, found, x0, paper)
+    return SeenLoops(model if drop else whole, model, q, kept, flipped, blind, found, x0, paper)
 
 
 def _without_blind(

@@ -5,14 +5,20 @@ Knows calibrations, files' objects and pose sets; decides nothing, knows no scre
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import loop_of_poses, pick
-from operator_app.calibration.error_model import error_model, first_of_each, soften
+from operator_app.calibration.error_model import (
+    error_model,
+    first_of_each,
+    soften,
+    stated_priors,
+)
 from operator_app.calibration.result import Solution
 from operator_app.units.figure import SLIP_SIGMA
 from solver.arrays import FloatArray, IntArray
@@ -21,10 +27,12 @@ from solver.chain.parameters import DhEntry, is_entry
 from solver.chain.pose_order import canonical_order
 from solver.chain.poses import PoseSet
 from solver.diagnostics.prediction import NOT_KNOWN, CommonShift, Given, foretold
+from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import LeftOver
 from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate
+from solver.estimators.layout import Layout
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.linearisation import Linearisation
 from solver.estimators.mixed_fit import MixedFit, fit_mixed, gravity_share
@@ -69,10 +77,14 @@ class MadeFrom:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Foretold:
-    """What is left of new poses, in their order, and by what columns a shift would show in them."""
+    """What is left of new poses, in their order, and by what columns a shift would show in them.
+
+    `left` judges by what is stated at least; `chi2` predicts with the sizes of errors as the calibration learned them.
+    """
 
     left: LeftOver
     subjects: Mapping[str, FloatArray]
+    chi2: Chi2Test
 
 
 def foretell(
@@ -94,10 +106,11 @@ def foretell(
     later = np.arange(len(both)) >= len(old)
     model, x0, column = _model(arm, fixture, made, old, both, start)
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
-    stated = soften(
-        model.without(tuple(tolerated)), arm,
-        length_tolerance_m=solution.length_tolerance_m, held=solution.held,
-    )[1]  # fmt: skip
+    asked = model.without(tuple(tolerated))
+    stated = soften(asked, arm, length_tolerance_m=solution.length_tolerance_m, held=solution.held)[
+        1
+    ]
+    prior = stated_priors(asked, arm, fixture) if solution.estimate.estimator == "implicit" else {}
     errors = error_model(
         arm,
         fixture,
@@ -105,12 +118,19 @@ def foretell(
         np.arange(len(both)),
         unsensed_joints=solution.model.unsensed_joints,
         tolerance={name: sd for name, sd in stated.items() if name in tolerated},
+        prior={name: sd for name, sd in prior.items() if name not in start},
     )
+    learned = {} if solution.components is None else solution.components.variances
     try:
-        # Of where a socket stands that only new poses know the old ones say nothing.
-        found = fit_as_stated(model, both, errors, x0, old=len(both) if start else len(old))
+        found = fit_as_stated(
+            model, both, errors, x0,
+            # Of where a socket stands that only new poses know the old ones say nothing.
+            old=len(both) if start else len(old),
+            variances=partial(_at_least_stated, learned=learned),
+        )  # fmt: skip
         design, here = found.fit.design, found.fit.system
-        fit = LinearFit(design, here, design.stated_variances())
+        fit = LinearFit(design, here, _at_least_stated(design, learned=learned))
+        sharp = LinearFit(design, here, _as_learned(design, learned=learned))
     except (PosesDoNotFitError, np.linalg.LinAlgError):
         return None
     given = None
@@ -134,19 +154,57 @@ def foretell(
     ]
     if ground:
         subjects[FIXTURE] = system.A[..., ground]
-    return Foretold(left=replace(left, dof=max(left.dof - unknown, 1)), subjects=subjects)
+    dof = max(left.dof - unknown, 1)
+    return Foretold(
+        left=replace(left, dof=dof),
+        subjects=subjects,
+        chi2=chi2_test(foretold(sharp, later, given).chi2, dof),
+    )
+
+
+FROM_FILES = 0.1
+"""Share of a stated variance that stays where poses found less: of places where no pose was taken they know little."""
+
+
+def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
+    """Variances (K,) that new poses are predicted with: as a calibration's own poses told them.
+
+    Scales that were learned in one corner of the workspace say little of another: a share of what is stated stays
+    (method, section 10). Noise that was found larger than stated is no excuse for new poses.
+    """
+    v = design.stated_variances()
+    for k, c in enumerate(design.components):
+        found = learned.get(c.name)
+        if found is None or not c.scaled:
+            continue
+        if k in design.noise_components:
+            v[k] = min(max(found, FROM_FILES * v[k]), v[k])
+        else:
+            v[k] = max(found, found + FROM_FILES * (v[k] - found))
+    return v
+
+
+def _at_least_stated(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
+    """Variances (K,) that new poses are judged by: nothing counts for less than files state."""
+    return np.maximum(design.stated_variances(), _as_learned(design, learned=learned))
 
 
 def fit_as_stated(
-    model: ClosureModel, both: PoseSet, errors: ErrorModel, x0: FloatArray, *, old: int
+    model: ClosureModel,
+    both: PoseSet,
+    errors: ErrorModel,
+    x0: FloatArray,
+    *,
+    old: int,
+    variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
     """Linearise old poses, the first so many, and new ones; gravity's sign is as the old ones have it."""
-    found = fit_mixed(model, both.q_rad, errors, x0, estimate=False, group=both.placement)
+    found = fit_mixed(model, both.q_rad, errors, x0, variances=variances, group=both.placement)
     if found.fit.design.expected.any() and gravity_share(found.fit.at_poses(np.arange(old))) < 0.5:
         # The arm does not sag as gravity lets expect, by its calibration's own poses.
         found = fit_mixed(
             model, both.q_rad, replace(errors, signed=False), found.x,
-            estimate=False, group=both.placement,
+            variances=variances, group=both.placement,
         )  # fmt: skip
     return found
 

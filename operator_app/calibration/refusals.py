@@ -5,6 +5,8 @@ Knows arms, fixtures and loops; no estimator and no verdict.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.errors import FixtureError
 from operator_app.calibration.acceptance import FEW_DOF
@@ -26,22 +28,25 @@ class FixtureRefusedError(FixtureError):
         super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
 
 
-def require_identifiable(seen: Identifiability, model: ClosureModel, poses: int) -> None:
-    """Refuse what `model` cannot see of so many poses.
+def require_identifiable(
+    seen: Identifiability, model: ClosureModel, poses: int, *, known: Collection[str] = ()
+) -> None:
+    """Refuse what `model` cannot see of so many poses, unless it takes in what the arm's file states (`known`).
 
     Raises
     ------
     UnidentifiableError
         Some direction is blind.
     """
-    if seen.directions:
+    blind = tuple(d for d in seen.directions if not set(d.parameters) & set(known))
+    if blind:
         if poses * model.equations_per_pose - len(model.parameters) < FEW_DOF:
             raise UnidentifiableError(
-                seen.directions,
+                blind,
                 code="TOO_FEW_POSES",
                 note=f"{poses} poses are few: take at least 20",
             )
-        raise UnidentifiableError(seen.directions)
+        raise UnidentifiableError(blind)
 
 
 def refuse_placement(fixture: Fixture, arm: ArmModel, model: ClosureModel) -> None:

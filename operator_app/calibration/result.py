@@ -5,13 +5,14 @@ A `Solution` is journalled, reported, exported and verified from; `operator_app.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from operator_app.calibration.acceptance import Judgement, Verdict
 from operator_app.calibration.causes import NamedCause
+from operator_app.calibration.distances import Distance
 from operator_app.calibration.notices import Notice
 from operator_app.calibration.tool_accuracy import HandAccuracy, TipSigma, TrueErrors
 from solver.diagnostics.identifiability import Identifiability
@@ -20,6 +21,9 @@ from solver.estimators.estimate import Estimate
 from solver.estimators.goodness import ClosureSigmas
 from solver.estimators.variance_components import VarianceComponents
 from solver.loops.closure import ClosureModel
+from solver.posterior.best_table import BestTable
+from solver.posterior.corrections import Corrections
+from solver.posterior.scales import Scale
 from solver.search.global_start import GlobalStart
 
 
@@ -70,6 +74,17 @@ class Solution:
         joints, and in records of earlier versions.
     implicit
         What weighing every reading by its noise gives, where the paper's estimate is the chosen one.
+    best
+        The D-H table that has the tool where corrections would have it, and how well it has it; None with the
+        paper's estimator, and in records of earlier versions.
+    corrections
+        What a controller may add to the readings beside the identified parameters; None likewise.
+    scales
+        How large each family of errors was found, stated = 1.
+    shares
+        Share of what is known of each parameter that the poses brought, by name.
+    distances
+        Between the placements of a ball.
     length_tolerance_m
         How well lengths were taken to be known, where that was asked for and is not what the arm's file states.
     truth
@@ -97,6 +112,11 @@ class Solution:
     accuracy: HandAccuracy | None = None
     implicit: Estimate | None = None
     condition_at_readings: float | None = None
+    best: BestTable | None = None
+    corrections: Corrections | None = None
+    scales: tuple[Scale, ...] = ()
+    shares: Mapping[str, float] = field(default_factory=dict)
+    distances: tuple[Distance, ...] = ()
     length_tolerance_m: float | None = None
     truth: TrueErrors | None = None
 

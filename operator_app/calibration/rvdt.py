@@ -73,9 +73,12 @@ def judge_rvdts(
         return none_decided(f"{without} these poses leave {blurred} open: judge it in the hinge")
     model, tolerance = soften(model, arm, length_tolerance_m=length_tolerance_m, held=held)
     # The loads are the same whether a joint's reading is used or not.
+    errors = whole.linear.design.errors
+    prior = {p.name: errors.prior[p.name] for p in model.parameters if p.name in errors.prior}
     errors = replace(
-        whole.linear.design.errors.at_poses(back_to_caller(whole.order)).without_joints(blind),
+        errors.at_poses(back_to_caller(whole.order)).without_joints(blind),
         tolerance=tolerance,
+        prior=prior,
     )
     return rvdt_verdicts(
         model,
@@ -84,6 +87,7 @@ def judge_rvdts(
         errors,
         noise=noise,
         samples=samples_of(poses)[distinct],
+        variances=whole.components.variances,
         x0=in_order(model, whole.linear.design.model, whole.estimate.x),
         near=_beside(whole, model, q),
     )

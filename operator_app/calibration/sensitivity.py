@@ -24,6 +24,7 @@ REMEDIES = {
     "lengths": "measure the arm's lengths twice as well and state their tolerance",
     "twists": "measure the arm's twists twice as well and state their tolerance",
     "offsets": "find the joints' zeros another way and state offset_tolerance_deg",
+    "placement": "measure where the fixture stands twice as well and state its tolerance",
     "encoder_accuracy": "centre the encoders twice as well and state their accuracy_deg",
     "fixture_give": "mount a fixture twice as stiff, or pull less at it, and state its give",
     "joint_play": "take half of the joints' play out and state it",

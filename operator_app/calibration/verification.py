@@ -23,7 +23,7 @@ from solver.closing import reduced_equations
 from solver.diagnostics.cross_validation import HeldOutPoses, verify
 from solver.diagnostics.outliers import FALSE_ALARM, left_out, odd_poses
 from solver.diagnostics.prediction import CommonShift, shifted
-from solver.diagnostics.statistics import chi2_test
+from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.estimators.component_report import Component
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
@@ -33,6 +33,9 @@ from solver.loops.placements import Placements
 
 STEPS = 3
 """Of Newton's iteration to where a ball's socket stands, in which the loop is linear."""
+
+LEARNED = 2.0
+"""Sizes of errors that were learned elsewhere are known to this factor, in variances."""
 
 NOT_KNOWN = 0.1
 """Standard deviation (m) of what is not known beside what poses tell."""
@@ -79,6 +82,8 @@ class VerificationResult:
         How many were judged.
     shift
         One joint or the fixture that has shifted in all of them alike; None where none has.
+    stated
+        The misfit by what files state at least; None where the verification's own is that.
     """
 
     verification: HeldOutPoses
@@ -86,6 +91,7 @@ class VerificationResult:
     odd_poses: tuple[int, ...]
     poses: int
     shift: CommonShift | None = None
+    stated: Chi2Test | None = None
 
     @property
     def why(self) -> str:
@@ -99,7 +105,8 @@ class VerificationResult:
         if self.shift is not None or self.odd_poses:
             return False
         # A smaller chi2 than expected is no failure: these poses fit better than promised.
-        return bool(found.closed.all()) and found.chi2.per_dof <= found.chi2.high
+        chi2 = found.chi2 if self.stated is None else self.stated
+        return bool(found.closed.all()) and chi2.per_dof <= chi2.high
 
 
 def fixed_by(solution: Solution, placement: int | None = None) -> Fixed:
@@ -183,15 +190,17 @@ def judge_poses(
     improbable = (found.pose_probability < FALSE_ALARM / len(poses)) | ~found.closed
     odd = tuple(int(k) for k in np.argsort(found.pose_probability) if improbable[k])
     shift: CommonShift | None = None
+    stated = found.chi2
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
     if made is not None and bool(found.closed.all()):
-        found, odd, shift = _as_foretold(arm, fixture, made, given, start, found, odd)
+        found, odd, shift, stated = _as_foretold(arm, fixture, made, given, start, found, odd)
     return VerificationResult(
         verification=found,
         nominal=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
         odd_poses=odd,
         poses=len(poses),
         shift=shift,
+        stated=stated,
     )
 
 
@@ -203,13 +212,16 @@ def _as_foretold(
     start: Mapping[str, float],
     found: HeldOutPoses,
     odd: tuple[int, ...],
-) -> tuple[HeldOutPoses, tuple[int, ...], CommonShift | None]:
-    """Return what is judged with all that the calibration's own poses tell; as found without where nothing fits."""
+) -> tuple[HeldOutPoses, tuple[int, ...], CommonShift | None, Chi2Test]:
+    """Return what is judged with all that the calibration's own poses tell; as found without where nothing fits.
+
+    The last is the misfit by what files state at least.
+    """
     from scipy.special import chdtrc
 
     told = foretell(arm, fixture, made, poses, start)
     if told is None:
-        return found, odd, None
+        return found, odd, None, found.chi2
     named = odd_poses(told.left)
     # A shift is one only if it is there without the poses that are wrong by themselves.
     shift = shifted(named.rest, told.subjects)
@@ -221,12 +233,13 @@ def _as_foretold(
     return (
         replace(
             found,
-            chi2=chi2_test(told.left.chi2, told.left.dof),
+            chi2=replace(told.chi2, low=told.chi2.low / LEARNED, high=told.chi2.high * LEARNED),
             pose_chi2=chi2,
             pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
         ),
         tuple(pose.pose for pose in named.odd),
         shift,
+        chi2_test(told.left.chi2, told.left.dof),
     )
 
 

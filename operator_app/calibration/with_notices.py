@@ -56,8 +56,8 @@ def with_notices(
 ) -> Solution:
     """Add how well the hand is known, the verdict, and every notice in its order.
 
-    `whole` is the fit of all poses, `judged` that of those the tests saw; `as_stated` was held because the arm's
-    file says how well it is known.
+    `whole` is the fit of all poses, `judged` that of those the tests saw; `as_stated` is known by the files
+    rather than by the poses.
     """
     found_arm = calibrated_arm(solution, arm)
     errors_there = hand_errors(found_arm, arm)
@@ -82,7 +82,7 @@ def with_notices(
             *left_out_notices(left_out_in_words(*left_out)),
             *held_notices(solution.held, accuracy),
             *not_sought_notices(not_sought, accuracy, arm),
-            *as_stated_notices(as_stated, arm),
+            *as_stated_notices(as_stated, solution.estimate, solution.shares),
             *rival_notices(solution.search),
             *(() if astray else flexure_notices(solution.components, solution.tolerated)),
             *alike_notices(same),

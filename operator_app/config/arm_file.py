@@ -153,7 +153,9 @@ class ArmFile(StrictModel):
     name: Name
     source: Text | None = None
     tolerance: ToleranceModel = ToleranceModel()
-    offset_tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)] | None = None
+    offset_tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)] | Literal["unknown"] = (
+        "unknown"
+    )
     dh: Annotated[tuple[RowModel, ...], Field(min_length=1, max_length=32)]
     joints: tuple[JointModel, ...]
     free: tuple[Text, ...]
@@ -295,7 +297,7 @@ class ArmFile(StrictModel):
             home_rad=frozen(np.deg2rad(self.home_deg)),
             tolerances=tuple(row.tolerance.over(self.tolerance) for row in self.dh),
             offset_tolerance_rad=None
-            if self.offset_tolerance_deg is None
+            if isinstance(self.offset_tolerance_deg, str)
             else math.radians(self.offset_tolerance_deg),
             masses=None
             if self.links is None or self.gravity is None

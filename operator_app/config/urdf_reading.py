@@ -349,6 +349,7 @@ def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:
             }
             for k, (joint, range_deg, speed_deg) in enumerate(stated, 1)
         ],
+        "offset_tolerance_deg": ASSUMED_OFFSET_DEG,
         "free": [f"theta_off_{k}" for k in range(1, len(joints) + 1)],
         "home_deg": degrees_for_file(ranges.mean(axis=1)).tolist(),
     }
@@ -367,3 +368,4 @@ def _row_records(table: DhTable) -> Iterator[dict[str, float]]:
 COUNTS_PER_REV = 400_000
 ASSUMED_SPEED = math.radians(90.0)
 ASSUMED_TORQUE_NM = 50.0
+ASSUMED_OFFSET_DEG = 5.0

@@ -85,7 +85,7 @@ def _json(found: Calibration) -> bytes:
 def _rows(found: Calibration) -> list[dict[str, Any]]:
     """Rows 1..n of the arm's side, in deg and m, as a URDF of it has them."""
     arm = found.by_itself
-    columns = arm.flange.stacked()
+    columns = arm.table().stacked()
     angles = [kind for kind in DhKind if kind.is_angle]
     columns[angles] = np.rad2deg(columns[angles])
     return [
@@ -139,7 +139,7 @@ def into_description(found: Calibration, data: bytes, file: str) -> bytes:
         if p.name in own
     ]
     told = ["Nothing but origins of joints is changed.", *_provenance(found), *figures]
-    return with_calibration(data, file, found.arm, found.by_itself.flange, told)
+    return with_calibration(data, file, found.arm, found.by_itself.table(), told)
 
 
 def _urdf(found: Calibration) -> bytes:
@@ -148,9 +148,9 @@ def _urdf(found: Calibration) -> bytes:
         *_provenance(found),
         f"The link 'flange' is frame {n} of the D-H table, 'tip' the fixture's point. No masses, no shapes.",
     ]
-    T_tip = link_transform(arm.hand.stacked()[:, -1].tolist())
+    T_tip = link_transform(arm.table("tip").stacked()[:, -1].tolist())
     T_tip[:3, 3] += T_tip[:3, :3] @ arm.tip_m
-    return format_urdf(found.arm, arm.flange, T_tip=T_tip, comment=said)
+    return format_urdf(found.arm, arm.table(), T_tip=T_tip, comment=said)
 
 
 def _provenance(found: Calibration) -> list[str]:
@@ -200,8 +200,8 @@ def _mat(found: Calibration) -> bytes:
             "sigma_rad_or_m": estimate.standard_deviation,
             "covariance_rad_or_m": estimate.covariance,
             # Columns of link j: theta_off_rad, s_m, a_m, alpha_rad, beta_rad.
-            "dh_arm_rad_m": arm.flange.stacked().T,
-            "dh_hand_rad_m": arm.hand.stacked().T,
+            "dh_arm_rad_m": arm.table().stacked().T,
+            "dh_hand_rad_m": arm.table("tip").stacked().T,
             "tip_m": arm.tip_m,
             "q_rad": found.poses.q_rad,
             "placement": found.poses.placement,

@@ -24,6 +24,12 @@ from operator_app.report.parameter_tables import (
     parameter_table,
     tolerated_table,
 )
+from operator_app.report.posterior_tables import (
+    best_table_table,
+    distance_table,
+    posterior_data,
+    scale_table,
+)
 from operator_app.report.quality_tables import (
     CLOSURE_COLUMNS,
     accuracy_table,
@@ -126,6 +132,8 @@ def facts_of(
             truth_table(solution),
             causes_table(solution),
             dh_table(solution),
+            best_table_table(solution),
+            distance_table(solution),
             hand_table(solution),
             accuracy_table(solution),
             determined_table(solution, headlines),
@@ -134,6 +142,7 @@ def facts_of(
             estimators_table(estimate, beside, astray=solution.judgement.astray),
             jackknife_table(estimate, None if checks is None else checks.jackknife_sd),
             components_table(solution.components, astray=solution.judgement.astray),
+            scale_table(solution),
             remedy_table(solution),
             budget_table(solution),
             halving_table(solution),
@@ -144,6 +153,7 @@ def facts_of(
         ),
         data={
             **calibration_data(solution),
+            **posterior_data(solution),
             **({} if checks is None else {"checks": checks_data(checks)}),
         },
     )

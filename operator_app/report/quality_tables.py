@@ -153,7 +153,7 @@ def accuracy_table(solution: Solution) -> FactTable | None:
         ),
         note=f"At {found.poses} poses evenly over the ranges, whatever may be in the way there. Before: the "
         "arm file's own entries against the calibrated ones, as the arm's base sees the hand; what "
-        "belongs to the mounting has no part in it. After: by the parameters' covariance"
+        "belongs to the mounting has no part in it. After: by the best D-H table, corrections not applied"
         f"{held_in_short(found)}.",
     )
 

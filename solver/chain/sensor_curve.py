@@ -89,6 +89,15 @@ class SensorCurve:
         return np.concatenate(shapes, axis=-1)
 
 
+def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
+    """Coefficients (11,), rad, of 1, x, ..., x^10 of the deviation with `coefficients` (width,) of its shapes."""
+    powers = np.zeros(len(_POWERS))
+    if curve.bent:
+        powers += _POWERS @ coefficients[curve.lines :]
+    powers[1] += curve.gain * curve.half_scale_rad * float(coefficients[: curve.lines].sum())
+    return powers
+
+
 def rms_per_amplitude() -> float:
     """Expected rms deviation over full scale of a curve whose coefficients have unit amplitude."""
     degrees = np.arange(LOWEST, LOWEST + len(SHAPE_WEIGHTS))

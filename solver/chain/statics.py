@@ -90,6 +90,22 @@ class LinkMasses:
         return self.down_sd_rad * across
 
 
+UNSTATED_KG, UNSTATED_CENTRE_M = 1.0, 0.1
+"""Mass of each link and spread of its centre where no file states any: shapes of a sag, whose size is stated apart."""
+
+
+def unstated_masses(links: int) -> LinkMasses:
+    """Masses of an upright arm of which nothing is stated: all alike and known to 100 %, centred at the joints."""
+    each = np.full(links, UNSTATED_KG)
+    return LinkMasses(
+        mass_kg=each,
+        centre_m=np.zeros((links, 3)),
+        mass_sd_kg=each,
+        centre_sd_m=np.full(links, UNSTATED_CENTRE_M),
+        down=np.array([0.0, 0.0, -1.0]),
+    )
+
+
 def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     """Gravity's torque about every joint per unit of every link's mass and first moment.
 

@@ -52,7 +52,7 @@ def larger_than_stated(fit: LinearFit) -> tuple[Larger, ...]:
     error = standard_errors(with_priors(fit).information, v, design.floors)
     found = []
     for c, value, least, s in zip(design.components, v, stated, error, strict=True):
-        if c.name == "discrepancy" or not value > least > 0.0 or not np.isfinite(s):
+        if c.name in ("discrepancy", "placement") or not value > least > 0.0 or not np.isfinite(s):
             continue
         dof = 2.0 * min(value / max(float(s), 1e-300), MOST_CERTAIN) ** 2
         # Wilson and Hilferty's cube root where the chance is too small for a double.

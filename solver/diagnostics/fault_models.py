@@ -96,7 +96,8 @@ class Scene:
         found += [
             Suspect(name=names[k], columns=self.system.A[:, :, k, None], share=LENGTHS_SHARE)
             for k in self.design.soft_index
-            if not self.design.model.parameters[k].is_angle
+            if names[k] in self.design.errors.tolerance
+            and not self.design.model.parameters[k].is_angle
         ]
         return tuple(found)
 
@@ -262,6 +263,8 @@ class Scene:
         design = self.design
         for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
             parameter = design.model.parameters[k]
+            if parameter.name not in design.errors.tolerance:
+                continue
             yield Candidate(
                 cause=Cause.TWIST if parameter.is_angle else Cause.LENGTH,
                 subject=parameter.name,

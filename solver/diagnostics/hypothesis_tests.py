@@ -58,7 +58,9 @@ def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM) -> list[Test
     from scipy.special import chdtri, ndtri
 
     # The first of all effects are these.
-    z = stated.pulls[: sum(g.width for g in stated.design.groups if g.source in ENTRIES)]
+    listed = [n for g in stated.design.groups if g.source in ENTRIES for n in g.names]
+    own = np.array([n in stated.design.errors.tolerance for n in listed], dtype=bool)
+    z = stated.pulls[: len(listed)][own]
     if not len(z):
         return []
     return [
@@ -126,5 +128,5 @@ def variance_tests(stated: LinearFit) -> list[Test]:
     return [
         Test(code=f"VARIANCE_{name.upper()}", statistic=float(s), threshold=float(t))
         for name, s, t in zip(names, z, largest, strict=True)
-        if name != "discrepancy"
+        if name not in ("discrepancy", "placement")
     ]

@@ -25,6 +25,7 @@ from solver.diagnostics.rvdt_response import RvdtFigures, measure, sensor_angle
 from solver.diagnostics.smooth_curve import Scatter
 from solver.estimators.component_report import flexure_test
 from solver.estimators.error_model import ErrorModel
+from solver.estimators.layout import Layout
 from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import noise_left, settle
 from solver.loops.closure import ClosureModel
@@ -45,11 +46,6 @@ NOISY = "check its plug, screen and excitation, or average more samples a pose"
 
 HARMFUL = 3.0
 """A curve this many times the sensor's noise spoils what the other joints' encoders know."""
-
-
-UNSEEN = 0.1
-"""Last step of the variances of the loops without RVDTs, in standard errors: what is read of a sensor is told to
-a twentieth of its own standard deviation."""
 
 
 class Soundness(Enum):
@@ -92,6 +88,9 @@ class RvdtVerdict:
     noise: SingleNoise | None = None
 
 
+NOTHING_FOUND: Mapping[str, float] = {}
+
+
 def rvdt_verdicts(
     model: ClosureModel,
     arm: ArmModel,
@@ -100,6 +99,7 @@ def rvdt_verdicts(
     *,
     noise: Mapping[int, SingleNoise],
     samples: IntArray,
+    variances: Mapping[str, float] = NOTHING_FOUND,
     x0: FloatArray | None = None,
     near: Near | None = None,
 ) -> tuple[RvdtVerdict, ...]:
@@ -115,6 +115,9 @@ def rvdt_verdicts(
         Of single readings, by joint, where it is known.
     samples
         Readings in each pose's mean (m,).
+    variances
+        What a fit with the readings found of the other sources, by component: a sensor is judged by no less than
+        is stated of these, for one that seems smaller than stated may have been taken for the sensor.
     x0, near
         Where to start from: parameters (P,) and all the rest, where a fit with the readings left them.
 
@@ -132,7 +135,13 @@ def rvdt_verdicts(
     }
     if not sensors:
         raise ValueError("none of the model's unsensed joints has an RVDT to judge")
-    ended = settle(model, q, errors, x0=x0, near=near, unseen=UNSEEN)
+
+    def at_least_stated(design: Layout) -> FloatArray:
+        start = design.start_variances()
+        found = [variances.get(c.name, v) for c, v in zip(design.components, start, strict=True)]
+        return np.maximum(start, found)
+
+    ended = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
     found, back = ended.fit, back_to_caller(ended.order)
     values, vectors = np.linalg.eigh(found.fit.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))

@@ -141,12 +141,6 @@ class LinearModel(Layout):
 
     # ---- noise
 
-    @property
-    def noise_components(self) -> list[int]:
-        """Components that are new in every pose."""
-        play = [] if self.play_component is None else [self.play_component]
-        return [*range(len(self.errors.analogue)), *self.fixture_components.values(), *play]
-
     def joint_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
         """Variance of every joint's noise (m, n), rad^2, under the components (K,)."""
         S = self._stated_joints[poses].copy()

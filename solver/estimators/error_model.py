@@ -69,7 +69,9 @@ class ErrorModel:
     give_rad, give_m
         How far the fixture yields along each closure component; None where nothing is held that could.
     tolerance
-        Standard deviation (rad, m) of free parameters whose nominal values are known beforehand.
+        Standard deviation (rad, m) of entries of the maker's table that are corrected within it.
+    prior
+        The same of the unknowns that are asked for, as far as a file states how well they are known.
     discrepancy
         Whether a smooth misfit that nobody stated may be found.
     loads
@@ -89,6 +91,7 @@ class ErrorModel:
     give_rad: float | None = None
     give_m: float | None = None
     tolerance: Mapping[str, float] = field(default_factory=dict)
+    prior: Mapping[str, float] = field(default_factory=dict)
     discrepancy: bool = False
     loads: LoadBasis | None = None
     approach: FloatArray | None = None

@@ -83,6 +83,18 @@ class Estimate:
             covariance=self.covariance[np.ix_(kept, kept)],
         )
 
+    def given(self, names: Collection[str]) -> Estimate:
+        """Return what would be known of the others if some parameters were known exactly."""
+        left = [k for k, p in enumerate(self.parameters) if p.name not in names]
+        rest = self.without(names)
+        if len(left) == len(self.parameters):
+            return rest
+        known = [k for k in range(len(self.parameters)) if k not in left]
+        C = self.covariance
+        across = C[np.ix_(left, known)]
+        told = across @ np.linalg.pinv(C[np.ix_(known, known)], hermitian=True) @ across.T
+        return replace(rest, covariance=rest.covariance - told)
+
     def at_poses(self, poses: IntArray) -> Estimate:
         """Return the same with what belongs to single poses for these, each as often as it is named."""
         return replace(

@@ -6,10 +6,22 @@ A curve follows the corrected angle; all others stay as they are while a fit goe
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.estimators.layout import Layout
+from solver.estimators.load_shapes import Shapes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointPoses:
+    """Readings q (m, n), rad, with the sides of play and the shapes of sag there."""
+
+    q: FloatArray
+    play: Shapes
+    sags: Shapes
 
 
 class JointShapes:
@@ -21,8 +33,11 @@ class JointShapes:
         0-based joint (c,) along which each shape acts.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, at: JointPoses | None = None) -> None:
         self._layout = layout
+        self._poses = (
+            JointPoses(q=layout.q, play=layout.play, sags=layout.sags) if at is None else at
+        )
         turning = np.flatnonzero(layout.accuracy)
         joints: list[int] = np.repeat(turning, 4).tolist()
         self._curves = []
@@ -56,20 +71,20 @@ class JointShapes:
 
     def _still(self, poses: slice) -> FloatArray:
         """Shapes (m, c) that follow no correction; columns of curves are left empty."""
-        layout = self._layout
+        layout, there = self._layout, self._poses
         turning = np.flatnonzero(layout.accuracy)
-        turn = layout.q[poses, turning] if len(turning) else np.zeros((len(layout.q[poses]), 0))
+        turn = there.q[poses, turning] if len(turning) else np.zeros((len(there.q[poses]), 0))
         waves = np.stack((np.sin(turn), np.cos(turn), np.sin(2 * turn), np.cos(2 * turn)), axis=-1)
         m = len(turn)
         shapes = [(layout.accuracy[turning, None] * waves).reshape(m, -1)]
         shapes += [np.zeros((m, where.stop - where.start)) for _, where in self._curves]
         play = layout.play_joints
         shapes.append(
-            (layout.backlash[play, None] * layout.play.columns[poses][:, play]).reshape(m, -1)
+            (layout.backlash[play, None] * there.play.columns[poses][:, play]).reshape(m, -1)
         )
         sag = layout.sag_joints
         if len(sag):
             shapes.append(
-                (layout.sag[sag, None] * layout.sags.columns[poses][:, sag]).reshape(m, -1)
+                (layout.sag[sag, None] * there.sags.columns[poses][:, sag]).reshape(m, -1)
             )
         return np.concatenate(shapes, axis=-1)

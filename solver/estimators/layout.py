@@ -6,7 +6,7 @@ a closure model's parameters and how smooth a fixture's give is; no derivative, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
@@ -17,7 +17,7 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.chain.sensor_curve import LOWEST
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.load_shapes import FREE, loaded_give, shapes_of_sag, sides_of_play
+from solver.estimators.load_shapes import FREE, Shapes, loaded_give, shapes_of_sag, sides_of_play
 from solver.estimators.pose_basis import PoseBasis, PoseProcess, pose_process
 from solver.loops.closure import ClosureModel
 
@@ -26,6 +26,12 @@ FLOOR = 1e-3
 
 LEAST_GIVE = 1e-8
 """Smallest give (rad, m) that is told from none; where a fixture is stated to be rigid."""
+
+FARTHEST = 100.0
+"""Times its tolerance that a fixture ever stands from where its file says."""
+
+LEAST_SCALE = 0.03
+"""Share of its statement below which no source is taken to be: what is left of it then moves nothing."""
 
 LEAST_CURVE = 0.1
 """No analogue sensor is straighter than this share of its specification."""
@@ -49,11 +55,9 @@ UNIT_DISCREPANCY = 1e-3
 """Discrepancy is counted in mm and mrad."""
 
 ANEW = 0.4
-"""Share of a stated give or play that is at least taken to be new in every pose. All of it enters as
-what is the same again besides (smooth in the pose, or on one side of every joint), so that no source
-enters below its statement; how much is new the data tell well, and what is the same they hardly do.
-Play changes sides where neither load nor approach foretells it, in few poses and then by all of it: with
-less than this such a pose is an outlier."""
+"""Share of a stated give or play that is expected to be new in every pose. All of it enters as what is the
+same again besides (smooth in the pose, or on one side of every joint): how much is new the data tell well,
+and what is the same they hardly do, so each has a scale of its own."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 """Smooth functions of the pose for what twists under load (a joint) and what gives (a placement)."""
@@ -63,6 +67,8 @@ SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 class VarianceComponent:
     """One variance to be estimated: where it starts, its floor, and where its prior puts a wall.
 
+    `stated` is what the files say. With `scaled` the logarithm of its size over the stated one has a
+    normal prior (method, section 10): the poses decide where they see it, the statement where they do not.
     `soft` and `wall` bound an amplitude by its specification: a prior of that mean variance, and a
     value it never exceeds. ``inf`` where there is none. `leap` may be reached in one step however
     small it was. `spread_variance` is what `spread_dof` differences inside poses say of it, or a
@@ -72,6 +78,8 @@ class VarianceComponent:
     name: str
     start: float
     floor: float
+    stated: float
+    scaled: bool = False
     soft: float = np.inf
     wall: float = np.inf
     leap: float = 0.0
@@ -93,28 +101,28 @@ _OF_RVDTS = {"rvdt": "noise", "curve": "curve", "gain": "gain"}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Group:
-    """Columns that share a variance ``fixed + scale * component``.
+    """Columns that share a variance ``fixed + sum of rates * components``.
 
-    `source` is what an uncertainty budget calls it; `names` say what each column is.
+    `source` is what an uncertainty budget calls it; `rates` are pairs of a component and its factor; `names`
+    say what each column is.
     """
 
     source: str
     width: int
-    fixed: float
-    component: int | None
-    scale: float
+    fixed: float = 0.0
+    rates: tuple[tuple[int, float], ...] = ()
     names: tuple[str, ...] = ()
 
     def variance(self, v: FloatArray) -> float:
         """Variance of these columns' coefficients under the components (K,)."""
-        return self.fixed + (0.0 if self.component is None else self.scale * v[self.component])
+        return self.fixed + sum(rate * float(v[c]) for c, rate in self.rates)
 
 
 class Layout:
     """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
 
-    `like` is a layout of the same poses: what is smooth over them is taken from there. `floors`, `walls` and `leaps`
-    (K,) are those of the components.
+    `like` is a layout of the same poses: what is smooth over them is taken from there. `floors`, `walls`, `leaps`,
+    `quietest` and `scaled` (K,) are those of the components.
     """
 
     def __init__(
@@ -129,7 +137,8 @@ class Layout:
         self.model, self.q, self.errors, self.group = model, q, errors, group
         parameters = model.parameters
         names = [p.name for p in parameters]
-        for name, sd in errors.tolerance.items():
+        known = {**errors.prior, **errors.tolerance}
+        for name, sd in known.items():
             if name not in names:
                 raise ValueError(f"{name} has a tolerance and is not a free parameter")
             if not sd > 0.0:
@@ -138,13 +147,14 @@ class Layout:
             if not 1 <= joint <= model.joint_count or joint in model.unsensed_joints:
                 raise ValueError(f"joint {joint} has no reading in use whose noise could be found")
         self.nominal = nominal_vector(parameters)
-        self.soft: BoolArray = np.array([n in errors.tolerance for n in names], dtype=bool)
-        # Lengths before twists before offsets, so that each is one group of columns.
-        self.soft_kind = np.array([_SOFT.index(_source(p)) for p in parameters], dtype=int)
+        self.soft: BoolArray = np.array([n in known for n in names], dtype=bool)
+        # Lengths before twists before offsets before the fixture's, so that each is one group of columns.
+        fixture = {*model.ground_side, *model.hand_side}
+        self.soft_kind = np.array([_SOFT.index(_source(p, fixture)) for p in parameters], dtype=int)
         self.soft_index = np.concatenate(
             [np.flatnonzero(self.soft & (self.soft_kind == k)) for k in range(len(_SOFT))]
         )
-        self.soft_sd = np.array([errors.tolerance[names[k]] for k in self.soft_index])
+        self.soft_sd = np.array([known[names[k]] for k in self.soft_index])
         self.hard_index = np.flatnonzero(~self.soft)
         used = [j for j in range(model.joint_count) if j + 1 not in model.unsensed_joints]
         self.rows = model.components
@@ -155,6 +165,9 @@ class Layout:
         self.floors = np.array([c.floor for c in self.components])
         self.walls = np.array([c.wall for c in self.components])
         self.leaps = np.array([c.leap for c in self.components])
+        # Single readings are not judged by less noise than expected: what is left of it has tails.
+        self.quietest = np.array([c.start if c.scaled else c.floor for c in self.components])
+        self.scaled = np.array([c.scaled for c in self.components], dtype=bool)
         self.hard = len(self.hard_index)
         wide = [g.width for g in self.groups]
         ends = np.cumsum([self.hard, *wide])
@@ -164,8 +177,8 @@ class Layout:
         # Rates of every effect column's variance with the components (width - hard, K).
         rates = np.zeros((len(wide), len(self.components)))
         for row, g in zip(rates, self.groups, strict=True):
-            if g.component is not None:
-                row[g.component] = g.scale
+            for c, rate in g.rates:
+                row[c] = rate
         self.variance_rates = np.repeat(rates, wide, axis=0)
 
     def _joint_errors(self, used: list[int]) -> None:
@@ -197,6 +210,7 @@ class Layout:
                     name=f"rvdt_{a.joint}",
                     start=a.variance,
                     floor=FLOOR**2 * a.variance,
+                    stated=a.variance,
                     spread_variance=a.spread_variance,
                     spread_dof=a.spread_dof,
                 )
@@ -209,22 +223,34 @@ class Layout:
                 VarianceComponent(
                     name=key,
                     start=max(ANEW * stated, LEAST_GIVE) ** 2,
-                    floor=max(ANEW * stated, LEAST_GIVE) ** 2,
+                    floor=max(LEAST_SCALE * ANEW * stated, LEAST_GIVE) ** 2,
+                    stated=max(stated, LEAST_GIVE) ** 2,
+                    scaled=stated > LEAST_GIVE,
                     leap=FIRST_GIVE**2,
                 )
             )
         self.play_component: int | None = None
         if self.backlash.any():
             self.play_component = self._component(
-                VarianceComponent(name="joint_play", start=ANEW**2, floor=ANEW**2, wall=WORST**2)
+                VarianceComponent(
+                    name="joint_play",
+                    start=ANEW**2,
+                    floor=(LEAST_SCALE * ANEW) ** 2,
+                    stated=1.0,
+                    scaled=True,
+                    wall=WORST**2,
+                )
             )
         for k, source in enumerate(_SOFT):
             listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
             if listed and source == OFFSETS:
-                # Nothing is left of the poses to tell whether these are off by more than stated.
+                # They are what is looked for: how well they were known before is stated and not learned.
+                self.groups.append(Group(source=source, width=len(listed), fixed=1.0, names=listed))
+            elif listed and source == PLACEMENT:
+                # A fixture stands where it stands: how far from its file's place says nothing of the arm.
                 self.groups.append(
-                    Group(source=source, width=len(listed), fixed=1.0, component=None, scale=0.0,
-                          names=listed)
+                    Group(source=source, width=len(listed), names=listed,
+                          rates=((self._placement_scale(), 1.0),))
                 )  # fmt: skip
             elif listed:
                 self._stated_group(source, listed)
@@ -258,8 +284,8 @@ class Layout:
             self._smooth_give(group, process, like)
         if self.loaded is not None:
             self.groups.append(
-                Group(source="fixture_give", width=self.loaded.width, fixed=1.0,
-                      component=None, scale=0.0,
+                Group(source="fixture_give", width=self.loaded.width,
+                      rates=((self._scale("compliance"), 1.0),),
                       names=tuple(f"load{i}" for i in range(self.loaded.width)))
             )  # fmt: skip
 
@@ -272,12 +298,12 @@ class Layout:
         ):
             if curve.lines:
                 gain = VarianceComponent(
-                    name=f"gain_{joint}", start=1.0, floor=1.0,
+                    name=f"gain_{joint}", start=1.0, floor=LEAST_SCALE**2, stated=1.0, scaled=True,
                     spread_variance=1.0, spread_dof=SPECIFIED,
                 )  # fmt: skip
                 self.groups.append(
-                    Group(source=f"rvdt_gain_{joint}", width=1, fixed=0.0,
-                          component=self._component(gain), scale=1.0, names=(gain.name,))
+                    Group(source=f"rvdt_gain_{joint}", width=1,
+                          rates=((self._component(gain), 1.0),), names=(gain.name,))
                 )  # fmt: skip
             if not curve.bent:
                 continue
@@ -285,14 +311,15 @@ class Layout:
                 name=f"curve_{joint}",
                 start=stated,
                 floor=LEAST_CURVE**2 * stated,
+                stated=stated,
                 wall=25.0 * stated,
                 spread_variance=stated,
                 spread_dof=SPECIFIED,
             )
             names = tuple(f"curve{k}_{joint}" for k in range(LOWEST, LOWEST + curve.bends))
             self.groups.append(
-                Group(source=f"rvdt_curve_{joint}", width=curve.bends, fixed=0.0,
-                      component=self._component(bend), scale=1.0, names=names)
+                Group(source=f"rvdt_curve_{joint}", width=curve.bends,
+                      rates=((self._component(bend), 1.0),), names=names)
             )  # fmt: skip
 
     def _lay_out_joints(self, process: Callable[[], PoseProcess], like: Layout | None) -> None:
@@ -305,12 +332,13 @@ class Layout:
             # Play taken up to the same side in every pose is no noise: it passes for an offset.
             sides = ("play", "approach")[: self.play.width]
             self.groups.append(
-                Group(source="joint_play", width=len(self.play_joints) * len(sides), fixed=1.0,
-                      component=None, scale=0.0,
+                Group(source="joint_play", width=len(self.play_joints) * len(sides),
+                      rates=((self._scale("play_sides"), 1.0),),
                       names=tuple(f"{side}_{j + 1}" for j in self.play_joints for side in sides))
             )  # fmt: skip
         self.sag_joints = np.flatnonzero(self.sag)
         self.sag_basis = _NOTHING
+        self.sags = NO_SHAPES
         if len(self.sag_joints):
             self.sag_basis = process().leading(SAG_COLUMNS) if like is None else like.sag_basis
             self.sags = shapes_of_sag(self.q, self.errors, self.sag_basis)
@@ -336,6 +364,7 @@ class Layout:
                     name="discrepancy",
                     start=1e-8,
                     floor=1e-8,
+                    stated=1e-8,
                     leap=0.04,
                     soft=1.0,
                     wall=LARGEST_DISCREPANCY**2,
@@ -344,24 +373,51 @@ class Layout:
         k = self.give_basis.phi.shape[1]
         # The basis has a variance of 2: a constant and a linear part beside its scales.
         self.free_give = 1.0 if self.loaded is None else 0.5 * FREE
+        smooth = (
+            self._scale("smooth_give") if any(stated > 0.0 for _, stated in self.gives) else None
+        )
         for rows, stated in self.gives:
+            rates = [] if c is None else [(c, UNIT_DISCREPANCY**2)]
+            if smooth is not None and stated > 0.0:
+                rates.append((smooth, self.free_give * stated**2))
             names = [f"give{i}_{row}" for row in range(rows.start, rows.stop) for i in range(k)]
             self.groups.append(
                 Group(
                     source="fixture_give",
                     width=3 * k,
-                    fixed=self.free_give * max(stated, 1e-9) ** 2,
-                    component=c,
-                    scale=UNIT_DISCREPANCY**2,
+                    fixed=1e-18,
+                    rates=tuple(rates),
                     names=tuple(names),
                 )
             )
 
     def _stated_group(self, source: str, names: tuple[str, ...]) -> None:
-        c = self._component(VarianceComponent(name=source, start=1.0, floor=1.0, wall=WORST**2))
         self.groups.append(
-            Group(source=source, width=len(names), fixed=0.0, component=c, scale=1.0, names=names)
+            Group(source=source, width=len(names), rates=((self._scale(source), 1.0),), names=names)
         )
+
+    def _scale(self, name: str) -> int:
+        """Return the component of a source that is as large as stated unless the poses say otherwise."""
+        return self._component(
+            VarianceComponent(
+                name=name, start=1.0, floor=LEAST_SCALE**2, stated=1.0, scaled=True, wall=WORST**2
+            )
+        )
+
+    def _placement_scale(self) -> int:
+        """Return that of where the fixture stands, which never says that a file is better than it claims."""
+        far = FARTHEST**2
+        return self._component(
+            VarianceComponent(
+                name=PLACEMENT, start=1.0, floor=1.0, stated=1.0, scaled=True, wall=far, leap=far
+            )
+        )
+
+    @property
+    def noise_components(self) -> list[int]:
+        """Components that are new in every pose."""
+        play = [] if self.play_component is None else [self.play_component]
+        return [*range(len(self.errors.analogue)), *self.fixture_components.values(), *play]
 
     def start_variances(self) -> FloatArray:
         """Where the search for the components starts (K,)."""
@@ -369,31 +425,37 @@ class Layout:
 
     def stated_variances(self) -> FloatArray:
         """Components (K,) as the files state them, all of it anew in every pose; a discrepancy is none."""
-        stated = {f"rvdt_{a.joint}": a.variance for a in self.errors.analogue}
-        stated |= {f"curve_{a.joint}": a.curve_variance for a in self.errors.analogue}
-        gives = {"fixture_rad": self.errors.give_rad, "fixture_m": self.errors.give_m}
-        stated |= {name: max(give or 0.0, LEAST_GIVE) ** 2 for name, give in gives.items()}
-        stated["joint_play"] = 1.0
-        return np.array([stated.get(c.name, c.floor) for c in self.components])
+        return np.array([c.stated for c in self.components])
+
+    def as_stated(self, v: FloatArray) -> FloatArray:
+        """Components (K,) as the files state them, but where the fixture stands: that is as far off as found (`v`)."""
+        stated = self.stated_variances()
+        for k, c in enumerate(self.components):
+            if c.name == PLACEMENT:
+                stated[k] = max(stated[k], v[k])
+        return stated
 
     def group_variances(self, v: FloatArray) -> FloatArray:
         """Variance of every effect column's coefficient (width - hard,)."""
         return np.asarray(self._fixed + self.variance_rates @ v)
 
 
-OFFSETS = "offsets"
-_SOFT = ("lengths", "twists", OFFSETS)
-"""Sources of what a tolerance is stated of, in the order of their columns."""
+OFFSETS, PLACEMENT = "offsets", "placement"
+_SOFT = ("lengths", "twists", OFFSETS, PLACEMENT)
+"""Sources of what is known of parameters beforehand, in the order of their columns."""
 
 
 _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 
 
-def _source(parameter: Parameter) -> str:
-    """Which of `_SOFT` a parameter with a tolerance belongs to."""
+def _source(parameter: Parameter, fixture: Collection[str]) -> str:
+    """Which of `_SOFT` a parameter with a prior belongs to; `fixture` are the names of the fixture's."""
     if parameter.name.startswith(_OFFSET):
         return OFFSETS
+    if parameter.name in fixture:
+        return PLACEMENT
     return "twists" if parameter.is_angle else "lengths"
 
 
+NO_SHAPES = Shapes(columns=np.zeros((0, 0, 0)), missed=np.zeros((0, 0)), expected=np.zeros((0, 0)))
 _NOTHING = PoseBasis(phi=np.zeros((0, 0)), missed=np.zeros(0))

@@ -124,7 +124,7 @@ class LinearFit:
     @cached_property
     def stated(self) -> LinearFit:
         """The same linearisation under the stated variances instead of the fitted ones."""
-        return LinearFit(self.design, self.system, self.design.stated_variances())
+        return LinearFit(self.design, self.system, self.design.as_stated(self.v))
 
     @cached_property
     def believed(self) -> LinearFit:
@@ -133,9 +133,9 @@ class LinearFit:
         Statements of noise are upper figures; a test of single readings is the sharper the better
         their noise is known, and none of it may be what a fault has added.
         """
-        v = self.design.stated_variances()
+        v = self.design.as_stated(self.v)
         noise = self.design.noise_components
-        v[noise] = np.clip(self.v, np.minimum(self.design.floors, v), v)[noise]
+        v[noise] = np.clip(self.v, np.minimum(self.design.quietest, v), v)[noise]
         return LinearFit(self.design, self.system, v)
 
     @cached_property
@@ -199,12 +199,15 @@ class LinearFit:
 
         for g, where in zip(design.groups, design.slices, strict=True):
             share = (gain[:, where] ** 2).sum(-1)
-            excess = 0.0 if g.component is None else g.scale * self.v[g.component]
-            if g.source == "fixture_give":
-                add("fixture_give", share * g.fixed / g.variance(self.v))
-                add("discrepancy", share * excess / g.variance(self.v))
-            else:
-                add(g.source, share)
+            of_group = g.variance(self.v)
+            unnamed = sum(
+                rate * self.v[c]
+                for c, rate in g.rates
+                if design.components[c].name == "discrepancy"
+            )
+            add(g.source, share * (1.0 - unnamed / of_group))
+            if unnamed:
+                add("discrepancy", share * unnamed / of_group)
         total = (self.H_inverse[index, index] * size**2)[...]
         for part in self.parts():
             Q, moved_by = design.noise_factors(part)

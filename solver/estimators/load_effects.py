@@ -27,7 +27,7 @@ estimates nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -87,6 +87,8 @@ class LoadBasis:
         (m, k) variance that its columns leave out.
     side
         (m, n): expected side, between -1 and 1, to which gravity takes up the play of every joint.
+    gravity
+        The torques that sag and side follow, at any pose.
     """
 
     sag_expected: FloatArray
@@ -96,6 +98,7 @@ class LoadBasis:
     rows: IntArray
     give_missed: FloatArray
     side: FloatArray
+    gravity: Gravity
 
     @property
     def give(self) -> FloatArray:
@@ -116,7 +119,47 @@ class LoadBasis:
             rows=self.rows[poses],
             give_missed=self.give_missed[poses],
             side=self.side[poses],
+            gravity=self.gravity,
         )
+
+    def joints_at(self, q: FloatArray) -> LoadBasis:
+        """Return what load does to the joints at other angles `q` (m, n), rad; the fixture holds nothing there."""
+        m, (_, k, c) = len(q), self.all_give.shape
+        expected, sag, missed, side = self.gravity.sags(q)
+        return LoadBasis(
+            sag_expected=expected, sag=sag, sag_missed=missed, all_give=np.zeros((1, k, c)),
+            rows=np.zeros(m, dtype=np.int64), give_missed=np.zeros((m, k)), side=side,
+            gravity=self.gravity,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Gravity:
+    """How each joint's twist follows gravity's torque, tau (m, n, s) by its shapes.
+
+    Attributes
+    ----------
+    part
+        The arm whose torques these are.
+    turn
+        (n, s, c): columns of the twist are ``tau_js turn_jsc``, of mean square 1 over the poses of the basis.
+    rate
+        (n,): expected twist is ``rate_j tau_j0``.
+    held
+        (n,): what is left of the variance of a joint on which gravity has no lever.
+    """
+
+    part: _Part
+    turn: FloatArray
+    rate: FloatArray
+    held: FloatArray
+
+    def sags(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Expected twist (m, n), its columns (m, n, c), what they leave (m, n), and the side of play (m, n)."""
+        torque = replace(self.part, q=q, u=np.zeros((len(q), 0))).torques(slice(None))
+        columns = (torque.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
+        missed = np.broadcast_to(self.held, q.shape)
+        return self.rate * torque[..., 0], columns, missed, _side(torque)
 
 
 def load_basis(
@@ -153,7 +196,8 @@ def load_basis(
     for here, one in placements:
         for cut in _cuts(len(here)):
             torque[here[cut]] = one.torques(cut)
-    expected, sag, left = _sags(torque, sag_columns)
+    expected, sag, left, turn, rate = _sags(torque, sag_columns)
+    turned = rate > 0.0
     side = np.concatenate([_side(torque[cut]) for cut in _cuts(m)])
     # Of all these the largest: of many poses what is asked of it again is made again.
     again = torque if m <= CHUNK else None
@@ -174,6 +218,9 @@ def load_basis(
         rows=np.arange(m),
         give_missed=missed,
         side=side,
+        gravity=Gravity(
+            part=placements[0][1], turn=turn, rate=rate, held=np.where(turned, 0.0, 1.0)
+        ),
     )
 
 
@@ -185,8 +232,12 @@ def _side(torque: FloatArray) -> FloatArray:
     return np.asarray(erf(torque[..., 0] / np.maximum(spread, LEAST_TORQUE_NM)))
 
 
-def _sags(torque: FloatArray, columns: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _sags(
+    torque: FloatArray, columns: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Expected twist (m, n), columns (m, n, c) of what deviates from it, and what they leave (m, n).
+
+    And how they follow the torque, as `Gravity` has it: (n, s, c) and (n,).
 
     For every joint of mean square 1 over the poses, under a torque (m, n, s) of which the first shape is
     the mean and the others have coefficients N(0, 1).
@@ -209,8 +260,10 @@ def _sags(torque: FloatArray, columns: int) -> tuple[FloatArray, FloatArray, Flo
         some = share * torque[cut] / scale
         found[cut, :, : leading.shape[-1]] = (some.transpose(1, 0, 2) @ leading).transpose(1, 0, 2)
         missed[cut] = np.maximum((some**2).sum(-1) - (found[cut] ** 2).sum(-1), 0.0)
-    expected = EXPECTED * torque[..., 0] / scale[:, 0]
-    return expected, found, np.where(turned, missed, 1.0)
+    rate = EXPECTED / scale[:, 0]
+    turn = np.zeros((n, s, columns))
+    turn[..., : leading.shape[-1]] = (share / scale)[..., None] * leading
+    return rate * torque[..., 0], found, np.where(turned, missed, 1.0), turn, rate
 
 
 def _cuts(m: int) -> list[slice]:
@@ -229,7 +282,13 @@ class _Part:
     masses: LinkMasses
 
     def arm(self, poses: IntArray | slice) -> Frames:
-        """Frames 0..n of the arm alone.
+        """Frames 0..n of the arm alone."""
+        rows = self.arm_rows()
+        angle = self.q[poses] + rows[DhKind.THETA_OFF]
+        return forward(angle, *rows[DhKind.S :])
+
+    def arm_rows(self) -> FloatArray:
+        """D-H rows 1..n (5, n) of the arm alone.
 
         The offsets of the first and the last joint are those of the arm's file: calibrated ones are
         counted from the fixture's axis, and neither gravity nor the hand's centre knows of that.
@@ -241,8 +300,7 @@ class _Part:
                 entry = DhEntry.parse(parameter.name)
                 if entry.row > 0:
                     rows[int(entry.kind), entry.row - 1] = value
-        angle = self.q[poses] + rows[DhKind.THETA_OFF]
-        return forward(angle, *rows[DhKind.S :])
+        return rows
 
     @property
     def shapes(self) -> int:

@@ -8,7 +8,7 @@ without effects). Knows a closure model, no fixture.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from solver.estimators.least_squares import Progress
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.linearisation import Linearisation, State
-from solver.estimators.scoring import Ascent, ScoringStep, step, with_priors
+from solver.estimators.scoring import Ascent, ScoringStep, scale_spread, step, with_priors
 from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MAX_ROUNDS = 40
@@ -31,13 +31,17 @@ SETTLED, BESIDE_VARIANCES = 1e-3, 2e-3
 """What a round may leave of every parameter, in standard errors, and be the last; the second where variances are
 looked for as well, which are known less well by far."""
 
-STEADY, CREEPING = 5e-2, 3e-3
+STEADY, CREEPING = 1e-1, 2e-2
 """The same of every variance: so little of one moves no parameter by more than that share of its sigma. The second is
 for variances that creep, of which much more is left than one round shows."""
 
 STRAIGHT = 1e-4
 """What the loops' curvature may leave of every parameter, in standard errors, and the next round, in which little
 but the variances moves, be made from the same linearisation: of what is told it is less than a last digit."""
+
+GAINED = 0.3
+"""Slope of the log-likelihood along a step, about twice what there is to gain, that is worth no further round: sizes
+that are known to a factor move within a hundredth of that."""
 
 FAR = 3.0
 """Change of a parameter, in standard errors, from which slopes of two rounds cannot be compared."""
@@ -133,9 +137,8 @@ def fit_mixed(
     x0: FloatArray,
     *,
     group: IntArray | None = None,
-    estimate: bool = True,
+    variances: Callable[[Layout], FloatArray] | None = None,
     near: Near | None = None,
-    unseen: float = 0.0,
     progress: Progress | None = None,
 ) -> MixedFit:
     """Fit parameters, effects, joint corrections and variances to readings `q` (m, n), rad.
@@ -146,15 +149,13 @@ def fit_mixed(
         Start (P,).
     group
         Placement of each pose (m,): what the fixture gives in one says nothing of another.
-    estimate
-        Whether to move the variances and to ask for gravity's sign, or to leave all as stated.
+    variances
+        Variances (K,) of a layout, which stay as they are, and gravity's sign with them; None: they are estimated.
     near
         Where to start, if anything is known of it.
-    unseen
-        Step of the variances, in standard errors, that is the last: where it ends is not looked at.
     """
     like = None if near is None else near.layout
-    if estimate and len(q) > 2 * FOR_VARIANCES:
+    if variances is None and len(q) > 2 * FOR_VARIANCES:
         # Evenly over the poses, which are in canonical order: the same whatever order they came in.
         some = np.linspace(0, len(q) - 1, FOR_VARIANCES).astype(np.int64)
         rough = _iterate(
@@ -162,13 +163,13 @@ def fit_mixed(
                 model.at_poses(some), q[some], errors.at_poses(some),
                 group=None if group is None else group[some],
             ),
-            x0, None, progress, None if near is None else near.at_poses(some), unseen,
+            x0, None, progress, None if near is None else near.at_poses(some),
         )  # fmt: skip
         x0 = rough.x
         errors = replace(errors, signed=rough.fit.design.errors.signed)
         whole = _iterate(
             LinearModel(model, q, errors, group=group, like=like), x0, rough.fit.v, progress, near,
-            unseen, rough.found,
+            rough.found,
         )  # fmt: skip
         return replace(
             whole,
@@ -176,8 +177,8 @@ def fit_mixed(
             converged=rough.converged and whole.converged,
         )
     design = LinearModel(model, q, errors, group=group, like=like)
-    v = None if estimate else design.stated_variances()
-    return _iterate(design, x0, v, progress, near, unseen)
+    v = None if variances is None else variances(design)
+    return _iterate(design, x0, v, progress, near)
 
 
 def _iterate(
@@ -186,7 +187,6 @@ def _iterate(
     variances: FloatArray | None,
     progress: Progress | None,
     near: Near | None,
-    unseen: float,
     found: Derivatives | None = None,
 ) -> MixedFit:
     """Rounds until nothing moves; `variances` (K,) that are given stay, `found` where they come from."""
@@ -204,14 +204,11 @@ def _iterate(
     for rounds in range(1, MAX_ROUNDS + 1):
         if left > STRAIGHT:
             here = Linearisation(design, state)
-        try:
-            fit = LinearFit(design, here, v)
-        except np.linalg.LinAlgError as error:
-            raise PosesDoNotFitError from error
+        fit = _solved(design, here, v)
         if rounds == 1 and free and fit.chi2 > SURPRISE * fit.dof:
             # Nothing stated explains these readings: start where much may give.
             v = np.maximum(v, design.leaps)
-            calm = _iterate(design, x0, v, progress, near, unseen)
+            calm = _iterate(design, x0, v, progress, near)
             if not calm.fit.chi2 <= HOPELESS * calm.fit.dof:
                 return calm
             fit = LinearFit(design, here, v)
@@ -227,7 +224,7 @@ def _iterate(
                 # That is no reason to go on: the parameters settle under the variances as they are.
                 free, wanted, v = False, ScoringStep.none(len(v)), fit.v
         enough = STEADY if ascent.fast else CREEPING
-        converged = left < settled and wanted.largest < enough
+        converged = left < settled and (wanted.largest < enough or wanted.slope < GAINED)
         nearly = left < NEARLY and wanted.largest < ALMOST_STEADY
         if sign_asked and (nearly or rounds >= FREE_ROUNDS):
             surplus = gravity_share(fit) - 0.5
@@ -240,15 +237,42 @@ def _iterate(
                 continue
         if converged:
             break
-        if free and not sign_asked and wanted.largest < unseen:
-            # Newton's: the next would be as small as this one's square.
-            free, wanted = False, ScoringStep.none(len(v))
+    if variances is None and found is not None:
+        fit, state = _at_mean_scales(design, here, fit, found, state)
     shift, give = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
         found=with_priors(fit) if found is None else found,
         iterations=rounds, converged=converged,
     )  # fmt: skip
+
+
+def _solved(design: LinearModel, here: Linearisation, v: FloatArray) -> LinearFit:
+    """Solve one linearisation, or say that these poses fit no loop."""
+    try:
+        return LinearFit(design, here, v)
+    except np.linalg.LinAlgError as error:
+        raise PosesDoNotFitError from error
+
+
+def _at_mean_scales(
+    design: LinearModel, here: Linearisation, fit: LinearFit, found: Derivatives, state: State
+) -> tuple[LinearFit, State]:
+    """Solve the last linearisation once more with learned sizes at their means; as it was where none is learned."""
+    v = expected_scales(fit, found)
+    if np.array_equal(v, fit.v):
+        return fit, state
+    last = LinearFit(design, here, v)
+    return last, _advance(design, here, last)[0]
+
+
+def expected_scales(fit: LinearFit, found: Derivatives) -> FloatArray:
+    """Variances (K,) with the learned sizes at their posterior mean.
+
+    At the mode sigmas would not hold what is not known of the sizes themselves. A size exp(t), t ~ N(t_mode, s^2),
+    has the mean exp(t_mode + s^2 / 2), its variance twice that exponent.
+    """
+    return np.asarray(np.minimum(fit.v * np.exp(scale_spread(fit, found)), fit.design.walls))
 
 
 def _nothing(_rounds: int, _chi2: float) -> None:

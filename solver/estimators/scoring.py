@@ -14,6 +14,9 @@ from solver.arrays import FloatArray
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 
+TINY = 1e-300
+"""Keeps a logarithm finite."""
+
 FASTEST = 6.0
 """A variance changes by no more than this factor in one step."""
 
@@ -33,12 +36,29 @@ CONCAVE = 0.05
 """Smallest eigenvalue of the curvature, in units of the expected information, for Newton's step."""
 
 
+SCALE_SD = float(np.log(2.0))
+"""Standard deviation of the logarithm of a source's size over its statement: a factor of two is one sigma."""
+
 FAST = 0.3
 """Variances creep where a round leaves more than this share of what the one before left."""
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
-    """Count what a specification says of an amplitude as well, and spreads recorded inside poses."""
+    """Count what is known of the variances before: specifications, spreads inside poses, the prior of each scale."""
+    v, found = fit.v, _with_readings(fit)
+    scaled = fit.design.scaled
+    # t = log(v / start) / 2 ~ N(0, SCALE_SD^2), differentiated by v.
+    log, pull = np.log(v / fit.design.start_variances()), 4.0 * (SCALE_SD * v) ** 2
+    return replace(
+        found,
+        score=found.score - np.where(scaled, log * v / pull, 0.0),
+        information=found.information + np.diag(np.where(scaled, 1.0 / pull, 0.0)),
+        curvature=found.curvature + np.diag(np.where(scaled, (1.0 - log) / pull, 0.0)),
+    )
+
+
+def _with_readings(fit: LinearFit) -> Derivatives:
+    """Count what a specification says of an amplitude, and spreads recorded inside poses."""
     v, bare = fit.v, fit.derivatives
     score, information, curvature = (
         bare.score.copy(), bare.information.copy(), bare.curvature.copy(),
@@ -51,6 +71,17 @@ def with_priors(fit: LinearFit) -> Derivatives:
             curvature[k, k] += component.spread_dof * (ratio - 0.5) / v[k] ** 2
         score[k] -= 0.5 / component.soft
     return replace(bare, score=score, information=information, curvature=curvature)
+
+
+def scale_spread(fit: LinearFit, found: Derivatives) -> FloatArray:
+    """Posterior variance (K,) of the logarithm of each learned size; zero of the other components."""
+    scaled = fit.design.scaled
+    spread = np.zeros(len(scaled))
+    if scaled.any():
+        v = fit.v[scaled]
+        information = 4.0 * np.outer(v, v) * found.information[np.ix_(scaled, scaled)]
+        spread[scaled] = np.clip(np.diagonal(np.linalg.inv(information)), 0.0, SCALE_SD**2)
+    return spread
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,16 +109,30 @@ class ScoringStep:
 
 
 def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
-    """Newton's step of the variances, those at a bound that they would leave held there."""
-    v, floor = fit.v, fit.design.floors
+    """Newton's step of the variances, those at a bound that they would leave held there.
+
+    Of learned sizes it is a step of ``t = log(v) / 2``, in which their likelihood is nearest to its parabola.
+    """
+    v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
     wall, leap = fit.design.walls, fit.design.leaps
     low = np.where(leap > 0.0, floor, np.maximum(floor, v / FASTEST))
     high = np.minimum(wall, np.maximum(FASTEST * v, leap))
-    known = np.diagonal(found.information)
+    rate = np.where(scaled, 2.0 * v, 1.0)
+    known = np.diagonal(found.information) * rate**2
     told = known > 0.0  # what tells nothing, or less by rounding, stays where it is
     size = np.sqrt(np.where(told, known, 1.0))
-    score, moving = found.score / size, told & ((v > floor) | (found.score > 0.0))
+    unit = rate / size
+    score, moving = found.score * unit, told & ((v > floor) | (found.score > 0.0))
     moving &= (v < wall) | (score < 0.0)
+
+    def changed(change: FloatArray) -> FloatArray:
+        """Variances after a change in standard errors."""
+        grown = v * np.exp(np.clip(2.0 * change / size, -50.0, 50.0))
+        return np.where(scaled, grown, v + change / size)
+
+    def to(bound: FloatArray) -> FloatArray:
+        """Change in standard errors to a bound."""
+        return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
         """Solve for the change; what would leave its bounds goes to them, and the others step as is then best."""
@@ -97,23 +142,23 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
             change[free] = 0.0
             target = score - metric @ change
             change[free] = np.linalg.solve(ridged[free][:, free], target[free])
-            below = free & (v + change / size < low)
-            above = free & (v + change / size > high)
+            then = changed(change)
+            below, above = free & (then < low), free & (then > high)
             if not (below | above).any():
                 break
-            change[below] = ((low - v) * size)[below]
-            change[above] = ((high - v) * size)[above]
+            change[below], change[above] = to(low)[below], to(high)[above]
             free &= ~below & ~above
         return change
 
-    change = bounded(found.information / np.outer(size, size))
+    change = bounded(found.information * np.outer(unit, unit))
     if np.abs(change).max(initial=0.0) < NEAR and moving.any():
         # Away from the maximum the curvature may point anywhere, and its expectation leads there fast.
-        metric = found.curvature / np.outer(size, size)
+        bend = np.diag(np.where(scaled, 4.0 * v * found.score, 0.0) / size**2)
+        metric = found.curvature * np.outer(unit, unit) - bend
         if np.linalg.eigvalsh(metric[np.ix_(moving, moving)])[0] > CONCAVE:
             change = bounded(metric)
     return ScoringStep(
-        change=np.clip(v + change / size, low, high) - v,
+        change=np.clip(changed(change), low, high) - v,
         largest=float(np.abs(change).max(initial=0.0)),
         slope=float(score @ change),
     )

@@ -7,7 +7,8 @@ maker's lengths are known to a tolerance. All of it is one linear mixed model
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,7 +20,9 @@ from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.implicit import NoiseModel, estimate_implicit
+from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
+from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import MixedFit, Near, fit_mixed
 from solver.loops.closure import ClosureModel, nearest_equivalent
@@ -51,6 +54,8 @@ class VarianceComponents:
         Misfit under the stated variances, none of them fitted, and its expectation.
     iterations, converged
         Rounds of the iteration.
+    variances
+        Every variance component as found, by its name in the error model.
     """
 
     components: tuple[Component, ...]
@@ -63,6 +68,7 @@ class VarianceComponents:
     stated_dof: int
     iterations: int
     converged: bool
+    variances: Mapping[str, float] = field(default_factory=dict)
 
     def at_poses(self, poses: IntArray) -> VarianceComponents:
         """Return the same with what belongs to single poses for these."""
@@ -86,6 +92,8 @@ class Calibrated:
     ----------
     linear, order
         The fit, its poses in canonical order, and the caller's indices (m,) of these.
+    found
+        How the likelihood changes with the variances there.
     unsensed
         Unsensed angles (m, U), rad, in the caller's order.
     """
@@ -93,6 +101,7 @@ class Calibrated:
     estimate: Estimate
     components: VarianceComponents
     linear: LinearFit
+    found: Derivatives
     order: IntArray
     unsensed: FloatArray
 
@@ -110,6 +119,7 @@ class Calibrated:
             estimate=self.estimate.at_poses(of_caller),
             components=self.components.at_poses(of_caller),
             linear=self.linear.at_poses(some),
+            found=self.found,
             order=np.searchsorted(of_caller, self.order[some]),
             unsensed=self.unsensed[of_caller],
         )
@@ -166,6 +176,7 @@ def estimate_with_errors(
         estimate=estimate,
         components=_report(found, back),
         linear=fit,
+        found=found.found,
         order=ended.order,
         unsensed=found.unsensed[back],
     )
@@ -188,10 +199,10 @@ def settle(
     x0: FloatArray | None = None,
     group: IntArray | None = None,
     near: Near | None = None,
-    unseen: float = 0.0,
+    variances: Callable[[Layout], FloatArray] | None = None,
     progress: Progress | None = None,
 ) -> Settled:
-    """Fit as `estimate_with_errors` does and report nothing; `near` and `unseen` are those of `fit_mixed`."""
+    """Fit as `estimate_with_errors` does and report nothing; `near` and `variances` are those of `fit_mixed`."""
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]
@@ -201,12 +212,12 @@ def settle(
     if x0 is None:
         x0 = _first(model, q, errors, progress)
     found = fit_mixed(
-        model, q, errors, x0, group=group, near=near, unseen=unseen, progress=progress
+        model, q, errors, x0, group=group, near=near, variances=variances, progress=progress
     )
     x = nearest_equivalent(model, found.x, nominal)
     if np.abs(x - found.x).max() > EQUAL:
         # Another description of the same loop has another covariance: finish there.
-        found = fit_mixed(model, q, found.fit.design.errors, x, group=group)
+        found = fit_mixed(model, q, found.fit.design.errors, x, group=group, variances=variances)
     return Settled(fit=found, order=order, dof=dof)
 
 
@@ -260,4 +271,5 @@ def _report(found: MixedFit, back: IntArray) -> VarianceComponents:
         stated_dof=stated.dof,
         iterations=found.iterations,
         converged=found.converged,
+        variances={c.name: float(v) for c, v in zip(design.components, fit.v, strict=True)},
     )

@@ -142,6 +142,11 @@ class Result:
         return MappingProxyType({name: (low[name], high[name]) for name in low})
 
     @property
+    def corrections(self) -> tuple[Mapping[str, Any], ...]:
+        """Corrections of readings that `fk` applies on request, as data: ``corrections`` of `to_json`."""
+        return tuple(self.to_json()["corrections"])
+
+    @property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables that there are, the most important first."""
         return tuple(t.ident for t in self._facts.tables)
@@ -184,8 +189,10 @@ class Result:
 
     # -- where the hand is -------------------------------------------------------------------------
 
-    def fk(self, q_rad: ArrayLike, *, frame: Frame = "tip") -> FloatArray:
-        """Place of the hand in the arm's base frame, by the calibrated parameters.
+    def fk(
+        self, q_rad: ArrayLike, *, frame: Frame = "tip", corrections: bool = False
+    ) -> FloatArray:
+        """Place of the tool in the arm's base frame, by the best D-H table.
 
         Parameters
         ----------
@@ -195,6 +202,9 @@ class Result:
             ``tip``: the point of the hand that the fixture held (a hinge's axis is z there);
             ``flange``: frame n of the arm's own D-H table, which outlives the mounting, as in an
             exported URDF.
+        corrections
+            By the identified table and with the corrections of the readings instead (`Result.corrections`):
+            nearer to the truth, for a controller that can apply them.
 
         Returns
         -------
@@ -206,7 +216,7 @@ class Result:
             These are no readings of this arm in radians, or there is no such frame.
         """
         one_of("frame", frame, get_args(Frame))
-        return self._hand.T_base(self._readings(q_rad), frame)
+        return self._hand.T_base(self._readings(q_rad), frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
         """Standard deviation of the tip's distance from where `fk` says it is, in m.

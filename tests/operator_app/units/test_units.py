@@ -18,6 +18,7 @@ ROOT = Path(operator_app.__file__).parent
 KEYED = {
     ROOT / "session" / "store" / "parameters.py",
     ROOT / "report" / "json_schema.py",
+    ROOT / "report" / "posterior_tables.py",
     ROOT / "report" / "results" / "plan_json.py",
     ROOT / "report" / "exports.py",
     ROOT / "session" / "workflow" / "importing.py",

@@ -244,20 +244,21 @@ def test_smooth_columns_span_the_process_they_stand_for() -> None:
     assert np.allclose(apart.phi[:20] @ apart.phi[20:].T, 0.0, atol=1e-9)
 
 
-def test_a_component_is_never_below_its_statement(design: LinearModel) -> None:
-    # Smooth or on one side all of it, and 0.4 of it anew besides.
-    floors = {c.name: c.floor for c in design.components}
-    assert floors["fixture_m"] == pytest.approx(0.4**2 * 2e-4**2)
-    assert floors["fixture_rad"] == pytest.approx(0.4**2 * 3e-4**2)
-    assert floors["joint_play"] == pytest.approx(0.4**2)
-    v = np.array([c.floor for c in design.components])
-    least = {(g.source, g.variance(v)) for g in design.groups if not g.source.startswith("rvdt")}
-    exact = {pair for pair in least if pair[0] != "fixture_give"}
+def test_every_source_begins_at_its_statement_and_may_be_found_smaller(design: LinearModel) -> None:
+    # Smooth or on one side all of it, and 0.4 of it new in every pose besides.
+    starts = {c.name: c.start for c in design.components}
+    assert starts["fixture_m"] == pytest.approx(0.4**2 * 2e-4**2)
+    assert starts["fixture_rad"] == pytest.approx(0.4**2 * 3e-4**2)
+    assert starts["joint_play"] == pytest.approx(0.4**2)
+    v = design.start_variances()
+    begins = {(g.source, g.variance(v)) for g in design.groups if not g.source.startswith("rvdt")}
+    exact = {pair for pair in begins if pair[0] != "fixture_give"}
     assert exact == {
         (source, 1.0) for source in ("lengths", "twists", "encoder_accuracy", "joint_play", "sag")
     }
-    gives = sorted(variance for source, variance in least if source == "fixture_give")
+    gives = sorted(variance for source, variance in begins if source == "fixture_give")
     assert gives == pytest.approx([2e-4**2, 3e-4**2], rel=1e-3)
+    assert all(c.floor < 2e-3 * c.start for c in design.components if c.scaled)
 
 
 def test_a_fit_that_is_no_number_is_no_perfect_fit(design: LinearModel, system: System) -> None:

@@ -12,7 +12,9 @@ from solver.estimators.scoring import Ascent, ScoringStep, step
 
 def fit_of(v: list[float]) -> SimpleNamespace:
     each = np.ones(len(v))
-    design = SimpleNamespace(floors=0.01 * each, walls=1e6 * each, leaps=0.0 * each)
+    design = SimpleNamespace(
+        floors=0.01 * each, walls=1e6 * each, leaps=0.0 * each, scaled=each < 0
+    )
     return SimpleNamespace(v=np.array(v), design=design)
 
 

@@ -1,0 +1,1 @@
+"""What a fit knows where the arm is used: corrections of readings, the best D-H table, the tool's uncertainty."""

@@ -1,0 +1,197 @@
+"""The D-H table that, without any correction, has the tool where the whole posterior has it.
+
+Part of what a fit finds is in corrections of readings, which a controller or a URDF cannot apply. Of all
+tables T the best one minimises the mean square of fk_T(q) - fk(q), fk being the posterior mean with its
+corrections r(q) = S(q) b, over the poses where the arm is used (method, section 10, "Best table"). With J_T and
+J_q the rates of the tool with entries and joint angles that is one linear least squares,
+
+    min_dT  sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,      dT = G b,
+
+d being how far an entry is ever off its file. Its covariance is that of the parameters with G's part of the
+corrections; what no table can hold, J_q S - J_T G, is in `left_m`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import radians
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import DhEntry, DhKind, nominal_vector
+from solver.loops.point import TIP, PointClosure
+from solver.posterior.joint_corrections import JointCorrections, JointsThere
+
+CLOSE_M = 1e-4
+"""s: tool error that is not worth an entry that is off its file by a tolerance."""
+
+LENGTH_M, TWIST_RAD, OFFSET_RAD = 1e-3, radians(0.2), radians(1.0)
+"""d: entries that the poses leave open stay where the fit has them."""
+
+NEAR_RAD, NEAR_SHARE, ANYWHERE_SHARE, TIMES = np.deg2rad(20.0), 0.25, 0.01, 2
+"""A table is to be good at the poses of a session, a third as much within 20 deg of these, and a little anywhere:
+where it is asked for nothing it may do anything."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BestTable:
+    """A table, the tool's point in its last frame, and how well both are known.
+
+    Attributes
+    ----------
+    rows
+        Links 1..n (5, n): theta_off, s, a, alpha, beta; rad and m.
+    tip_m
+        The tool's point in frame n (3,).
+    entries, covariance
+        Entries and coordinates of the tip that it has a value of (k,), and their covariance (k, k), rad and m.
+    left_m
+        Root mean square of what corrections tell of the tool and no table can hold, with its uncertainty.
+    sigma_m
+        Root mean square of the tool's distance from there, where the arm is used.
+    """
+
+    rows: FloatArray
+    tip_m: FloatArray
+    entries: tuple[str, ...]
+    covariance: FloatArray
+    left_m: float
+    sigma_m: float = 0.0
+
+    @property
+    def table(self) -> DhTable:
+        """Its rows."""
+        return DhTable.from_stacked(self.rows)
+
+    def tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tip in the base frame (m, 3), m, and the standard deviation of its distance from there (m,), m."""
+        point = tool_point(self.table, self.tip_m, _entries_of(self.entries))
+        at = point.loop(nominal_vector(point.parameters), q, np.zeros((len(q), 0)))
+        order = [p.name for p in point.parameters]
+        J = at.jac_x[..., [order.index(name) for name in self.entries]].reshape(3 * len(q), -1)
+        spread = ((J @ self.covariance) * J).reshape(len(q), -1).sum(-1)
+        return at.residual, np.sqrt(np.maximum(spread, 0.0) + self.left_m**2)
+
+
+def tool_point(table: DhTable, tip_m: FloatArray, entries: Sequence[DhEntry]) -> PointClosure:
+    """Return an arm of links 1..n and a point of its hand, seen from a base at the origin."""
+    return PointClosure(
+        table=table, entries=tuple(entries), tip_m=tip_m, ground_m=np.zeros(3), own=TIP
+    )
+
+
+def _entries_of(names: Sequence[str]) -> list[DhEntry]:
+    return [DhEntry.parse(name) for name in names if name not in TIP]
+
+
+def every_entry(links: int, hayati: Sequence[int] = ()) -> list[DhEntry]:
+    """Entries of links 1..n that a table can hold: the offset, s or Hayati's beta (rows `hayati`), a and alpha."""
+    return [
+        DhEntry(kind, row)
+        for row in range(1, links + 1)
+        for kind in (
+            DhKind.THETA_OFF, DhKind.BETA if row in hayati else DhKind.S, DhKind.A, DhKind.ALPHA,
+        )
+    ]  # fmt: skip
+
+
+def where_used(
+    q: FloatArray, lower_rad: FloatArray, upper_rad: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Readings (m, n), rad, where an arm is used by a session's (k, n), and their weights (m,), which sum to 1.
+
+    The session's come first. `lower_rad` and `upper_rad` (n,) are the joints' ranges.
+    """
+    k = len(q)
+    even = even_steps(TIMES * k, q.shape[1])
+    near = np.tile(q, (TIMES, 1)) + NEAR_RAD * (2.0 * even - 1.0)
+    anywhere = lower_rad + even * (upper_rad - lower_rad)
+    share = np.array(
+        (1.0 - NEAR_SHARE - ANYWHERE_SHARE, NEAR_SHARE / TIMES, ANYWHERE_SHARE / TIMES)
+    )
+    weight = np.repeat(share / k, (k, TIMES * k, TIMES * k))
+    return np.concatenate((q, near, anywhere)), weight
+
+
+def even_steps(count: int, n: int) -> FloatArray:
+    """Points (count, n) of the unit cube, as even as random ones of many times their number.
+
+    They follow an additive recurrence (Roberts' R_n: steps of powers of the root of ``g^(n+1) = g + 1``); no
+    machine's own sequence.
+    """
+    g = 2.0
+    for _ in range(60):
+        g = (1.0 + g) ** (1.0 / (n + 1))
+    return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * g ** -np.arange(1.0, n + 1)) % 1.0)
+
+
+def best_table(
+    table: DhTable,
+    tip_m: FloatArray,
+    corrections: JointCorrections,
+    there: JointsThere,
+    weight: FloatArray,
+    *,
+    known: Sequence[str],
+    covariance: FloatArray,
+    hayati: Sequence[int] = (),
+    tip: bool = True,
+) -> BestTable:
+    """Return the best table near `table`, where the arm is used.
+
+    Parameters
+    ----------
+    there, weight
+        Poses where it is used, and their weights (m,), of sum 1; see `where_used`.
+    known, covariance
+        Entries of `table` and of the tip (k,) that were fitted, and the covariance (k + c, k + c) of these with
+        the coefficients of the corrections.
+    tip
+        Whether the tool's point may move in the last frame as well: of a ball, which no entry holds.
+    """
+    m = len(weight)
+    point = tool_point(table, tip_m, every_entry(table.links, hayati))
+    at = point.loop(nominal_vector(point.parameters), there.q, np.zeros((m, 0)))
+    every = [p.name for p in point.parameters]
+    names = [name for name in every if tip or name not in TIP or name in known]
+    size = np.array([_size(name) for name in names])
+    root = np.sqrt(np.repeat(weight, 3))
+    J = at.jac_x[..., [every.index(name) for name in names]].reshape(3 * m, -1)
+    moved = (at.jac_q[..., corrections.joint_of] * there.shapes[:, None, :]).reshape(3 * m, -1)
+    base = (at.jac_q @ there.expected[..., None]).reshape(-1)
+    A = np.concatenate((root[:, None] * J * size / CLOSE_M, np.eye(len(names))))
+    asked = root[:, None] * np.column_stack((moved, base)) / CLOSE_M
+    asked = np.concatenate((asked, np.zeros((len(names), asked.shape[1]))))
+    G = np.linalg.lstsq(A, asked, rcond=None)[0] * size[:, None]
+    b = np.append(corrections.coefficients, 1.0)
+    left = np.column_stack((moved, base)) - J @ G
+    k = len(known)
+    spread = ((left[:, :-1] @ covariance[k:, k:]) * left[:, :-1]).sum(-1)
+    mean_square = float(root**2 @ ((left @ b) ** 2 + np.maximum(spread, 0.0)))
+    to_names = np.zeros((len(names), k))
+    to_names[[names.index(name) for name in known], range(k)] = 1.0
+    M = np.column_stack((to_names, G[:, :-1]))
+    step = dict(zip(names, G @ b, strict=True))
+    rows = table.stacked()
+    for entry in _entries_of(names):
+        rows[entry.kind, entry.row - 1] += step[entry.name]
+    found = BestTable(
+        rows=rows,
+        tip_m=tip_m + np.array([step.get(name, 0.0) for name in TIP]),
+        entries=tuple(names),
+        covariance=M @ covariance @ M.T,
+        left_m=float(np.sqrt(mean_square)),
+    )
+    return replace(found, sigma_m=float(np.sqrt(weight @ found.tool(there.q)[1] ** 2)))
+
+
+def _size(name: str) -> float:
+    if name in TIP:
+        return 10.0 * LENGTH_M
+    kind = DhEntry.parse(name).kind
+    if kind is DhKind.THETA_OFF:
+        return OFFSET_RAD
+    return TWIST_RAD if kind.is_angle else LENGTH_M

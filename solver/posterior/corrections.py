@@ -1,0 +1,178 @@
+"""Corrections of joint readings as plain data: what a controller may apply beside the identified D-H table.
+
+True angle = reading + theta_off + the sum of a joint's corrections, each a function of the readings q:
+
+    harmonic   c1 sin q_j + c2 cos q_j + c3 sin 2 q_j + c4 cos 2 q_j        encoder, once and twice a turn
+    linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and curve
+    gravity    sum_k z_j . ((p_k - p_j) m_k + R_k h_k) x g,  k >= j         twist under load; m_k, h_k per joint
+    offset     c1                                                           play that lies to one side
+
+`tests/solver/posterior/reference_corrections.py` is the same in plain Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.arrays import FloatArray
+from solver.chain.kinematics import forward
+from solver.chain.parameters import DhKind
+from solver.chain.sensor_curve import powers_of
+from solver.chain.statics import LinkMasses, torque_rates
+from solver.estimators.layout import Layout
+from solver.estimators.load_shapes import FREE
+from solver.posterior.joint_corrections import JointCorrections, JointsThere
+
+LEAST_RAD = 1e-9
+"""Less than this is no correction."""
+
+TURN_LIMIT = 1.2
+"""Beyond so many halves of its full scale an RVDT saturates."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Correction:
+    """One correction of one joint; the module says what each kind is.
+
+    Attributes
+    ----------
+    source
+        What an uncertainty budget calls it.
+    joint
+        1-based.
+    coefficients
+        (c,), rad; of gravity mass and first moment of each link (4 n,), rad/(N m) times kg and kg m.
+    middle_rad, half_scale_rad
+        Of linearity: the sensor's electrical zero and half of its full scale.
+    down
+        Of gravity: direction of its field in the base (3,).
+    """
+
+    source: str
+    joint: int
+    kind: str
+    coefficients: FloatArray
+    middle_rad: float = 0.0
+    half_scale_rad: float = 0.0
+    down: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Corrections:
+    """All corrections of an arm.
+
+    Attributes
+    ----------
+    each
+        One by one.
+    rows
+        D-H rows 1..n (5, n), rad and m, by which gravity's levers are found: the arm file's.
+    """
+
+    each: tuple[Correction, ...]
+    rows: FloatArray
+
+    def at(self, q: FloatArray) -> FloatArray:
+        """Corrections (..., n), rad, to be added to readings q (..., n), rad."""
+        found = np.zeros_like(q)
+        rates: dict[tuple[float, ...], FloatArray] = {}
+        for c in self.each:
+            own = q[..., c.joint - 1]
+            if c.kind == "gravity":
+                if c.down not in rates:
+                    angle = q + self.rows[DhKind.THETA_OFF]
+                    rates[c.down] = torque_rates(
+                        forward(angle, *self.rows[DhKind.S :]), np.array(c.down)
+                    )
+                moments = c.coefficients.reshape(-1, 4)
+                shift = (rates[c.down][..., c.joint - 1, :, :] * moments).sum((-1, -2))
+            elif c.kind == "harmonic":
+                waves = (np.sin(own), np.cos(own), np.sin(2.0 * own), np.cos(2.0 * own))
+                shift = np.stack(waves, axis=-1) @ c.coefficients
+            elif c.kind == "linearity":
+                x = np.clip((own - c.middle_rad) / c.half_scale_rad, -TURN_LIMIT, TURN_LIMIT)
+                shift = np.polynomial.polynomial.polyval(x, c.coefficients)
+            else:
+                shift = np.full(own.shape, c.coefficients[0])
+            found[..., c.joint - 1] += shift
+        return found
+
+
+def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
+    """Take the corrections out of a fit; play counts by its mean over some poses."""
+    design = found.fit.design
+    errors, b = design.errors, found.coefficients
+    each: list[Correction] = []
+    at = 0
+
+    def some(count: int) -> FloatArray:
+        nonlocal at
+        at += count
+        return b[at - count : at]
+
+    for j in np.flatnonzero(design.accuracy):
+        each.append(
+            Correction(
+                source="encoder_accuracy", joint=int(j) + 1, kind="harmonic",
+                coefficients=design.accuracy[j] * some(4),
+            )
+        )  # fmt: skip
+    for a in errors.analogue:
+        if a.curve is not None:
+            each.append(
+                Correction(
+                    source="rvdt", joint=a.joint, kind="linearity",
+                    coefficients=powers_of(a.curve, some(a.curve.width)),
+                    middle_rad=a.curve.middle_rad, half_scale_rad=a.curve.half_scale_rad,
+                )
+            )  # fmt: skip
+    first = at
+    some(len(design.play_joints) * design.play.width)
+    each.extend(_play(design, found, there, slice(first, at)))
+    rows = np.zeros((5, design.model.joint_count))
+    if errors.loads is not None and len(design.sag_joints):
+        gravity = errors.loads.gravity
+        rows = gravity.part.arm_rows()
+        width = design.sags.width
+        for j in design.sag_joints:
+            own, scale = some(width), np.sqrt(1.0 - FREE) * design.sag[j]
+            columns = gravity.turn.shape[-1]
+            shapes = gravity.turn[j] @ own[:columns]
+            # Unsigned, what is expected of it is a column like the others.
+            shapes[0] += gravity.rate[j] * (1.0 if errors.signed else own[-1])
+            each.extend(_gravity(int(j) + 1, scale * shapes, gravity.part.masses))
+    kept = [c for c in each if np.abs(c.coefficients).max(initial=0.0) > LEAST_RAD]
+    return Corrections(each=tuple(kept), rows=rows)
+
+
+def _play(
+    design: Layout, found: JointCorrections, there: JointsThere, here: slice
+) -> Iterator[Correction]:
+    """Mean over the readings of what play is expected to be and was found to be."""
+    mean = (there.shapes[:, here] * found.coefficients[here]).mean(axis=0)
+    for k, j in enumerate(found.joint_of[here]):
+        size = float(mean[k])
+        if k == 0 or found.joint_of[here][k - 1] != j:
+            size += float((design.backlash[j] * there.side[:, j]).mean())
+        yield Correction(
+            source="joint_play", joint=int(j) + 1, kind="offset", coefficients=np.array([size])
+        )
+
+
+def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[Correction]:
+    """From coefficients of a torque's shapes (s,) to those of masses and moments."""
+    n = len(masses.mass_kg)
+    uncertain = (masses.moments_sd @ shapes[1 : 1 + 4 * n].reshape(n, 4, 1))[..., 0]
+    by_down = [(masses.down, shapes[0] * masses.moments + uncertain)]
+    by_down += [
+        (tilt, w * masses.moments)
+        for tilt, w in zip(masses.tilted, shapes[1 + 4 * n :], strict=True)
+    ]
+    for down, moments in by_down:
+        yield Correction(
+            source="sag", joint=joint, kind="gravity", coefficients=moments.reshape(-1),
+            down=tuple(float(v) for v in down),
+        )  # fmt: skip

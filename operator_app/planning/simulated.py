@@ -26,7 +26,7 @@ from solver.design.manifold import Manifold, candidate_poses
 from solver.loops.closure import ClosureModel
 
 OFFSET_RAD = float(np.deg2rad(2.0))
-"""Standard deviation of the offsets' errors."""
+"""Standard deviation of the offsets' errors, where the arm's file does not state it."""
 OF_TOLERANCE = 0.5
 """Share of the fixture's stated tolerance by which its placement is off, at most."""
 TRIES = 40
@@ -104,7 +104,7 @@ def _moving(
     """Draw until there is a mounting in which the arm can take that many poses."""
     ranges = ranges_of(arm).within(margin_rad(arm))
     for _ in range(TRIES):
-        x = _drawn(fixture, model, spread, rng)
+        x = _drawn(fixture, model, spread, arm.offset_tolerance_rad or OFFSET_RAD, rng)
         try:
             reached = candidate_poses(model, x, arm.home_rad, ranges, count=most)
         except ValueError:
@@ -122,6 +122,7 @@ def _drawn(
     fixture: FixtureSpec,
     model: ClosureModel,
     spread: Mapping[str, float],
+    offset_rad: float,
     rng: np.random.Generator,
 ) -> FloatArray:
     """True values (P,) of all parameters."""
@@ -134,7 +135,7 @@ def _drawn(
             most = fixture.tolerance_rad if p.is_angle else fixture.tolerance_m
             off.append(OF_TOLERANCE * most * rng.uniform(-1.0, 1.0))
         else:
-            off.append((OFFSET_RAD if p.is_angle else 0.0) * rng.standard_normal())
+            off.append((offset_rad if p.is_angle else 0.0) * rng.standard_normal())
     return np.asarray(nominal_vector(model.parameters) + np.array(off))
 
 

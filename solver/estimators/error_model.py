@@ -97,6 +97,10 @@ class ErrorModel:
     approach: FloatArray | None = None
     signed: bool = True
 
+    def knows(self, name: str) -> bool:
+        """Whether a parameter has a prior."""
+        return name in self.tolerance or name in self.prior
+
     def at_poses(self, poses: IntArray) -> ErrorModel:
         """Return the error model of a selection of poses."""
         return replace(

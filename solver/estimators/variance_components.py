@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.chain.parameters import nominal_vector
+from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.pose_order import back_to_caller, canonical_order
 from solver.estimators.component_report import Component, FlexureTest, components, flexure_test
 from solver.estimators.error_model import ErrorModel
@@ -211,14 +211,23 @@ def settle(
     nominal = nominal_vector(model.parameters)
     if x0 is None:
         x0 = _first(model, q, errors, progress)
+    x0 = _near(model, errors, x0, nominal)
     found = fit_mixed(
         model, q, errors, x0, group=group, near=near, variances=variances, progress=progress
     )
-    x = nearest_equivalent(model, found.x, nominal)
+    x = _near(model, errors, nearest_equivalent(model, found.x, nominal), nominal)
     if np.abs(x - found.x).max() > EQUAL:
         # Another description of the same loop has another covariance: finish there.
         found = fit_mixed(model, q, found.fit.design.errors, x, group=group, variances=variances)
     return Settled(fit=found, order=order, dof=dof)
+
+
+def _near(
+    model: ClosureModel, errors: ErrorModel, x: FloatArray, nominal: FloatArray
+) -> FloatArray:
+    """Angles that have a prior within half a turn of its mean: 181 deg about 180, and not -179."""
+    known = [p.is_angle and errors.knows(p.name) for p in model.parameters]
+    return np.where(known, nominal + wrap_angle(x - nominal), x)
 
 
 def _first(

@@ -134,7 +134,7 @@ def calibrate(
 
     def require(seen: Identifiability) -> Identifiability:
         try:
-            require_identifiable(seen, hard, len(q), known=by_arm)
+            require_identifiable(seen, hard, len(q), known=() if estimator == "paper" else by_arm)
         except UnidentifiableError as error:
             used = pick(poses, np.flatnonzero(kept))
             raise why_blind(
@@ -148,7 +148,7 @@ def calibrate(
             ) from error
         return seen
 
-    prior = stated_priors(hard, arm, fixture) if estimator == "implicit" else {}
+    prior = stated_priors(hard, arm, fixture)
     by_arm = set(prior) - {*hard.ground_side, *hard.hand_side}
     # Before anything is weighted: along a direction that neither poses nor files tell no estimate is worth anything.
     if paper is not None and (estimator == "paper" or not plainly_seen(paper, q)):

@@ -74,6 +74,11 @@ class CalibratedArm:
         return DhTable.from_stacked(rows)
 
     @property
+    def table_tip_m(self) -> FloatArray:
+        """The tip in the last frame of `table` to the tip, (3,)."""
+        return self.tip_m if self.best is None else self.best.tip_m
+
+    @property
     def entries(self) -> tuple[str, ...]:
         """Entries of `hand` that were calibrated."""
         return tuple(name for name in self.free if name not in TIP_NAMES)
@@ -86,7 +91,7 @@ class CalibratedArm:
         By the best table; or, `corrected`, by the identified one with corrections of the readings. The tip is
         turned as the last frame is.
         """
-        table, tip_m = self.table(frame), self.tip_m if self.best is None else self.best.tip_m
+        table, tip_m = self.table(frame), self.table_tip_m
         if corrected:
             table, tip_m = (self.hand if frame == "tip" else self.flange), self.tip_m
             q_rad = q_rad if self.corrections is None else q_rad + self.corrections.at(q_rad)
@@ -244,6 +249,7 @@ def with_best_table(
         known=own.free,
         covariance=joints.with_parameters(index),
         hayati=arm.hayati_rows,
+        fixed=part.ground_side,
         tip=bool(TIP_NAMES & set(plain)),
     )
     return replace(solution, best=best, corrections=corrections_of(joints, there.first(len(some))))

@@ -52,6 +52,7 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
     true_arm = replace(
         found,
         hand=with_entries(found.hand, mine),
+        best=None,
         tip_m=np.array([values.get(n, v) for n, v in zip(TIP, found.tip_m, strict=True)]),
     )
     q = even_poses(arm)

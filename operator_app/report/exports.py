@@ -149,7 +149,7 @@ def _urdf(found: Calibration) -> bytes:
         f"The link 'flange' is frame {n} of the D-H table, 'tip' the fixture's point. No masses, no shapes.",
     ]
     T_tip = link_transform(arm.table("tip").stacked()[:, -1].tolist())
-    T_tip[:3, 3] += T_tip[:3, :3] @ arm.tip_m
+    T_tip[:3, 3] += T_tip[:3, :3] @ arm.table_tip_m
     return format_urdf(found.arm, arm.table(), T_tip=T_tip, comment=said)
 
 

@@ -11,7 +11,7 @@ from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.units.figure import ANGLE, LENGTH, NUMBER, Figure
 from solver.chain.parameters import DhKind
-from solver.posterior.corrections import Correction
+from solver.posterior.corrections import ReadingCorrection
 
 
 def scale_table(solution: Solution) -> FactTable | None:
@@ -29,7 +29,7 @@ def scale_table(solution: Solution) -> FactTable | None:
     ]
     return FactTable(
         ident="scales",
-        title="Errors against what the files state (stated = 1)",
+        title="Errors against what the files state, stated = 1 (no unit)",
         columns=(*words("errors"), *figures("found", "95 % from", "to")),
         rows=tuple(rows),
         note="Learned from the poses where they tell it, from the statement where they do not.",
@@ -131,7 +131,7 @@ NORMAL_95 = 1.959963984540054
 _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind])
 
 
-def _correction_data(c: Correction) -> dict[str, Any]:
+def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
     """Return one correction; coefficients in deg, of gravity in deg per N m times kg and kg m."""
     found: dict[str, Any] = {
         "source": c.source,

@@ -238,7 +238,7 @@ def _iterate(
         if converged:
             break
     if variances is None and found is not None:
-        fit, state = _at_mean_scales(design, here, fit, found, state)
+        fit, state = _at_mean_scales(design, fit, found, state)
     shift, give = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
@@ -256,12 +256,13 @@ def _solved(design: LinearModel, here: Linearisation, v: FloatArray) -> LinearFi
 
 
 def _at_mean_scales(
-    design: LinearModel, here: Linearisation, fit: LinearFit, found: Derivatives, state: State
+    design: LinearModel, fit: LinearFit, found: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve the last linearisation once more with learned sizes at their means; as it was where none is learned."""
+    """Solve once more where the loops close, with learned sizes at their means; as it was where none is learned."""
     v = expected_scales(fit, found)
     if np.array_equal(v, fit.v):
         return fit, state
+    here = Linearisation(design, state)
     last = LinearFit(design, here, v)
     return last, _advance(design, here, last)[0]
 

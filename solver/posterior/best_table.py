@@ -138,6 +138,7 @@ def best_table(
     known: Sequence[str],
     covariance: FloatArray,
     hayati: Sequence[int] = (),
+    fixed: Sequence[str] = (),
     tip: bool = True,
 ) -> BestTable:
     """Return the best table near `table`, where the arm is used.
@@ -149,6 +150,8 @@ def best_table(
     known, covariance
         Entries of `table` and of the tip (k,) that were fitted, and the covariance (k + c, k + c) of these with
         the coefficients of the corrections.
+    fixed
+        Entries that stay as they are: of where the fixture stood.
     tip
         Whether the tool's point may move in the last frame as well: of a ball, which no entry holds.
     """
@@ -156,7 +159,7 @@ def best_table(
     point = tool_point(table, tip_m, every_entry(table.links, hayati))
     at = point.loop(nominal_vector(point.parameters), there.q, np.zeros((m, 0)))
     every = [p.name for p in point.parameters]
-    names = [name for name in every if tip or name not in TIP or name in known]
+    names = [n for n in every if n in known or (n not in fixed and (tip or n not in TIP))]
     size = np.array([_size(name) for name in names])
     root = np.sqrt(np.repeat(weight, 3))
     J = at.jac_x[..., [every.index(name) for name in names]].reshape(3 * m, -1)

@@ -34,7 +34,7 @@ TURN_LIMIT = 1.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Correction:
+class ReadingCorrection:
     """One correction of one joint; the module says what each kind is.
 
     Attributes
@@ -72,7 +72,7 @@ class Corrections:
         D-H rows 1..n (5, n), rad and m, by which gravity's levers are found: the arm file's.
     """
 
-    each: tuple[Correction, ...]
+    each: tuple[ReadingCorrection, ...]
     rows: FloatArray
 
     def at(self, q: FloatArray) -> FloatArray:
@@ -105,7 +105,7 @@ def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
     """Take the corrections out of a fit; play counts by its mean over some poses."""
     design = found.fit.design
     errors, b = design.errors, found.coefficients
-    each: list[Correction] = []
+    each: list[ReadingCorrection] = []
     at = 0
 
     def some(count: int) -> FloatArray:
@@ -115,7 +115,7 @@ def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
 
     for j in np.flatnonzero(design.accuracy):
         each.append(
-            Correction(
+            ReadingCorrection(
                 source="encoder_accuracy", joint=int(j) + 1, kind="harmonic",
                 coefficients=design.accuracy[j] * some(4),
             )
@@ -123,7 +123,7 @@ def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
     for a in errors.analogue:
         if a.curve is not None:
             each.append(
-                Correction(
+                ReadingCorrection(
                     source="rvdt", joint=a.joint, kind="linearity",
                     coefficients=powers_of(a.curve, some(a.curve.width)),
                     middle_rad=a.curve.middle_rad, half_scale_rad=a.curve.half_scale_rad,
@@ -150,19 +150,19 @@ def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
 
 def _play(
     design: Layout, found: JointCorrections, there: JointsThere, here: slice
-) -> Iterator[Correction]:
+) -> Iterator[ReadingCorrection]:
     """Mean over the readings of what play is expected to be and was found to be."""
     mean = (there.shapes[:, here] * found.coefficients[here]).mean(axis=0)
     for k, j in enumerate(found.joint_of[here]):
         size = float(mean[k])
         if k == 0 or found.joint_of[here][k - 1] != j:
             size += float((design.backlash[j] * there.side[:, j]).mean())
-        yield Correction(
+        yield ReadingCorrection(
             source="joint_play", joint=int(j) + 1, kind="offset", coefficients=np.array([size])
         )
 
 
-def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[Correction]:
+def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[ReadingCorrection]:
     """From coefficients of a torque's shapes (s,) to those of masses and moments."""
     n = len(masses.mass_kg)
     uncertain = (masses.moments_sd @ shapes[1 : 1 + 4 * n].reshape(n, 4, 1))[..., 0]
@@ -172,7 +172,7 @@ def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[Cor
         for tilt, w in zip(masses.tilted, shapes[1 + 4 * n :], strict=True)
     ]
     for down, moments in by_down:
-        yield Correction(
+        yield ReadingCorrection(
             source="sag", joint=joint, kind="gravity", coefficients=moments.reshape(-1),
             down=tuple(float(v) for v in down),
         )  # fmt: skip

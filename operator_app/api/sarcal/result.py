@@ -83,7 +83,7 @@ class Result:
     >>> sorted(result.values)[:3]
     ['a_0_mm', 'a_7_mm', 'alpha_0_deg']
     >>> sigma_m = result.tip_sigma(made.poses.q_rad)
-    >>> bool((sigma_m < 0.002).all())
+    >>> bool((sigma_m < 0.003).all())
     True
     """
 

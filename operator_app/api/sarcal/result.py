@@ -24,7 +24,8 @@ from operator_app.report.html.markup import element, join
 from operator_app.report.html.page import report_html
 from operator_app.report.html.session_page import REPORT_NAME
 from operator_app.report.html.table import table_html
-from operator_app.report.plots.matplotlib_figures import figure as draw_figure
+from operator_app.report.plots.figure_files import PaperFigure
+from operator_app.report.plots.figure_files import figure as draw_figure
 from operator_app.report.plots.paper_figures import drawings
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.report.text import facts_text
@@ -163,18 +164,16 @@ class Result:
         """Names of the figures that `figure` draws."""
         return tuple(drawings(self._subject))
 
-    def figure(self, name: str = "parameters") -> Any:
-        """Return one figure for a paper, a ``matplotlib.figure.Figure``; needs the extra ``[plots]``.
+    def figure(self, name: str = "parameters") -> PaperFigure:
+        """Return one figure for a paper, as wide as one or two columns of a journal.
 
-        A notebook shows it; ``figure("budget").savefig("budget.pdf")`` keeps it. Widths are those of one
-        or two columns of a journal.
+        A notebook shows it; ``figure("budget").savefig("budget.svg")`` writes it, and ``.pdf`` with the
+        extra ``[plots]``.
 
         Raises
         ------
         KeyError
             There is none of that name; lists those there are.
-        SessionError
-            matplotlib is not installed.
         """
         return draw_figure(self._subject, name)
 

@@ -55,6 +55,27 @@ _HEAT = "".join(
     for k in range(1, HEAT_STEPS + 1)
 )
 
+PLOT_RULES = """svg text{fill:var(--muted)}
+svg .axis,svg .legend{fill:var(--text)}
+.grid{stroke:var(--rule);stroke-width:.7}
+.zero{stroke:var(--muted);stroke-width:.8}
+.frame{stroke:var(--muted);stroke-width:.8}
+.band{fill:var(--band)}
+.ribbon{fill:var(--second);fill-opacity:.28}
+.range{fill:none;stroke:var(--muted);stroke-width:.8}
+.rug{stroke:var(--accent);stroke-width:.7;stroke-opacity:.75}
+.line{fill:none;stroke-width:1.4}
+.line.a{stroke:var(--accent)}.line.b{stroke:var(--second)}
+.line.gap{stroke:var(--bad);stroke-width:2}
+.line.dashed{stroke:var(--muted);stroke-dasharray:4 3}
+.stem{stroke-width:.8;stroke-opacity:.6}.stem.a{stroke:var(--accent)}.stem.c{stroke:var(--second)}
+.mark.a{fill:var(--accent)}
+.mark.b{fill:none;stroke:var(--second);stroke-width:1.2}
+.mark.c{fill:var(--second)}
+.mark.d{fill:var(--third)}
+"""
+"""Of what is inside a picture."""
+
 STYLE = f"""
 :root{{color-scheme:light dark;{_variables(LIGHT)}}}
 @media (prefers-color-scheme:dark){{:root{{{_variables(DARK)}}}}}
@@ -144,25 +165,7 @@ figure{{margin:0;max-width:470px}}
 figcaption{{font-size:.85rem;margin:0 0 2px}}
 figcaption b{{color:var(--text);font-weight:600}}
 svg.plot{{display:block;width:100%;height:auto;font-size:9.6px}}
-svg text{{fill:var(--muted)}}
-svg .axis,svg .legend{{fill:var(--text)}}
-.grid{{stroke:var(--rule);stroke-width:.7}}
-.zero{{stroke:var(--muted);stroke-width:.8}}
-.frame{{stroke:var(--muted);stroke-width:.8}}
-.band{{fill:var(--band)}}
-.ribbon{{fill:var(--second);fill-opacity:.28}}
-.range{{fill:none;stroke:var(--muted);stroke-width:.8}}
-.rug{{stroke:var(--accent);stroke-width:.7;stroke-opacity:.75}}
-.line{{fill:none;stroke-width:1.4}}
-.line.a{{stroke:var(--accent)}}.line.b{{stroke:var(--second)}}
-.line.gap{{stroke:var(--bad);stroke-width:2}}
-.line.dashed{{stroke:var(--muted);stroke-dasharray:4 3}}
-.stem{{stroke-width:.8;stroke-opacity:.6}}.stem.a{{stroke:var(--accent)}}.stem.c{{stroke:var(--second)}}
-.mark.a{{fill:var(--accent)}}
-.mark.b{{fill:none;stroke:var(--second);stroke-width:1.2}}
-.mark.c{{fill:var(--second)}}
-.mark.d{{fill:var(--third)}}
-footer{{margin:36px auto 30px;color:var(--muted);font-size:.85rem}}
+{PLOT_RULES}footer{{margin:36px auto 30px;color:var(--muted);font-size:.85rem}}
 @media (max-width:900px){{
  main,.summary{{display:block}}
  dl.facts{{grid-template-columns:max-content minmax(0,1fr)}}

@@ -1,6 +1,6 @@
 """The figures of a calibration for a paper: what each shows, from the facts and the page's own pictures.
 
-`result.figure(NAME)` and `sarcal report --plots` draw these with `plotted`. Nothing is computed here.
+`figure_files` draws them. Nothing is computed here.
 """
 
 from __future__ import annotations
@@ -8,62 +8,32 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from types import MappingProxyType
 
 from operator_app.report.facts import Facts
 from operator_app.report.plots import before_after, calibration_plots
-from operator_app.report.plots.plot import Picture
+from operator_app.report.plots.plot import Axis, Picture, axis, log_axis
+from operator_app.report.plots.strips import Bars
 from operator_app.report.subject import Subject
 from operator_app.report.table import FactTable
 from operator_app.units.figure import ANGLE, LENGTH, Figure
 
 MOST_SOURCES = 7
 """Of a budget: as many as colours tell apart; the rest are put together."""
+PERCENTS = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panels:
     """Pictures in one figure, in rows of so many; `words` say of each which it is."""
 
-    pictures: tuple[Picture, ...]
+    pictures: tuple[Picture | Bars, ...]
     columns: int = 1
     words: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimates:
-    """What was found of the parameters of one unit, in that unit.
-
-    Attributes
-    ----------
-    change, low, high
-        From the nominal value: identified, and its 95 % interval.
-    sigmas
-        By name of the kind: every stated source, type A, and what the files state beforehand (nan where
-        they state nothing).
-    """
-
-    unit: str
-    names: tuple[str, ...]
-    change: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    sigmas: Mapping[str, tuple[float, ...]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shares:
-    """A bar for each parameter, cut into what each source brings, in percent."""
-
-    names: tuple[str, ...]
-    sources: tuple[str, ...]
-    percent: tuple[tuple[float, ...], ...]
-
-
-Drawing = Panels | tuple[Estimates, ...] | Shares
-
-
-def drawing(subject: Subject, name: str) -> Drawing:
+def drawing(subject: Subject, name: str) -> Panels:
     """Return what one of `FIGURES` shows.
 
     Raises
@@ -77,13 +47,13 @@ def drawing(subject: Subject, name: str) -> Drawing:
     return found
 
 
-def drawings(subject: Subject) -> Mapping[str, Drawing]:
+def drawings(subject: Subject) -> Mapping[str, Panels]:
     """Return all that there are, by name."""
     found = {name: make(subject) for name, (_, make) in FIGURES.items()}
     return {name: shown for name, shown in found.items() if shown is not None}
 
 
-def _residuals(subject: Subject) -> Drawing | None:
+def _residuals(subject: Subject) -> Panels | None:
     if subject.solution is None:
         return None
     estimate = subject.solution.identified
@@ -94,7 +64,7 @@ def _residuals(subject: Subject) -> Drawing | None:
     return Panels(pictures=shown)
 
 
-def _parameters(subject: Subject) -> Drawing | None:
+def _parameters(subject: Subject) -> Panels | None:
     table = _table(subject, "parameters")
     if table is None:
         return None
@@ -104,33 +74,33 @@ def _parameters(subject: Subject) -> Drawing | None:
     titles = [c.title for c in table.columns]
     # The chosen estimator's columns come first, and what it did not estimate is not there.
     at = {title: titles.index(title) for title in reversed(titles)}
-    kinds = {"sigma": "all stated sources", "type A": "repeatability (type A)"}
+    kinds = {"sigma": "all sources", "type A": "repeatability"}
 
     def column(title: str, rows: list[int]) -> tuple[float, ...]:
         return tuple(_number(table.rows[k][at[title]]) for k in rows)
 
     before = [_stated(subject, str(row[at["of the"]]), str(row[1])) for row in table.rows]
-    found = []
+    shown: list[Bars] = []
     for unit, rows in by_unit.items():
+        names = [str(table.rows[k][0]) for k in rows]
         identified, change = column("identified", rows), column("change", rows)
-        ends = [
-            tuple(
-                c + e - v for c, e, v in zip(change, column(title, rows), identified, strict=True)
-            )
+        low, high = (
+            [c + e - v for c, e, v in zip(change, column(title, rows), identified, strict=True)]
             for title in ("95 % from", "to")
-        ]
-        found.append(
-            Estimates(
-                unit=unit,
-                names=tuple(str(table.rows[k][0]) for k in rows),
-                change=change,
-                low=ends[0],
-                high=ends[1],
-                sigmas={words: column(t, rows) for t, words in kinds.items() if t in titles}
-                | {"before: as the files state": tuple(before[k] for k in rows)},
+        )
+        shown.append(
+            Bars(
+                x=axis("change from nominal", [*low, *high, 0.0], unit=unit),
+                names=names,
+                bars={"95 % interval": tuple(zip(low, high, strict=True))},
+                marks={"identified": change},
             )
         )
-    return tuple(found)
+        sigmas = {words: column(t, rows) for t, words in kinds.items() if t in titles}
+        sigmas["stated before"] = tuple(before[k] for k in rows)
+        known = [s for values in sigmas.values() for s in values]
+        shown.append(Bars(x=log_axis("sigma", known, unit=unit), names=names, marks=sigmas))
+    return Panels(pictures=tuple(shown), columns=2)
 
 
 def _stated(subject: Subject, side: str, unit: str) -> float:
@@ -144,7 +114,7 @@ def _stated(subject: Subject, side: str, unit: str) -> float:
     return float("nan") if stated is None else quantity.per_si * stated
 
 
-def _budget(subject: Subject) -> Drawing | None:
+def _budget(subject: Subject) -> Panels | None:
     table = _table(subject, "budget")
     if table is None:
         return None
@@ -162,14 +132,22 @@ def _budget(subject: Subject) -> Drawing | None:
     order = sorted(range(len(sources)), key=lambda k: -sum(row[k] for row in shares))
     kept, rest = order[:MOST_SOURCES], order[MOST_SOURCES:]
     percent = [[row[k] for k in kept] + [sum(row[k] for k in rest)] for row in shares]
-    return Shares(
-        names=tuple(str(row[0]) for row in table.rows),
-        sources=(*(sources[k] for k in kept), "all others"),
-        percent=tuple(map(tuple, percent)),
+    ends = [[*accumulate(row, initial=0.0)] for row in percent]
+    return Panels(
+        pictures=(
+            Bars(
+                x=Axis(label="share of variance", unit="%", low=0.0, high=100.0, ticks=PERCENTS),
+                names=[str(row[0]) for row in table.rows],
+                bars={
+                    source: [(row[k], row[k + 1]) for row in ends]
+                    for k, source in enumerate([*(sources[k] for k in kept), "all others"])
+                },
+            ),
+        )
     )
 
 
-def _rvdt(subject: Subject) -> Drawing | None:
+def _rvdt(subject: Subject) -> Panels | None:
     verdicts = () if subject.solution is None else subject.solution.rvdt
     shown = tuple(
         calibration_plots.rvdt_deviations(subject, v.joint, v.figures)
@@ -179,24 +157,24 @@ def _rvdt(subject: Subject) -> Drawing | None:
     return Panels(pictures=shown, columns=2) if shown else None
 
 
-def _condition(subject: Subject) -> Drawing | None:
+def _condition(subject: Subject) -> Panels | None:
     if subject.solution is None or len(subject.solution.seen.trend) < 2:
         return None
     limit = subject.procedure.acceptance.scaled_condition_number
     return Panels(pictures=(calibration_plots.condition_trend(subject.solution.seen.trend, limit),))
 
 
-def _workspace(subject: Subject) -> Drawing | None:
+def _workspace(subject: Subject) -> Panels | None:
     if subject.solution is None:
         return None
     return _pair(before_after.hand_pair(subject.solution, subject.procedure.arm))
 
 
-def _arm(subject: Subject) -> Drawing | None:
+def _arm(subject: Subject) -> Panels | None:
     return _pair(before_after.arm_pair(subject))
 
 
-def _pair(pair: before_after.Pair | None) -> Drawing | None:
+def _pair(pair: before_after.Pair | None) -> Panels | None:
     return (
         None
         if pair is None
@@ -204,7 +182,7 @@ def _pair(pair: before_after.Pair | None) -> Drawing | None:
     )
 
 
-FIGURES: Mapping[str, tuple[str, Callable[[Subject], Drawing | None]]] = MappingProxyType(
+FIGURES: Mapping[str, tuple[str, Callable[[Subject], Panels | None]]] = MappingProxyType(
     {
         "parameters": ("change of every parameter with its 95 % interval, and sigmas", _parameters),
         "residuals": ("closure of every pose at the joints as read", _residuals),

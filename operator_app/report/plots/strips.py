@@ -6,14 +6,15 @@ Like `svg`, for which it draws; knows no calibration.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from operator_app.report.html.markup import Html, element
-from operator_app.report.plots.plot import Axis
+from operator_app.report.plots.plot import Axis, Shape
 from operator_app.report.plots.svg import (
     RIGHT,
     WIDTH,
+    Drawn,
     label,
     mark,
     picture,
@@ -25,6 +26,7 @@ ROW = 34.0
 NAME = 74.0
 SCALE = 40.0
 HEAD, FOOT = 16.0, 32.0
+BAR, LEGEND = 13.0, 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,13 +90,77 @@ def strips(
             y = middle - half * value / reach
             parts.append(segment(here, middle, here, y, f"stem {colour}"))
             parts.append(mark("dot", here, y, 1.7, colour))
-    foot = HEAD + ROW * len(rows)
+    parts += _x_axis(x, right, HEAD + ROW * len(rows))
+    return picture(ident, title, description, height, parts)
+
+
+def _x_axis(x: Axis, right: float, foot: float) -> list[Html]:
+    """Ticks and title of the axis that all rows share."""
+    parts = []
     for value, words in zip(x.ticks, x.tick_texts, strict=True):
         here = x.place(value, NAME, right)
         parts.append(segment(here, foot, here, foot + 3.5, "frame"))
         parts.append(label(words, here, foot + 14.0, anchor="middle"))
-    parts.append(label(x.title, right, height - 3.0, class_="axis", anchor="end"))
-    return picture(ident, title, description, height, parts)
+    return [*parts, label(x.title, right, foot + FOOT - 3.0, class_="axis", anchor="end")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bars:
+    """Named rows on one x axis, each with bars from one value to another and marks.
+
+    Attributes
+    ----------
+    names
+        What each row is.
+    bars
+        By label: one (from, to) a row.
+    marks
+        By label: one value a row; what is not finite is left out.
+    """
+
+    x: Axis
+    names: Sequence[str]
+    bars: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
+    marks: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+
+def bars(of: Bars) -> Drawn:
+    """Draw the rows below a legend of three labels a line."""
+    right, bars = WIDTH - RIGHT, list(of.bars.items())
+    labels = [*of.bars, *of.marks]
+    top = LEGEND * -(-len(labels) // 3) + 6.0
+    foot = top + BAR * len(of.names)
+    # One kind of bar is what its marks are known to; several are told apart.
+    fill = "ribbon" if len(bars) == 1 else "bar b{}"
+    shapes: list[tuple[Shape, str]] = [("dot", "a"), ("triangle", "c"), ("square", "d")]
+    parts = []
+    for k, words in enumerate(labels):
+        x, y = 2.0 + (k % 3) * (right - 2.0) / 3.0, LEGEND * (k // 3 + 1)
+        parts.append(
+            element("rect", x=x, y=y - 7.0, width=9.0, height=7.0, class_=fill.format(k))
+            if k < len(bars)
+            else mark(shapes[k - len(bars)][0], x + 4.0, y - 3.5, 2.4, shapes[k - len(bars)][1])
+        )
+        parts.append(label(words, x + 12.0, y, class_="legend"))
+    for value in of.x.ticks:
+        here = of.x.place(value, NAME, right)
+        parts.append(segment(here, top, here, foot, "zero" if value == 0.0 else "grid"))
+    for k, name in enumerate(of.names):
+        y = top + BAR * k
+        parts.append(label(name, 2.0, y + 8.6, class_="legend"))
+        for number, (_, pieces) in enumerate(bars):
+            start, end = (of.x.place(value, NAME, right) for value in pieces[k])
+            parts.append(
+                element(
+                    "rect", x=start, y=y + 2.0, width=max(0.0, end - start), height=BAR - 4.0,
+                    class_=fill.format(number),
+                )
+            )  # fmt: skip
+        for (shape, colour), values in zip(shapes, of.marks.values(), strict=False):
+            if math.isfinite(values[k]):
+                here = of.x.place(values[k], NAME, right)
+                parts.append(mark(shape, here, y + 0.5 * BAR, 2.4, colour))
+    return Drawn(foot + FOOT, (*parts, *_x_axis(of.x, right, foot)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

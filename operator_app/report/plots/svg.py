@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from operator_app.report.html.markup import Html, element, join
 from operator_app.report.plots.plot import (
@@ -30,7 +31,21 @@ CHARACTER = 6.2
 """Mean width of a character of plot text, on a phone."""
 
 
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """The parts of a picture `WIDTH` wide."""
+
+    height: float
+    parts: tuple[Html, ...]
+
+
 def plot(of: Picture) -> Html:
+    """Draw a picture as an image of its own."""
+    drawn = draw(of)
+    return picture(of.ident, of.title, of.description, drawn.height, drawn.parts)
+
+
+def draw(of: Picture) -> Drawn:
     """Draw layers, first ones below, in one frame."""
     x, y, layers = of.x, of.y, of.layers
     height = HEIGHT if of.aspect == 0.0 else (WIDTH - LEFT - RIGHT) / of.aspect + TOP + BOTTOM
@@ -60,7 +75,7 @@ def plot(of: Picture) -> Html:
     parts.append(_legend(layers, right))
     parts.append(label(y.title, 2.0, 12.0, class_="axis"))
     parts.append(label(x.title, right, height - 3.0, class_="axis", anchor="end"))
-    return picture(of.ident, of.title, of.description, height, parts)
+    return Drawn(height, tuple(parts))
 
 
 def picture(ident: str, title: str, description: str, height: float, parts: Iterable[str]) -> Html:

@@ -1,0 +1,160 @@
+"""Figures for a paper hold the numbers of the JSON object, and the files are what their endings say."""
+
+from __future__ import annotations
+
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sarcal
+
+from operator_app.cli import main
+from operator_app.errors import SessionError
+from operator_app.report.plots.figure_files import ENDINGS
+from operator_app.report.plots.paper_figures import FIGURES
+from tests.oracles.panda import FOLDER as PANDA
+
+HINGE = Path(__file__).parents[3] / "data/hinge/hinge_quantised.csv"
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture(scope="module")
+def hinge() -> sarcal.Result:
+    return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=HINGE)
+
+
+def panels(result: sarcal.Result, name: str) -> list[ET.Element]:
+    return ET.fromstring(result.figure(name).svg).findall(f"{SVG}g")  # noqa: S314 - our own output
+
+
+def of_class(panel: ET.Element, *names: str) -> list[ET.Element]:
+    return [e for e in panel.iter() if e.get("class") in names]
+
+
+def texts(panel: ET.Element) -> list[str]:
+    return [e.text or "" for e in panel.iter(f"{SVG}text")]
+
+
+def scale(panel: ET.Element) -> tuple[float, float]:
+    """Slope and value at 0 of a panel's linear x axis, from its ticks as written."""
+    ticks = [e for e in of_class(panel, "tick") if e.get("text-anchor") == "middle"]
+    at = [float(t.get("x", "nan")) for t in ticks]
+    values = [float((t.text or "").replace("\N{MINUS SIGN}", "-")) for t in ticks]
+    slope, start = np.polyfit(at, values, 1)
+    return float(slope), float(start)
+
+
+def test_a_hinge_has_them_all_and_a_ball_what_it_has(hinge: sarcal.Result) -> None:
+    assert hinge.figures == tuple(FIGURES)
+    ball = sarcal.calibrate(
+        arm="franka_panda", fixture="ball", poses=PANDA / "panda_1.csv", drop_unidentifiable=True
+    )
+    # Six sockets, no RVDT, and what several placements have no trend of.
+    assert set(FIGURES) - set(ball.figures) == {"rvdt", "condition"}
+    with pytest.raises(KeyError, match="there are parameters, residuals"):
+        hinge.figure("nothing")
+
+
+def test_bars_are_the_shares_of_the_budget(hinge: sarcal.Result) -> None:
+    budget = hinge.to_json()["budget"]
+    (panel,) = panels(hinge, "budget")
+    assert [t for t in texts(panel) if t in budget] == list(budget)
+    slope, _ = scale(panel)
+    # The legend has one of each as well, first.
+    bars = of_class(panel, *(f"bar b{k}" for k in range(8)))[8:]
+    widths = np.array([float(bar.get("width", "nan")) for bar in bars]).reshape(len(budget), 8)
+    percent = slope * widths
+    assert percent.sum(axis=1) == pytest.approx(np.full(len(budget), 100.0), abs=0.5)
+    give = [100.0 * shares["fixture_give"] for shares in budget.values()]
+    assert percent[:, 0] == pytest.approx(give, abs=0.1)
+
+
+def test_points_and_intervals_are_those_of_the_result(hinge: sarcal.Result) -> None:
+    said = hinge.to_json()
+    names = [n for n in said["parameters"] if n.startswith(("theta", "alpha"))]
+    panel = panels(hinge, "parameters")[0]
+    slope, start = scale(panel)
+    points = [
+        slope * float(e.get("cx", "nan")) + start for e in of_class(panel, "mark a")[1:]
+    ]  # the first is the legend's
+    change = [said["parameters"][n] - said["nominal"][n] for n in names]
+    assert points == pytest.approx(change, abs=5e-3)
+    bars = of_class(panel, "ribbon")[1:]
+    low = [slope * float(e.get("x", "nan")) + start for e in bars]
+    width = [slope * float(e.get("width", "nan")) for e in bars]
+    ends = np.array([said["interval_95"][n] for n in names])
+    wanted = ends[:, 0] - [said["nominal"][n] for n in names]
+    assert low == pytest.approx(wanted, abs=5e-3)
+    assert width == pytest.approx(ends[:, 1] - ends[:, 0], abs=5e-3)
+
+
+def test_panels_are_the_pages_pictures_and_areas_the_hands_errors(hinge: sarcal.Result) -> None:
+    shown = [" ".join(texts(p)) for p in panels(hinge, "residuals")]
+    for words, panel in zip(
+        ("position error [mm]", "orientation error [mrad]", "distance [mm]"), shown, strict=True
+    ):
+        assert words in panel
+    radii = [
+        max(float(e.get("r", "0")) for e in of_class(p, "mark a")[:-1])
+        for p in panels(hinge, "workspace")
+    ]
+    worst = hinge.to_json()["hand_accuracy_mm"]
+    wanted = np.sqrt(worst["after"]["worst"] / worst["before"]["worst"])
+    assert radii[1] / radii[0] == pytest.approx(wanted, abs=2e-3)
+
+
+def test_a_file_stands_alone_and_a_notebook_shows_it(hinge: sarcal.Result, tmp_path: Path) -> None:
+    made = hinge.figure("condition")
+    assert made._repr_svg_() == made.svg
+    made.savefig(tmp_path / "condition.svg")
+    assert (tmp_path / "condition.svg").read_text() == made.svg
+    assert "var(" not in made.svg
+    with pytest.raises(ValueError, match=r"\.svg or \.pdf"):
+        made.savefig(tmp_path / "condition.png")
+
+
+def test_a_pdf_keeps_text_as_text_and_has_no_time_of_day(
+    hinge: sarcal.Result, tmp_path: Path
+) -> None:
+    pytest.importorskip("svglib", reason="needs the extra [plots]")
+    files = [tmp_path / "one.pdf", tmp_path / "two.pdf"]
+    for file in files:
+        hinge.figure("budget").savefig(file)
+    one, two = (file.read_bytes() for file in files)
+    assert one.startswith(b"%PDF-")
+    assert b"/TrueType" in one
+    assert one == two
+
+
+@pytest.mark.campaign
+def test_the_command_writes_every_figure(
+    hinge: sarcal.Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("svglib", reason="needs the extra [plots]")
+    session = hinge.save(tmp_path / "session")
+    page = (session / "report.html").read_bytes()
+    there = tmp_path / "new" / "figures"
+    assert main(["report", str(session), "--plots", str(there)]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said == [f"Figure      {there}/{n}.{e}" for n in FIGURES for e in ENDINGS]
+    assert (session / "report.html").read_bytes() == page
+    assert main(["report", str(session), "--plots", str(session / "report.html")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_without_svglib_there_are_svg_files_and_the_remedy_for_a_pdf(
+    hinge: sarcal.Result,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    session = hinge.save(tmp_path / "session")
+    monkeypatch.setitem(sys.modules, "svglib", None)
+    monkeypatch.setitem(sys.modules, "svglib.svglib", None)
+    with pytest.raises(SessionError, match=r"pip install 'sarcal\[plots\]'"):
+        hinge.figure("budget").savefig(tmp_path / "budget.pdf")
+    assert main(["report", str(session), "--plots", str(tmp_path / "figures")]) == 0
+    assert {file.suffix for file in (tmp_path / "figures").iterdir()} == {".svg"}
+    capsys.readouterr()

@@ -26,7 +26,7 @@ def test_help_lists_every_topic_with_what_it_is(capsys: pytest.CaptureFixture[st
     for section, topics in SECTIONS.items():
         assert section in said
         for topic, summary in topics.items():
-            assert re.search(rf"^`{topic}` +{re.escape(summary)}$", said, re.MULTILINE), topic
+            assert re.search(rf"^ `{topic}` +{re.escape(summary)}$", said, re.MULTILINE), topic
 
 
 def test_every_page_has_a_topic_and_every_topic_a_page() -> None:
@@ -99,6 +99,6 @@ def test_markdown_becomes_text() -> None:
     )
     assert as_text(page, 40) == (
         "Title\n=====\n\nSome bold text and a page (sarcal help\nown-arm), [Picture: a screen]\n\n"
-        "- one two\n1. three\n\n    sarcal  run\n\n"
-        "a    b\n---  ----------------\none  two words | more\n"
+        " - one two\n\n 1 three\n\n    sarcal  run\n\n\n"
+        " a    b\n ---------------------\n one  two words | more\n"
     )

@@ -104,7 +104,7 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
     """Return all sessions below `root`, in the order in which they were begun, whatever was done to the clock."""
     try:
         folders = sorted(p for p in root.iterdir() if os.path.lexists(p / JOURNAL_NAME))
-    except (FileNotFoundError, NotADirectoryError):
+    except FileNotFoundError:
         return ()
     except OSError as error:
         raise SessionError(

@@ -154,21 +154,28 @@ def recorded(state: SessionState) -> StoredCalibration | str:
         checks = from_dict(Checks, state.checks) if state.checks else None
     except RecordError:
         return "the solution in its journal is of another version of this program"
-    if not all(map(_holds_together, (solution.estimate, solution.paper, solution.implicit))):
+    used = [pose.number for pose in state.used_poses]
+    if state.solved.get("poses", used) != used:
+        return "the solution in its journal is of other poses"
+    dropped = set(solution.dropped_flipped)
+    estimates = (solution.estimate, solution.paper, solution.implicit)
+    if not dropped <= set(range(len(used))) or not all(
+        _holds_together(estimate, len(used) - len(dropped)) for estimate in estimates
+    ):
         return "the figures of the solution in its journal do not go together"
     return StoredCalibration(solution=solution, checks=checks, solved_again="")
 
 
-def _holds_together(estimate: Estimate | None) -> bool:
-    """Whether there is a value and a variance for each parameter, and a row for each pose."""
+def _holds_together(estimate: Estimate | None, poses: int) -> bool:
+    """Whether there is a value and a variance for each parameter, and a row for each of so many poses."""
     if estimate is None:
         return True
-    count, poses = len(estimate.parameters), estimate.residual.shape[:1]
-    of_poses = (estimate.pose_chi2, estimate.corrections)
+    count = len(estimate.parameters)
+    of_poses = (estimate.residual, estimate.pose_chi2, estimate.corrections)
     return (
         estimate.x.shape == (count,)
         and estimate.covariance.shape == (count, count)
-        and all(found is None or found.shape[:1] == poses for found in of_poses)
+        and all(found is None or found.shape[:1] == (poses,) for found in of_poses)
         and estimate.dof > 0
     )
 

@@ -53,6 +53,10 @@ CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
     "a pipe for an arm": (lambda p: ["plan", "--arm", pipe(p), "--fixture", "hinge"], "a pipe"),
     "a pipe for a procedure": (lambda p: ["run", pipe(p)], "it is a pipe, not a file"),
     "a pipe for sessions": (lambda p: ["run", "--sessions", pipe(p)], "cannot write"),
+    "a file for sessions": (
+        lambda p: ["session", "list", "--sessions", str((p / "f").write_text("x") and p / "f")],
+        "cannot look into",
+    ),
     "a speed of nothing": (lambda p: ["run", slow(p)], "speed_deg_per_s: must be at least 0.05"),
     "an arm of no speed": (lambda _: ["--speed", "1e-300", "--plain"], "between 0.01 and 50"),
     "tolerance": (lambda _: ["run", "--length-tolerance", "-1"], "more than 0 and at most 100"),

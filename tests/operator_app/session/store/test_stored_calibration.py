@@ -115,3 +115,24 @@ def test_a_solution_whose_figures_do_not_go_together_is_made_again(
     short = replace(state, solution={**state.solution, "estimate": estimate})
     assert recorded(short) == "the figures of the solution in its journal do not go together"
     session.close("done")
+
+
+def test_a_solution_of_other_poses_than_those_that_count_is_made_again(
+    make_session: MakeSession, procedure: Procedure
+) -> None:
+    """As in a journal whose checksums are right and whose lines were put together by somebody else."""
+    session = solved_session(make_session, procedure)
+    session.calibrate()
+    session.close("done")
+    state = session.state
+    assert not isinstance(recorded(state), str)
+    fewer = replace(state, poses=state.poses[1:])
+    assert recorded(fewer) == "the solution in its journal is of other poses"
+    together = "the figures of the solution in its journal do not go together"
+    old = {key: value for key, value in state.solved.items() if key != "poses"}
+    assert recorded(replace(fewer, solved=old)) == together
+    for dropped in ([0], [-1], [99], list(range(12))):
+        odd = replace(state, solution={**state.solution, "dropped_flipped": dropped})
+        assert recorded(odd) == together
+    again = calibrated(fewer, procedure)
+    assert again.solution.estimate.residual.shape[0] == len(fewer.used_poses)

@@ -1,7 +1,8 @@
 """Where words leave this program: nothing that a terminal or a reader would obey goes with them.
 
 A pose's label, a serial number, a device's name, a file name, an operator's note: somebody else wrote
-them. Files keep them as they are; on a screen, in a page, in a pipe they are text. Knows no screen.
+them. Journals keep them as they are, a CSV so that they come back; on a screen, in a page, in a pipe
+they are text. Knows no screen.
 """
 
 from __future__ import annotations

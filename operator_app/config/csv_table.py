@@ -6,16 +6,25 @@ import csv
 import io
 import math
 import re
+import sys
 from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, MutableSequence
 from typing import Any
 
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.text import only
+from operator_app.safe_output import harmless
 
 MOST_PROBLEMS = 100
 NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity|#n/a|n/a|na)", re.IGNORECASE)
+FORMULA = re.compile(r"'*(?:\s*[=+\-@]|[\t\r\n])")
+"""Words that a spreadsheet takes for a formula, apostrophes before them or not: one more makes them text."""
+ESCAPED = re.compile(r"(\\+)u\{([0-9a-f]{1,6})\}")
+LOOKS_ESCAPED = re.compile(r"(\\+)(u\{[0-9a-f]{1,6}\})")
+HIDDEN_CANDIDATE = re.compile(r"(\\*)([^\\])", re.DOTALL)
+SHOWN = "\t\n"
+"""What a cell may have in it beside characters that are shown."""
 
 Record = tuple[int, list[str]]
 """Line that a record starts in, from 1, and its cells."""
@@ -169,10 +178,49 @@ def whole_number(cell: str) -> int:
     return int(cell)
 
 
-def write_records(records: Iterable[Iterable[str]]) -> bytes:
-    """Write records, the header first, so that `read_records` gives the same cells."""
-    lines = (",".join(_quoted(cell) for cell in cells) for cells in records)
+def write_records(records: Iterable[Iterable[str]], *, texts: Collection[str] = ()) -> bytes:
+    """Write records, the header first, so that `read_records` gives the same cells.
+
+    Cells of the columns called `texts` are somebody's words: they are written so that no spreadsheet
+    takes them for a formula and no terminal obeys them; `text_of` gives the words back.
+    """
+    rows = iter(records)
+    header = list(next(rows))
+    lines = [",".join(map(_quoted, header))]
+    for cells in rows:
+        pairs = zip(header, cells, strict=True)
+        lines.append(",".join(_quoted(_as_text(c) if name in texts else c) for name, c in pairs))
     return ("\n".join(lines) + "\n").encode("utf-8")
+
+
+def text_of(cell: str) -> str:
+    """Return the words that `write_records` wrote into a cell of text."""
+    words = cell[1:] if cell.startswith("'") and FORMULA.match(cell) else cell
+    return ESCAPED.sub(_unescaped, words)
+
+
+def _as_text(words: str) -> str:
+    # Backslashes before an escape are doubled, so that words that look like one stay what they are.
+    safe = LOOKS_ESCAPED.sub(r"\1\1\2", words)
+    if harmless(safe, keep=SHOWN) != safe:
+        safe = HIDDEN_CANDIDATE.sub(_escaped, safe)
+    return f"'{safe}" if FORMULA.match(safe) else safe
+
+
+def _escaped(match: re.Match[str]) -> str:
+    before, character = match.groups()
+    if harmless(character, keep=SHOWN) == character:
+        return match[0]
+    return f"{before}{before}\\u{{{ord(character):x}}}"
+
+
+def _unescaped(match: re.Match[str]) -> str:
+    before, code = match.groups()
+    half = before[: len(before) // 2]
+    if len(before) % 2 == 0:
+        return f"{half}u{{{code}}}"
+    character = chr(int(code, 16)) if int(code, 16) <= sys.maxunicode else ""
+    return match[0] if harmless(character, keep=SHOWN) == character else f"{half}{character}"
 
 
 def _quoted(cell: str) -> str:

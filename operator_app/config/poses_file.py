@@ -25,6 +25,7 @@ from operator_app.config.csv_table import (
     number,
     read_columns,
     read_records,
+    text_of,
     whole_number,
     write_records,
 )
@@ -52,6 +53,7 @@ FEW = 5
 
 KEY = ("placement", "pose")
 OPTIONAL = ("samples", "utc", "note")
+TEXTS = ("pose", "utc", "note")
 POSITION = ("x_m", "y_m", "z_m")
 THETA = re.compile(r"theta([1-9][0-9]{0,2})_deg")
 SD = re.compile(r"sd([1-9][0-9]{0,2})_deg")
@@ -145,7 +147,8 @@ def format_poses(poses: PoseSet) -> bytes:
         columns |= _columns(POSITION, poses.endpoint[:, :3])
         if poses.endpoint.shape[1] == 6:
             columns |= _columns(ROTATION, degrees_for_file(poses.endpoint[:, 3:]))
-    return write_records([columns, *(map(str, row) for row in zip(*columns.values(), strict=True))])
+    rows = (map(str, row) for row in zip(*columns.values(), strict=True))
+    return write_records([columns, *rows], texts=TEXTS)
 
 
 def save_poses(path: Path, poses: PoseSet) -> None:
@@ -244,14 +247,19 @@ def _reader(name: str) -> Callable[[str], Any]:
     """What reads a cell of this column."""
     if name in ("placement", "samples"):
         return whole_number
-    texts: dict[str, Callable[[str], str]] = {"pose": _label, "utc": str.strip, "note": str}
+    texts: dict[str, Callable[[str], str]] = {"pose": _label, "utc": _utc, "note": text_of}
     return texts.get(name) or partial(_quantity, name)
 
 
 def _label(cell: str) -> str:
-    if not cell.strip():
+    label = text_of(cell.strip()).strip()
+    if not label:
         raise BadCell("the cell is empty", "give the pose a number or a name")
-    return cell.strip()
+    return label
+
+
+def _utc(cell: str) -> str:
+    return text_of(cell.strip())
 
 
 def _quantity(name: str, cell: str) -> float:

@@ -115,7 +115,9 @@ def _csv(found: Calibration) -> bytes:
     if found.solution.accepted:
         return write_records([CSV_HEADER, *rows])
     why = " ".join(found.forced.split())
-    return write_records([(*CSV_HEADER, "forced"), *((*row, why) for row in rows)])
+    return write_records(
+        [(*CSV_HEADER, "forced"), *((*row, why) for row in rows)], texts=("forced",)
+    )
 
 
 def into_description(found: Calibration, data: bytes, file: str) -> bytes:

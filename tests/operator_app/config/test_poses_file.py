@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from dataclasses import fields
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from operator_app.config.poses_file import (
     parse_poses,
     save_poses,
 )
+from operator_app.safe_output import harmless
 from solver.chain.poses import PoseSet
 
 HEADER = "placement,pose,theta1_deg,theta2_deg,theta3_deg"
@@ -306,6 +309,47 @@ def test_writing_and_reading_changes_no_bit(poses: PoseSet) -> None:
     assert again.utc == poses.utc
     assert again.notes == poses.notes
     assert again.sha256() == poses.sha256()
+
+
+WORDS = st.text(
+    st.one_of(st.sampled_from("'=+-@\\u{}1b\x1b\u202e\ud800\r\n\t \0"), st.characters())
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(WORDS)
+@example("=cmd|' /C calc'!A0")
+@example("'=1")
+@example("''")
+@example("\\\x1b\\u{1b}\\\\u{41}")
+@example("-5 deg")
+def test_words_are_no_formula_and_no_escape_in_the_file_and_come_back(words: str) -> None:
+    label = words.strip() or "1"
+    poses = PoseSet(
+        placement=np.array([1]),
+        label=(label,),
+        q_rad=np.array([[-0.5]]),
+        utc=(label,),
+        notes=(words,),
+    )
+    file = format_poses(poses)
+    rows = list(csv.reader(io.StringIO(file.decode(), newline="")))
+    place, *texts = (rows[1][k] for k in (0, 1, 3, 4))
+    assert place == "1"
+    assert float(rows[1][2]) < 0.0
+    for cell in texts:
+        assert not cell.lstrip().startswith(("=", "+", "-", "@"))
+        assert not cell.startswith(("\t", "\r", "\n"))
+        assert harmless(cell, keep="\t\n") == cell
+    again = parse_poses(file, "p.csv").poses
+    assert (again.label, again.utc, again.notes) == (poses.label, poses.utc, poses.notes)
+
+
+def test_files_with_bare_words_are_read_as_they_stand() -> None:
+    rows = ("1,-1,1,\x1bnote", "1,'tis,1,\\u{41}", "1,=a,1,\\u{110000}")
+    poses = parse_poses(text("placement,pose,theta1_deg,note", rows), "p.csv").poses
+    assert poses.label == ("-1", "'tis", "=a")
+    assert poses.notes == ("\x1bnote", "\\u{41}", "\\u{110000}")
 
 
 def read_or_refuse(data: bytes) -> LoadedPoses | ConfigError:

@@ -299,7 +299,7 @@ def test_a_program_too_has_to_say_why_it_uses_what_was_not_accepted(tmp_path: Pa
         with pytest.raises(sarcal.SessionError, match="not accepted"):
             result.export(file, force=" ")
     assert not list(tmp_path.iterdir())
-    why = "to try the gripper"
+    why = "=to try the gripper"
     for file in files.values():
         result.export(file, force=why)
     document = load_parameters(files["yaml"])
@@ -307,7 +307,7 @@ def test_a_program_too_has_to_say_why_it_uses_what_was_not_accepted(tmp_path: Pa
     assert document.warnings[0].code == "FORCED"
     assert json.loads(files["json"].read_text())["forced"] == why
     with files["csv"].open(newline="") as rows:
-        assert {row["forced"] for row in csv.DictReader(rows)} == {why}
+        assert {row["forced"] for row in csv.DictReader(rows)} == {f"'{why}"}
     assert loadmat(files["mat"], simplify_cells=True)["forced"] == why
     assert why in files["urdf"].read_text()
 

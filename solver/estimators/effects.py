@@ -7,7 +7,7 @@ At one linearisation the reduced closure of all poses reads
 with dx the parameters nothing is known of beforehand, and w after what is expected of play and sag.
 Noise (n, f) is new in every pose, effects b are drawn once: deviations of toleranced entries, harmonics
 of encoders, curves of analogue sensors, sag and give as smooth functions of the pose. A variance
-component moves one or more groups; it is never below what is stated (`solver.estimators.layout` has
+component moves one or more groups; what is stated is the median of its prior (`solver.estimators.layout` has
 both). Knows a closure model's derivatives; estimates nothing.
 """
 

@@ -1,7 +1,7 @@
 """One scoring step of the variances of a mixed model, by restricted maximum likelihood. Knows no loop.
 
-`solver.estimators.likelihood` has the derivatives. A variance never falls below its floor, which is what
-the files state.
+`solver.estimators.likelihood` has the derivatives. The size of a family of errors
+has a log-normal prior about what the files state (method, section 10, "Scales").
 """
 
 from __future__ import annotations

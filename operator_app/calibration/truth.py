@@ -40,7 +40,8 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
             off = math.remainder(off, 2.0 * math.pi)
         of += 1
         inside += bound.low <= x + off <= bound.high
-    found = calibrated_arm(solution, arm)
+    # The identified entries against the true ones: the best table stands for errors of readings as well.
+    found = replace(calibrated_arm(solution, arm), best=None)
     part = solution.model.parts()[0][0]
     values = dict(truths(first))
     mine = {
@@ -52,7 +53,6 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
     true_arm = replace(
         found,
         hand=with_entries(found.hand, mine),
-        best=None,
         tip_m=np.array([values.get(n, v) for n, v in zip(TIP, found.tip_m, strict=True)]),
     )
     q = even_poses(arm)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
-from collections.abc import Callable, Mapping
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import TYPE_CHECKING, NoReturn
@@ -99,11 +102,29 @@ def execute(args: argparse.Namespace) -> int:
         return made[0]
 
     reason = _plain(args, make_source()) if args.plain else _full_screen(args, make_source)
+    code = _parting(made, reason, plain=args.plain)
+    if not args.plain:
+        threading.Thread(target=_end_for_good, args=(code,), daemon=True).start()
+    return code
+
+
+THREADS_PATIENCE_S = 1.5
+
+
+def _end_for_good(code: int) -> None:
+    """End although a thread does not: Textual's reader of keys may stay with a terminal that is gone."""
+    threading.main_thread().join()
+    time.sleep(THREADS_PATIENCE_S)
+    os._exit(code)
+
+
+def _parting(made: Sequence[Sessions], reason: str, *, plain: bool) -> int:
+    """Say what was left behind; return the exit code."""
     for sessions in made:
         if sessions.lost is not None:
             say(f"sarcal: {sessions.lost}", err=True)
         if sessions.last is not None:
-            say(farewell(sessions, sessions.last, reason, plain=args.plain), err=True)
+            say(farewell(sessions, sessions.last, reason, plain=plain), err=True)
         if sessions.not_held is not None:
             say(f"sarcal: {sessions.not_held}", err=True)
             return ExitCode.ARM_FAULT

@@ -341,3 +341,29 @@ def test_without_a_terminal_it_says_what_to_do():
     )
     assert done.returncode == 2
     assert "--plain" in done.stderr
+
+
+STUCK = """
+import sys, threading, time
+threading.Thread(target=lambda: [time.sleep(0.01) for _ in range(10**9)]).start()
+from operator_app.cli import main
+sys.exit(main(["--seed", "1"]))
+"""
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("hangs_up", [False, True], ids=["terminal stays", "terminal gone"])
+def test_a_thread_that_never_ends_does_not_keep_the_process(tmp_path, hangs_up):
+    # Textual's reader of keys is such a thread where the terminal goes away while the app quits.
+    program = PtyProgram([sys.executable, "-c", STUCK], size=(120, 36), folder=tmp_path)
+    try:
+        program.seen("Enter", 0)
+        mark = program.mark()
+        program.write(b"q")
+        program.seen("\x1b[?1049l", mark)
+        if hangs_up:
+            program.hang_up()
+        assert program.process.wait(10) == 0
+    finally:
+        program.process.kill()
+        program.close()

@@ -14,8 +14,8 @@ from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.journal_files import names_from
-from operator_app.session.store.journal_format import JOURNAL_NAME
-from operator_app.session.store.replay import session_state
+from operator_app.session.store.journal_format import JOURNAL_NAME, first_event
+from operator_app.session.store.replay import order_of, session_state
 
 if TYPE_CHECKING:
     from operator_app.session.store.state import SessionState
@@ -51,17 +51,21 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
     return next(f for f in names_from(root / stem) if not f.exists())
 
 
-def begun_later(root: Path, utc: datetime) -> str:
-    """Name of the session begun last, where some session is stamped later than `utc`: the clock was set back."""
-    stamp = f"{utc:{STAMP}}"
+def next_order(root: Path, *, but: Path | None = None) -> int:
+    """Which one a session that begins now is below `root`: one more than any there says of itself.
+
+    Its own folder, `but`, does not count.
+    """
     try:
-        names = [p.name for p in root.iterdir()]
+        folders = [p for p in root.iterdir() if p != but]
     except OSError:
-        return ""
-    if not any(STAMPED.match(name) and name[: len(stamp)] > stamp for name in names):
-        return ""
-    readable = [entry for entry in list_sessions(root) if entry.state and entry.state.opened_utc]
-    return readable[-1].folder.name if readable else ""
+        return 1
+    return 1 + max((_order_in(p / JOURNAL_NAME) for p in folders), default=0)
+
+
+def _order_in(path: Path) -> int:
+    opened = first_event(path) if os.path.lexists(path) else None
+    return 0 if opened is None else order_of(opened.data)
 
 
 def find_session(root: Path, reference: str) -> Path:
@@ -112,11 +116,19 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
         ) from error
     entries = [read_session(folder) for folder in folders]
     begun = _begun(entries)
-    return tuple(sorted(entries, key=lambda e: (*begun[e.folder.name], e.folder)))
+    return tuple(
+        sorted(
+            entries,
+            key=lambda e: (e.state.order if e.state else 0, *begun[e.folder.name], e.folder),
+        )
+    )
 
 
 def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
-    """Of each folder: when it was begun, and as which one since the clock was set back to before that."""
+    """Of each folder: when it was begun, and as which one since the clock was set back to before that.
+
+    Journals of earlier versions, which have no `order`, go by it.
+    """
     states = {entry.folder.name: entry.state for entry in entries}
     found: dict[str, tuple[str, int]] = {}
     for entry in entries:

@@ -209,6 +209,18 @@ def read_regular(path: Path) -> bytes:
     return raw
 
 
+def first_event(path: Path) -> JournalEvent | None:
+    """Return what a journal begins with, whatever its other lines are; None where that cannot be told."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(descriptor, "rb") as file:
+            require_regular(descriptor, path)
+            line = file.readline(LIMIT_BYTES)
+        return proven(line.removesuffix(b"\n"), 1, "")[0]
+    except (OSError, BadLineError, JournalForeignError):
+        return None
+
+
 def _read(descriptor: int, limit: int) -> bytes:
     parts: list[bytes] = []
     while limit > 0 and (part := os.read(descriptor, min(limit, 1 << 20))):

@@ -19,8 +19,17 @@ from operator_app.session.store.state import (
 )
 from solver.arrays import frozen
 
+MOST_ORDER = 2**53
+"""No folder has so many sessions: a journal that says so is not believed."""
+
 if TYPE_CHECKING:
     from operator_app.session.store.journal_format import JournalContents
+
+
+def order_of(opened: Mapping[str, Any]) -> int:
+    """Which session of its folder one is, by what it was opened with; 0 where that does not say."""
+    order = opened.get("order")
+    return order if type(order) is int and 0 < order < MOST_ORDER else 0
 
 
 def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> SessionState:
@@ -30,6 +39,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             return replace(
                 state,
                 opened_utc=utc,
+                order=order_of(data),
                 after=data.get("after", ""),
                 sources=dict(data["sources"]),
                 settings=dict(data["settings"]),

@@ -101,8 +101,10 @@ class SessionState:
 
     Attributes
     ----------
+    order
+        Which session of its folder it is, from 1; 0 in journals of earlier versions.
     after
-        Folder name of the session begun before this one, where the clock has been set back since; else empty.
+        In those: folder name of the session begun before this one, where the clock has been set back since; else empty.
     imported
         File that the poses were read from; empty where an arm took them.
     sources
@@ -159,6 +161,7 @@ class SessionState:
     """
 
     opened_utc: str = ""
+    order: int = 0
     after: str = ""
     imported: str = ""
     return_missed: str = ""

@@ -22,7 +22,7 @@ from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.resources import Resource
 from operator_app.config.yaml_writer import dump_strict
 from operator_app.errors import JournalError
-from operator_app.session.store.folders import new_folder
+from operator_app.session.store.folders import new_folder, next_order
 from operator_app.session.store.journal import Clock, utc_now
 from operator_app.session.store.journal_files import write_new
 from operator_app.session.store.journal_format import JOURNAL_NAME, JournalEvent, line_of
@@ -91,9 +91,7 @@ class ImportedSession:
         self.procedure = replace(procedure, length_tolerance_m=how.length_tolerance_m)
         self.state = SessionState()
         self._clock = clock
-        self._lines: list[bytes] = []
         self._events: list[JournalEvent] = []
-        self._chain = ""
         sources = zip(KINDS, procedure.sources, strict=True)
         settings = {
             "length_tolerance_m": how.length_tolerance_m,
@@ -156,23 +154,32 @@ class ImportedSession:
                 Path("sessions") if root is None else root, self.procedure.name, self._clock()
             )
         self._record("closed", {"reason": "imported"})
+        lines = self._lines(next_order(folder.parent, but=folder))
         path = folder / JOURNAL_NAME
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            write_new(path, b"".join(self._lines))
+            write_new(path, b"".join(lines))
         except FileExistsError:
-            replace_session(folder, self._lines, self._events, overwrite=overwrite, stale=stale)
+            replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
         except OSError as error:
             raise JournalError(
                 f"cannot write {path}: {error.strerror}", "choose a folder you may write to"
             ) from error
         return folder
 
+    def _lines(self, order: int) -> list[bytes]:
+        """Lines of the journal of a session that is number `order` of its folder."""
+        opened, *others = self._events
+        opened = replace(opened, data={**opened.data, "order": order})
+        lines, chain = list[bytes](), ""
+        for event in (opened, *others):
+            line, chain = line_of(event, chain)
+            lines.append(line)
+        return lines
+
     def _record(self, name: str, data: Mapping[str, Any]) -> None:
         utc = self._clock().isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        event = JournalEvent(seq=len(self._lines) + 1, utc=utc, name=name, data=data)
-        line, self._chain = line_of(event, self._chain)
-        self._lines.append(line)
+        event = JournalEvent(seq=len(self._events) + 1, utc=utc, name=name, data=data)
         self._events.append(event)
         self.state = apply(self.state, name, data, utc)
 

@@ -19,7 +19,7 @@ from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.errors import SessionError
 from operator_app.planning.task import require_closed_chain
-from operator_app.session.store.folders import begun_later, find_session, new_folder
+from operator_app.session.store.folders import find_session, new_folder, next_order
 from operator_app.session.store.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.session.store.replay import session_state
@@ -157,13 +157,13 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
         if opening.resumed:
             session.record("resumed", {"settings": settings})
         else:
-            after = begun_later(opening.folder.parent, clock())
+            folder = journal.path.parent
             session.record(
                 "opened",
                 {
                     "sources": dict(opening.sources),
                     "settings": settings,
-                    **({"after": after} if after else {}),
+                    "order": next_order(folder.parent, but=folder),
                 },
             )
     except BaseException:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.store.folders import find_session, list_sessions, new_folder
 from operator_app.session.store.journal import read_journal
+from operator_app.session.store.journal_format import line_of
+from operator_app.session.store.replay import order_of
+from operator_app.session.workflow.importing import ImportedSession
+from operator_app.session.workflow.opening import KINDS
+from solver.chain.poses import PoseSet
 from tests.oracles.journals import POSE
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
@@ -51,13 +58,62 @@ def test_they_are_listed_as_they_were_begun(tmp_path: Path, days: tuple[float, .
     assert [entry.folder for entry in list_sessions(tmp_path)] == folders
 
 
-def test_where_no_clock_was_set_back_a_journal_says_nothing_of_it(tmp_path: Path) -> None:
-    for day in (0.0, 1.0):
-        folder = begun(tmp_path, day)
-        assert "after" not in read_journal(folder).events[0].data
+def imported(root: Path, days: float) -> Path:
+    """Import poses by a clock that is so many days from right."""
+    sources = dict(zip(KINDS, load_procedure("hinge").sources, strict=True))
+    session = ImportedSession(
+        PoseSet(placement=np.array([1]), label=("1",), q_rad=np.zeros((1, 7))),
+        arm=sources["arm"],
+        fixture=sources["fixture"],
+        file="poses.csv",
+        name="imported",
+        clock=lambda: RIGHT + timedelta(days=days),
+    )
+    return session.write(root=root)
 
 
-def test_a_session_that_went_away_is_not_waited_for(tmp_path: Path) -> None:
+def test_imports_have_their_place_whatever_the_clock(tmp_path: Path) -> None:
+    folders = []
+    for make, day in ((begun, 0.0), (imported, 365.0), (begun, 1.0), (imported, 0.5)):
+        folders.append(make(tmp_path, day))
+        assert find_session(tmp_path, "latest") == folders[-1]
+    assert [entry.folder for entry in list_sessions(tmp_path)] == folders
+
+
+def test_a_session_that_went_away_or_is_damaged_keeps_its_place(tmp_path: Path) -> None:
     first, second, third = (begun(tmp_path, day) for day in (0.0, 365.0, 1.0))
     (second / "journal.jsonl").unlink()
-    assert [entry.folder for entry in list_sessions(tmp_path)] == [first, third]
+    fourth = begun(tmp_path, -1.0)
+    assert [entry.folder for entry in list_sessions(tmp_path)] == [first, third, fourth]
+    with (fourth / "journal.jsonl").open("a") as journal:
+        journal.write("damaged\n")
+    fifth = begun(tmp_path, -2.0)
+    assert read_journal(fifth).events[0].data["order"] == 5
+    assert find_session(tmp_path, "latest") == fifth
+
+
+def without_order(folder: Path, after: str = "") -> None:
+    """Make a journal one of an earlier version."""
+    path = folder / "journal.jsonl"
+    opened, *others = read_journal(folder).events
+    data = {key: value for key, value in opened.data.items() if key != "order"}
+    opened = replace(opened, data={**data, **({"after": after} if after else {})})
+    lines, chain = list[bytes](), ""
+    for event in (opened, *others):
+        line, chain = line_of(event, chain)
+        lines.append(line)
+    path.write_bytes(b"".join(lines))
+
+
+def test_journals_of_earlier_versions_come_first_in_the_order_they_had(tmp_path: Path) -> None:
+    old = [begun(tmp_path, day) for day in (0.0, 365.0, 1.0, 2.0)]
+    for folder, after in zip(old, ("", "", old[1].name, old[2].name), strict=True):
+        without_order(folder, after)
+    assert [entry.folder for entry in list_sessions(tmp_path)] == old
+    new = [begun(tmp_path, -1.0), begun(tmp_path, -2.0)]
+    assert [entry.folder for entry in list_sessions(tmp_path)] == [*old, *new]
+
+
+@pytest.mark.parametrize("order", [True, -1, 0, 2**60, "7", None, 1.5])
+def test_an_order_that_is_none_is_not_believed(order: object) -> None:
+    assert order_of({"order": order}) == 0

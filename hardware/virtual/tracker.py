@@ -68,7 +68,7 @@ class SimulatedTracker:
         try:
             asked = json.loads(question)
             pose = str(asked["measure"])
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, RecursionError):
             return json.dumps({"error": 'ask {"measure": "12"} for a measurement of pose 12'})
         found = self.measured().tolist()
         found[3:] = map(math.degrees, found[3:])

@@ -11,28 +11,9 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def ending_signals_interrupt() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP unwind the run as Ctrl-C does.
-
-    Once it is unwound they are ignored: a second one would end the process with another exit code.
-    """
-    before = {number: signal.signal(number, signal.default_int_handler) for number in ENDING}
-    interrupted = False
-    try:
+    """Let SIGTERM and SIGHUP unwind the run as Ctrl-C does."""
+    with _handlers(signal.default_int_handler):
         yield
-    except KeyboardInterrupt:
-        interrupted = any(one != signal.default_int_handler for one in before.values())
-        raise
-    finally:
-        while interrupted:
-            try:
-                for number in ENDING:
-                    signal.signal(number, signal.SIG_IGN)
-                break
-            except KeyboardInterrupt:
-                continue
-        if not interrupted:
-            for number, previous in before.items():
-                signal.signal(number, previous)
 
 
 @contextmanager

@@ -94,14 +94,3 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 def reference_data() -> Path:
     """Folder of the reference data sets."""
     return DATA
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before():
-    """A run that was interrupted leaves signals ignored, as its process is to end; this one goes on."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.getsignal(number) for number in numbers}
-    yield
-    for number, handler in before.items():
-        if signal.getsignal(number) is not handler:
-            signal.signal(number, handler)

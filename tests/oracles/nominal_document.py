@@ -48,7 +48,7 @@ def document() -> ParametersDocument:
         warnings=(DocumentWarning(code="RVDT_LINEARITY", text="joint 6: 2 % of full scale"),),
         estimator="paper",
         pose_set_sha256="0123456789abcdef" * 4,
-        software_version="0.1.0",
+        software_version="0.3.0",
         utc=datetime(2026, 1, 31, 12, 0, 0, 250000, tzinfo=UTC),
     )
 

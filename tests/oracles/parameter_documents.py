@@ -106,6 +106,6 @@ def make_document(
         warnings=(),
         estimator="implicit",
         pose_set_sha256=poses * 64,
-        software_version="0.1.0",
+        software_version="0.3.0",
         utc=datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC),
     )

@@ -13,6 +13,6 @@ def versions() -> dict[str, str]:
 
 
 def software_version() -> str:
-    """Return them as one line: ``0.1.0 (numpy 2.3.5, scipy 1.16.3, python 3.11.2)``."""
+    """Return them as one line: ``0.3.0 (numpy 2.3.5, scipy 1.16.3, python 3.11.2)``."""
     own, *others = versions().items()
     return f"{own[1]} ({', '.join(f'{name} {number}' for name, number in others)})"

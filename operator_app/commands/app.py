@@ -174,8 +174,7 @@ class _Ended(BaseException):
 
 
 def _plain(args: argparse.Namespace, source: Sessions) -> str:
-    from operator_app.headless.plain import Plain
-    from operator_app.headless.plain_terminal import StandardTerminal
+    from operator_app.headless.plain import Plain, StandardTerminal
     from operator_app.signals import ending_signals_wait
 
     def end(number: int, _: object) -> NoReturn:

@@ -5,6 +5,8 @@ Says everything in whole lines, moves no cursor. Knows no bus.
 
 from __future__ import annotations
 
+import select
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,12 +19,12 @@ from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
-from operator_app.safe_output import harmless, lines
-from operator_app.session.store.steps import Step
+from operator_app.safe_output import harmless, lines, say
 from operator_app.session.ui import actions, guards
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import (
     Action,
     Question,
@@ -287,3 +289,24 @@ class Plain:
         self.runner.stop()
         self.look()
         return True
+
+
+class StandardTerminal:
+    """Lines on stdin and stdout."""
+
+    def say(self, text: str) -> None:
+        """Write lines at once."""
+        say(text)
+        sys.stdout.flush()
+
+    def ask(self, prompt: str) -> str:
+        """Return a line."""
+        return input(harmless(prompt))
+
+    def touched(self, timeout_s: float) -> bool:
+        """Wait for a line; what a pipe already holds, and the end of the input, is no touch."""
+        if not sys.stdin.isatty():
+            select.select([], [], [], timeout_s)
+            return False
+        ready, _, _ = select.select([sys.stdin], [], [], timeout_s)
+        return bool(ready) and bool(sys.stdin.readline())

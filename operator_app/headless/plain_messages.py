@@ -7,9 +7,9 @@ from operator_app.messages.errors import REACHES_NOTHING
 from operator_app.report.results.verification import verified_words
 from operator_app.report.terminal import facts_on, no_facts
 from operator_app.report.text import facts_text
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.units.figure import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE
 from operator_app.units.numbers import names
 

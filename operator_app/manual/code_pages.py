@@ -12,8 +12,8 @@ from hardware.virtual.fault_messages import FAULTS, FaultWords
 from hardware.virtual.operator_side import OPERATOR_SIDE
 from operator_app.exit_codes import MEANING
 from operator_app.manual.markup import table
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.actions import ACTIONS
+from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import EVERYWHERE, Entry
 
 TYPES = {

@@ -11,9 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from operator_app.planning.task import STOP_MARGIN_RAD, ranges_of
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.closing import close_loops
+from solver.design.drive_line import drive_straight
+from solver.design.paths import LINE_STEP_RAD, MotionLimits
 from solver.design.pose_information import planning_noise, pose_information
 from solver.diagnostics.identifiability import identifiability
 from solver.loops.closure import ClosureModel
@@ -133,3 +136,34 @@ def most_telling(
     gain = root @ np.linalg.solve(known, np.swapaxes(root, -1, -2))
     value = np.linalg.slogdet(np.eye(gain.shape[-1]) + gain)[1]
     return candidates[int(np.argmax(value))]
+
+
+def is_clear(
+    arm: ArmModel,
+    model: ClosureModel,
+    x: FloatArray,
+    here_rad: FloatArray,
+    targets_rad: Mapping[int, float],
+) -> bool:
+    """Whether drives that go straight to `targets_rad` keep away from folds and from the ends of ranges.
+
+    Parameters
+    ----------
+    model, x
+        A closed loop and its parameters (P,), as calibrated.
+    here_rad
+        Where all joints stand (n,).
+    """
+    limits, drives = MotionLimits(), tuple(targets_rad)
+    start = close_loops(model, x, here_rad[None, :])
+    goal = np.array([list(targets_rad.values())])
+    way = float(np.abs(goal - here_rad[[j - 1 for j in drives]]).max())
+    traces = drive_straight(
+        model, x, start.q, start.u, drives, goal, steps=max(1, int(np.ceil(way / LINE_STEP_RAD)))
+    )
+    safe = traces.safe(
+        ranges_of(arm).within(STOP_MARGIN_RAD),
+        least_leverage=limits.least_leverage,
+        most_rate=limits.most_rate,
+    )
+    return bool(start.closed[0] and safe[0])

@@ -25,8 +25,7 @@ from textual.widgets import Input
 from operator_app.exit_codes import ExitCode
 from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
-from operator_app.session.store.steps import Step
-from operator_app.session.ui.keys import QUIT_KEYS, STOP_KEYS
+from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
 from operator_app.signals import ending_signals_wait
 from operator_app.tui.driver import Pressed, watched
 from operator_app.tui.lines import Clicked

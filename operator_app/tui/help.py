@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import textwrap
 
-from operator_app.session.store.steps import Step
 from operator_app.session.ui import actions
+from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import EVERYWHERE
 from operator_app.tui.lines import Lines
 

@@ -12,11 +12,11 @@ from textual.screen import Screen
 from textual.widgets import ContentSwitcher
 
 from operator_app.report.spans import Line, Span, cut, line, wrapped
-from operator_app.session.store.steps import Step
 from operator_app.session.ui import actions
 from operator_app.session.ui.guards import ends_with_any_key
 from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.steps.calibrate import CalibrateView
 from operator_app.tui.steps.capture import CaptureView

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
-from operator_app.session.store.steps import Step
 from operator_app.session.ui import actions, guards, selection
 from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import (
     Action,
     OnScreen,

@@ -20,7 +20,7 @@ import operator_app
 from operator_app.cli import main
 from operator_app.config.poses_file import load_poses
 from operator_app.headless.console import ConsoleListener
-from operator_app.headless.plain_terminal import StandardTerminal
+from operator_app.headless.plain import StandardTerminal
 from operator_app.report.html.markup import element
 from operator_app.report.table import Column, FactTable
 from operator_app.report.text import aligned, paragraph, table_lines

@@ -21,8 +21,8 @@ from textual.pilot import Pilot
 
 from hardware.timing import Pace
 from operator_app.composition import open_arm
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.sessions import Sessions
+from operator_app.session.ui.steps import Step
 from operator_app.session.workflow.opening import Choices
 from operator_app.tui.app import SarcalApp
 

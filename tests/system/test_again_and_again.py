@@ -13,10 +13,14 @@ from operator_app.cli import main
 from operator_app.errors import GuardError
 from operator_app.headless.runner import run
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.home import AT_THE_EDGE_RAD, go_home
+from operator_app.session.workflow.drive_box import (
+    AT_THE_EDGE_RAD,
+    drive_box,
+    go_home,
+    waypoints_of,
+)
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.session.workflow.waypoints import drive_box, waypoints_of
 from tests.oracles.bench import Bench
 from tests.oracles.bench import bench as running
 

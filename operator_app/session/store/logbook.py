@@ -15,11 +15,15 @@ from operator_app.calibration.truth import with_truth
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import GuardError
 from operator_app.session.store.folders import POSES_NAME
-from operator_app.session.store.missing_repeat import unreturned_notices
 from operator_app.session.store.parameters import document_of
 from operator_app.session.store.replay import apply, session_state
 from operator_app.session.store.solver_process import Solver, solve_here
-from operator_app.session.store.stored_calibration import StoredCalibration, recorded, solved_data
+from operator_app.session.store.stored_calibration import (
+    StoredCalibration,
+    recorded,
+    solved_data,
+    unreturned_notices,
+)
 
 if TYPE_CHECKING:
     from fixtures.base import Fixture

@@ -28,7 +28,7 @@ from operator_app.config.parameter_uncertainty import budget_of, correlations_of
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
 from operator_app.errors import GuardError, SessionError
-from operator_app.session.store.software import software_version
+from operator_app.session.store.stored_calibration import software_version
 from solver.chain.kinematics import DhTable
 from solver.loops.arm_loop import ArmLoop
 from solver.loops.placements import Placements

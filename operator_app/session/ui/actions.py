@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from functools import partial
 
-from operator_app.session.store.steps import Step
-from operator_app.session.ui import action_handlers, guards, selection, session_switch
-from operator_app.session.ui.keys import QUIT_KEYS, STOP_KEYS
+from operator_app.session.ui import action_handlers, guards, selection
 from operator_app.session.ui.snapshot import TaskKind
+from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
 from operator_app.session.ui.user_interface import EVERYWHERE, Action, FullScreen, OnScreen
 
 MOST_IN_FOOTER = 6
@@ -45,12 +44,12 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            work=selection.stop_tested),
     Action(name="resume", keys=("o",), shown="o", label="Open session",
            prompt="Open an earlier session", help="Resume an earlier session.",
-           steps=_at(Step.CONNECT, Step.EXPORT), footer=_at(Step.CONNECT), work=session_switch.resume),
+           steps=_at(Step.CONNECT, Step.EXPORT), footer=_at(Step.CONNECT), work=action_handlers.resume),
     Action(name="procedure", keys=("p",), shown="p", label="Procedure",
            prompt="Begin another session with another procedure",
            help="Take another procedure: fixture, drive joints, how poses are chosen. It begins a "
            "new session.", steps=_at(Step.CONNECT, Step.FIXTURE), footer=_at(Step.FIXTURE),
-           work=session_switch.procedure),
+           work=action_handlers.procedure),
     Action(name="check_fixture", keys=("k",), shown="k", label="Check again",
            prompt="Check the fixture again",
            help="Judge the fixture's placement again where the arm stands now.",
@@ -121,7 +120,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            prompt="Mount the fixture anew, for poses in another placement",
            help="Let go of the arm, after a question that says what to do, and go on with this session in "
            "another placement of its fixture: the arm's offsets are shared.",
-           steps=_at(Step.CAPTURE), guard=guards.may_remount, work=session_switch.remount),
+           steps=_at(Step.CAPTURE), guard=guards.may_remount, work=action_handlers.remount),
     Action(name="calibrate", keys=("s",), shown="s", label="Solve",
            prompt=lambda s: f"Calibrate, estimator {s.estimator}",
            help="Calibrate from the poses that count.", steps=_at(Step.CALIBRATE),
@@ -158,7 +157,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            steps=_at(Step.EXPORT), footer=_at(Step.EXPORT), guard=guards.may_report, work=action_handlers.report),
     Action(name="new_session", keys=("N",), shown="N", label="New session",
            help="Close this session, leave the arm held, and begin another.",
-           footer=_at(Step.EXPORT), work=session_switch.new_session),
+           footer=_at(Step.EXPORT), work=action_handlers.new_session),
     OnScreen(name="view", keys=("v",), shown="v", label="View",
              help="Show the next panel or plot of this step.", footer=_at(Step.RESULTS),
              work=lambda f: f.turn_over()),

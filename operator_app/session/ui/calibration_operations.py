@@ -10,17 +10,17 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from operator_app.calibration.result import Solution
+from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.solver_process import Solver, SolvingProcess
-from operator_app.session.ui.parameter_diff import diff_rows
-from operator_app.session.ui.publisher import Publisher
-from operator_app.session.ui.snapshot import Iteration, Level, Verified, Written
+from operator_app.session.ui.snapshot import DiffRow, Iteration, Level, Publisher, Verified, Written
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.export import export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units.figure import SIGMA_POS
+from solver.chain.parameters import DhEntry
 
 
 class Results:
@@ -161,3 +161,17 @@ class Results:
         if self.solution is None:
             raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
         return self.solution
+
+
+def diff_rows(new: ParametersDocument, active: ParametersDocument | None) -> tuple[DiffRow, ...]:
+    """Every calibrated entry: what is active (None: nothing), what would be; rad and m."""
+    now, before = new.table.stacked(), None if active is None else active.table.stacked()
+    return tuple(
+        DiffRow(
+            name=entry.name,
+            is_angle=entry.kind.is_angle,
+            active=None if before is None else float(before[entry.kind, entry.row]),
+            new=float(now[entry.kind, entry.row]),
+        )
+        for entry in (DhEntry.parse(c.entry) for c in new.calibrated)
+    )

@@ -13,8 +13,8 @@ from hardware.arm import DriveState, JointMode
 from operator_app.config.procedure import MOST_PLACEMENTS
 from operator_app.messages.errors import drive_words
 from operator_app.planning import mode_rule
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import STALE_S, DataState, SessionSnapshot, TaskKind, Work
+from operator_app.session.ui.steps import Step
 from operator_app.units.figure import DATA_AGE, SILENCE
 from solver.loops.closure import poses_needed
 

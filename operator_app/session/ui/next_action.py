@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from fixtures.base import Severity
 from hardware.arm import DriveState, JointState
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.guards import may_verify, missing_for, modes_problem, moves_metal
 from operator_app.session.ui.message_log import asks_to_connect_again
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
+from operator_app.session.ui.steps import Step
 from operator_app.units.numbers import names
 
 

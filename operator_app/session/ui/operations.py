@@ -16,15 +16,13 @@ from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.store.state import CapturedPose, SessionState
 from operator_app.session.ui.calibration_operations import Results
 from operator_app.session.ui.pose_quality import Appraisal
-from operator_app.session.ui.publisher import Publisher
-from operator_app.session.ui.snapshot import Level
+from operator_app.session.ui.snapshot import Level, Publisher
 from operator_app.session.workflow.capture import doubt, take_poses
+from operator_app.session.workflow.drive_box import go_home, waypoints_from, waypoints_of
 from operator_app.session.workflow.drive_selection import choose_by_prediction
 from operator_app.session.workflow.exploration import visit
-from operator_app.session.workflow.home import go_home
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.session.workflow.waypoints import waypoints_from, waypoints_of
 from operator_app.units.figure import MOVED, READING_SD
 from operator_app.units.numbers import names
 from solver.arrays import FloatArray

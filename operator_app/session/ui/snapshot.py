@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from typing import Protocol
 
 from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, UploadReceipt
@@ -277,3 +278,19 @@ class SessionSnapshot:
 
 Change = Callable[[SessionSnapshot], SessionSnapshot]
 """How something is published: ``lambda s: replace(s, field=value)``, whose fields the type checker knows."""
+
+
+class Publisher(Protocol):
+    """Where operations put what they found, and hear that they should end."""
+
+    def publish(self, change: Change) -> None:
+        """Put the changed snapshot in the place of the present one."""
+        ...
+
+    def say(self, level: Level, text: str) -> None:
+        """Tell the operator."""
+        ...
+
+    def cancelled(self) -> bool:
+        """Whether the operator wants this ended."""
+        ...

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from hardware.arm import DriveState
 from operator_app.messages.errors import stopped_words
@@ -17,49 +17,17 @@ from operator_app.session.safety.latency import LatenessNews
 from operator_app.session.ui.message_log import ARM_AGAIN
 from operator_app.session.ui.snapshot import (
     LOST_S,
-    Change,
     DataState,
     Level,
     SessionSnapshot,
     StopReport,
-    TaskKind,
 )
+
+if TYPE_CHECKING:
+    from operator_app.session.ui.runner import Runner
 
 UNSEEN_S = 1.5
 """A motion that nobody has looked at for so long is ended: any key ends a motion, if it is read."""
-
-
-class Watched(Protocol):
-    """What of a runner it takes; from any thread."""
-
-    @property
-    def connecting(self) -> bool:
-        """Whether the arm is being connected to."""
-        ...
-
-    def publish(self, change: Change) -> None:
-        """Put the changed snapshot in the place of the present one."""
-        ...
-
-    def say(self, level: Level, text: str, until: frozenset[TaskKind] = frozenset()) -> None:
-        """Tell the operator; `until` is the work that resolves an alarm."""
-        ...
-
-    def cancelled(self) -> bool:
-        """Whether the work in hand should end already."""
-        ...
-
-    def cancel(self) -> None:
-        """End the work in hand."""
-        ...
-
-    def stop_quietly(self) -> bool:
-        """Quick stop; whether it could be sent."""
-        ...
-
-    def note_why_stopped(self) -> None:
-        """Have it kept why the arm was stopped."""
-        ...
 
 
 class Watchman:
@@ -73,7 +41,7 @@ class Watchman:
 
     def __init__(
         self,
-        runner: Watched,
+        runner: Runner,
         motion: MotionWatch,
         recording_ended: Callable[[], str],
         monotonic: Callable[[], float],

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.guards import Missing
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
+from operator_app.session.ui.steps import Step
 
 LOOKS = 4
 """A busy machine shows data for a moment as older than they may be: no reason to have a key pressed twice."""

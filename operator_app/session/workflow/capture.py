@@ -19,22 +19,22 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
-from operator_app.planning.clear_ways import is_clear
+from operator_app.planning.forecast import is_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
 from operator_app.session.safety.return_check import check_return, return_words
 from operator_app.session.store.state import CapturedPose, SessionState, pose_set_of
-from operator_app.session.workflow.exploration import explore, reach
-from operator_app.session.workflow.home import (
+from operator_app.session.workflow.drive_box import (
     SLOWLY_RAD_PER_S,
     away_from_box,
     go_home,
     require_in_box,
+    verification_waypoints,
 )
+from operator_app.session.workflow.exploration import explore, reach
 from operator_app.session.workflow.instrument import TargetLostError
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture, Stop
 from operator_app.session.workflow.session import Session
-from operator_app.session.workflow.waypoints import verification_waypoints
 from operator_app.units.figure import REACH
 from solver.chain.poses import PoseSet
 from solver.loops.placements import Placements

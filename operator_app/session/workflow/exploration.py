@@ -12,11 +12,10 @@ import numpy as np
 from hardware.arm import MoveResult
 from operator_app.errors import GuardError
 from operator_app.planning.exploration import overload
-from operator_app.session.workflow.home import require_in_box
+from operator_app.session.workflow.drive_box import require_in_box, waypoints_of
 from operator_app.session.workflow.instrument import TargetLostError
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.session.workflow.waypoints import waypoints_of
 
 STARTING_SYNCS = 20
 STANDS_STILL_RAD = float(np.deg2rad(0.2))

@@ -7,6 +7,7 @@ and export work on it; only to go on with an arm is refused.
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,19 +19,20 @@ from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import to_dict
 from operator_app.config.arm_file import parse_arm
+from operator_app.config.atomic import write_atomically
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.resources import Resource
 from operator_app.config.yaml_writer import dump_strict
 from operator_app.errors import JournalError
 from operator_app.session.store.folders import new_folder, next_order
-from operator_app.session.store.journal import Clock, utc_now
+from operator_app.session.store.journal import Clock, lock, read_journal, utc_now
 from operator_app.session.store.journal_files import write_new
 from operator_app.session.store.journal_format import JOURNAL_NAME, JournalEvent, line_of
-from operator_app.session.store.replacement import replace_session
 from operator_app.session.store.replay import apply
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import solve, solved_data
 from operator_app.session.workflow.opening import KINDS
+from operator_app.units.numbers import plural
 from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
 
@@ -245,3 +247,83 @@ def _procedure(name: str, slowest_deg_per_s: float, poses: int, how: How) -> byt
         },
         comment="Made by an import: these poses were in a file, and no arm of this program took them.",
     )
+
+
+MADE_AGAIN = frozenset({"opened", "imported", "pose", "solved", "checked", "exported", "closed"})
+"""Events that hold nothing which the poses' owner cannot make again."""
+
+
+def replace_session(
+    folder: Path,
+    lines: Sequence[bytes],
+    events: Sequence[JournalEvent],
+    *,
+    overwrite: bool,
+    stale: Sequence[str],
+) -> None:
+    """Put these lines where `folder` holds a journal, if that may go; the files named `stale` go first.
+
+    One of the same poses, arm and fixture goes without a word; one of others where `overwrite` says so.
+
+    Raises
+    ------
+    JournalError
+        It holds what cannot be made again, or something else than these poses; it cannot be read, or
+        somebody works on it. Nothing was changed then.
+    WriteError
+        The disk refuses.
+    """
+    path = folder / JOURNAL_NAME
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        raise JournalError(
+            f"cannot open {path}: {error.strerror}", "name another folder"
+        ) from error
+    lock(descriptor, path)
+    try:
+        there = read_journal(folder)
+        _require_made_again(folder, there.events)
+        if _of_what(there.events) != _of_what(events):
+            _require_wanted(folder, there.events, overwrite=overwrite)
+        for name in stale:
+            # Before the journal: a file of the old calibration never lies beside the new one.
+            (folder / name).unlink(missing_ok=True)
+        write_atomically(path, b"".join(lines))
+    finally:
+        os.close(descriptor)
+
+
+def _require_made_again(folder: Path, events: Sequence[JournalEvent]) -> None:
+    names = {event.name for event in events}
+    if "imported" in names and names <= MADE_AGAIN:
+        return
+    raise JournalError(
+        f"{folder} holds a session of an arm, or one that somebody worked on",
+        "name another folder: what was taken once is not written over, with overwrite=True either",
+    )
+
+
+def _require_wanted(folder: Path, events: Sequence[JournalEvent], *, overwrite: bool) -> None:
+    if overwrite:
+        return
+    poses = plural(sum(event.name == "pose" for event in events), "pose")
+    raise JournalError(
+        f"there is a session in {folder} already, of other data ({poses})",
+        "name another folder, or say that it may go: save(folder, overwrite=True)",
+    )
+
+
+def _of_what(events: Sequence[JournalEvent]) -> list[Any]:
+    """What a session was made of: the arm's file and number, the fixture's file, every pose."""
+    found: list[Any] = []
+    for event in events:
+        match event.name:
+            case "opened":
+                sources = event.data["sources"]
+                found += [sources.get(kind) for kind in ("arm", "fixture")]
+            case "imported":
+                found.append(event.data["serial_number"])
+            case "pose":
+                found.append(dict(event.data))
+    return found

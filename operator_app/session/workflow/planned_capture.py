@@ -17,7 +17,7 @@ import numpy as np
 from hardware.arm import ArmSnapshot, Watch
 from operator_app.errors import GuardError
 from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, require_closed_chain
-from operator_app.session.store.missing_repeat import NO_WAY_BACK
+from operator_app.session.store.stored_calibration import NO_WAY_BACK
 from operator_app.session.workflow.campaign_replay import (
     DivergedError,
     built,
@@ -25,7 +25,7 @@ from operator_app.session.workflow.campaign_replay import (
     replayed,
     still_fits,
 )
-from operator_app.session.workflow.home import require_in_box
+from operator_app.session.workflow.drive_box import require_in_box
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units.figure import WHOLE_DEGREES

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
+from functools import cached_property
 from typing import Any
 
 from fixtures.base import SetupCheck, Severity
@@ -21,6 +22,7 @@ from hardware.arm import (
     Lateness,
     MoveResult,
     Reading,
+    TellsPower,
     Watch,
 )
 from hardware.control.trajectory import coming_to_rest_s
@@ -48,7 +50,6 @@ from operator_app.session.store.state import CapturedPose, CheckReading
 from operator_app.session.workflow.instrument import Instrument
 from operator_app.session.workflow.placements import require_mounted
 from operator_app.session.workflow.pose_reading import PoseReader
-from operator_app.session.workflow.release import Parting
 
 
 class Session(Logbook):
@@ -57,11 +58,13 @@ class Session(Logbook):
     Attributes
     ----------
     cancelled
-        Asked while the arm moves: True when the operator wants that ended.
+        Called while the arm moves: True when the operator wants the motion to end.
     told
-        Hears what a person is to do with an arm that is moved by hand.
+        Called with instructions to the person who moves the arm by hand.
     unseen
-        Joints that may have shifted since the poses so far, and did not show it where the arm was found.
+        Joints (1-based) of which a shift since the last pose would not show at the present pose.
+    held
+        Whether the arm confirmed at the last `let_go` that no drive follows commands any more.
     """
 
     def __init__(
@@ -89,7 +92,8 @@ class Session(Logbook):
         self.told: Callable[[str], None] = lambda _: None
         self._same = False
         self.unseen: tuple[int, ...] = ()
-        self._parting = Parting(arm, journal, self._sensor_faults, self._lateness)
+        self.held = False
+        self._powered: tuple[int, ...] = ()
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
         """Write an event and let it count.
@@ -162,7 +166,7 @@ class Session(Logbook):
 
     # -- 3 Modes ---------------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def mobility(self) -> int:
         """How many joints belong in position mode: all where nothing holds the hand."""
         if not self.fixture.holds_hand:
@@ -288,8 +292,18 @@ class Session(Logbook):
         self._sensor_faults.heed()
 
     def reset_stop(self) -> None:
-        """Clear STOP and what tripped, once it is kept why the arm was stopped."""
-        self._parting.reset_stop()
+        """Clear STOP and what tripped, once the journal says why the arm was stopped; the drives stay disabled.
+
+        Raises
+        ------
+        JournalError
+            The journal cannot be written: nothing was cleared.
+        Stopped, DriveFault, BusError
+            As `Arm.reset_stop`.
+        """
+        with suppress(HardwareError):
+            self._sensor_faults.heed()
+        self.arm.reset_stop()
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
         self.check_modes(self.position_joints)
@@ -311,16 +325,21 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def let_go(self) -> bool:
-        """Leave the arm held, to connect anew; what only it knows is kept. False if it is not."""
-        try:
-            return self._parting.let_go()
-        finally:
-            self.identity = None
+        """Leave the arm held, to connect again; False if it is not held.
 
-    @property
-    def held(self) -> bool:
-        """Whether the arm was held when it was let go of last, for all that is known."""
-        return self._parting.held
+        Why it was stopped and how late this computer was go into the journal first: only the arm knows them.
+        """
+        try:
+            if not self.journal.closed and self.journal.loss is None:
+                with suppress(HardwareError):
+                    self._sensor_faults.heed()
+                with suppress(HardwareError):
+                    self._lateness.record()
+        finally:
+            self.held = self.arm.close()
+            self._powered = self.arm.left_powered if isinstance(self.arm, TellsPower) else ()
+            self.identity = None
+        return self.held
 
     def close(self, reason: str) -> bool:
         """Leave the arm held and the journal whole. Safe to call twice; False if it is not held."""
@@ -328,7 +347,7 @@ class Session(Logbook):
             # What cannot be written is said by the last entry, which cannot be either.
             with suppress(JournalError):
                 self.let_go()
-            return self._parting.held
+            return self.held
         finally:
             self._reader.close_instrument()
             try:
@@ -343,11 +362,12 @@ class Session(Logbook):
     @property
     def not_held(self) -> NotLetGoError | None:
         """Why nobody may say that the arm is held, now that it was let go of; None where it is."""
-        return self._parting.not_held
+        return None if self.held else NotLetGoError(self._powered)
 
     def require_let_go(self) -> None:
         """Refuse to send anybody to the fixture of an arm whose drives are not known to be off."""
-        self._parting.require_off()
+        if self._powered or not self.held:
+            raise NotLetGoError(self._powered)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
         """Move nothing for a session whose journal is gone: the arm is held."""

@@ -9,9 +9,9 @@ from textual.app import ComposeResult
 from operator_app.report.plots.calibration_plots import costs, misses
 from operator_app.report.spans import Line, line, wrapped
 from operator_app.report.terminal import facts_on, subject_on
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.guards import may_calibrate
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
+from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.plot import plot

@@ -11,8 +11,8 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
 from operator_app.report.spans import Line, Span, clip, line
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
+from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView

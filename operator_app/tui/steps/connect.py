@@ -9,8 +9,8 @@ from textual.app import ComposeResult
 from hardware.arm import NodeIdentity
 from operator_app.messages.errors import drive_words
 from operator_app.report.spans import Line, line, wrapped
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.units.figure import DATA_AGE

@@ -10,8 +10,8 @@ from operator_app.report.results.upload import changed, difference_table
 from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line, clip, line, wrapped
 from operator_app.report.table import FactTable
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel

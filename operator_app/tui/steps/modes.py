@@ -9,9 +9,9 @@ from textual.containers import Horizontal, Vertical
 
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.spans import Line, line, wrapped
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.guards import modes_problem
 from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.arm_view import ArmView

@@ -22,8 +22,8 @@ from operator_app.report.terminal import (
     subject_on,
     table_spans,
 )
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 from textual.containers import Container
 
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.widgets.list_panel import ListPanel
 

@@ -8,9 +8,9 @@ from textual import events
 
 from hardware.arm import JointMode
 from operator_app.report.spans import Line, Span, length, line
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.guards import missing_for
 from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Clicked, Lines
 
 

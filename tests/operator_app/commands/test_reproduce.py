@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from hardware.virtual.scenarios import scenario
 from operator_app.cli import main
 from operator_app.config.procedure_file import load_procedure
-from operator_app.planning.specimen import specimen_poses
+from operator_app.planning.reproduction import specimen_poses
 from tests.oracles.loop_oracle import closure, paper_truth
 
 PRINTED = {"theta_off_2": -122.8, "s_1": 0.273, "alpha_7": 99.8, "a_0": 0.202}

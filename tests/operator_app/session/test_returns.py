@@ -16,7 +16,7 @@ from operator_app.calibration.repeat_measurement import Repeat, compare_readings
 from operator_app.calibration.result import Solution
 from operator_app.errors import Cancelled
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.missing_repeat import NO_WAY_BACK, unreturned_notices
+from operator_app.session.store.stored_calibration import NO_WAY_BACK, unreturned_notices
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.exploration import visit
 from operator_app.session.workflow.listener import Listener

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from operator_app.headless.plain import Plain
-from operator_app.session.store.steps import Step
 from operator_app.session.ui import actions
 from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.snapshot import Level
+from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import Action, OnScreen
 from operator_app.tui.dialogs import Read
 from operator_app.tui.palette import ActionProvider, title

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot
+from operator_app.session.ui.steps import Step
 from tests.oracles.story import story
 
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\nz\u2028"

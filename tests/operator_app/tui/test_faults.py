@@ -18,8 +18,8 @@ from hardware.errors import (
 from operator_app.errors import ConnectAgainError, StandingRefusedError
 from operator_app.messages.errors import stopped_words
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import DataState, Level, TaskKind
+from operator_app.session.ui.steps import Step
 
 
 @pytest.mark.parametrize(

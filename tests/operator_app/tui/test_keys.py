@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import TaskKind
+from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Ask, Choose, Confirm
 from tests.oracles.still_runner import entry
 from tests.oracles.story import busy, real, stale, story

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import Level, TaskKind
+from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
 from operator_app.tui.lines import Clicked
 from tests.oracles.story import busy, story

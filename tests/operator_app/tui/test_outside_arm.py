@@ -11,10 +11,10 @@ import pytest
 
 from hardware.timing import Pace
 from operator_app.composition import open_arm
-from operator_app.session.store.steps import Step
 from operator_app.session.ui import guards
 from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.sessions import Sessions
+from operator_app.session.ui.steps import Step
 from operator_app.session.workflow.opening import Choices
 from operator_app.tui.app import SarcalApp
 from tests.operator_app.tui.conftest import Driver, running

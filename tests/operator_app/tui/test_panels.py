@@ -11,8 +11,8 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.headless.plain_messages import describe
 from operator_app.report.terminal import facts_on
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import TaskKind
+from operator_app.session.ui.steps import Step
 from operator_app.tui.steps.capture import ProgressPanel, QualityPanel
 from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import TaskKind
+from operator_app.session.ui.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR
 from tests.oracles.still_runner import StillSource

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from textual import events
 
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.snapshot import TaskKind
+from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Ask, Confirm, Read
 from tests.oracles.story import busy, stopped, story
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.actions import ACTIONS, by_name, footer, for_key
 from operator_app.session.ui.snapshot import TaskKind
+from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
 from operator_app.tui.help import help_text
 from operator_app.tui.palette import ActionProvider, title

@@ -9,8 +9,8 @@ import pytest
 from operator_app.config.parameters_file import load_parameters
 from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Ask, Confirm
 
 MOST_KEYS = 25

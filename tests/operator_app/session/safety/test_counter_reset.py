@@ -11,8 +11,8 @@ from hardware.arm import Reading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import ConnectAgainError
-from operator_app.session.safety.closure_check import check_first_standing
 from operator_app.session.safety.counter_reset import check_counters, from_zero
+from operator_app.session.safety.preflight import check_first_standing
 from tests.oracles.shop_floor import session
 
 SAGGED_DEG = (0.0, 0.0324, 0.25, 1.0, 4.9)

@@ -14,8 +14,7 @@ from hardware.virtual.scenarios import scenario
 from operator_app.composition import CutShort
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import JournalError
-from operator_app.headless.console import ConsoleListener
-from operator_app.headless.ending import cut_short_lines
+from operator_app.headless.console import ConsoleListener, cut_short_lines
 from operator_app.session.safety.latency import AGAIN_S, LatenessNews, late_words
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state

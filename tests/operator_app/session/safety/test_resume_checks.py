@@ -14,7 +14,7 @@ from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.home import SLOWLY_RAD_PER_S
+from operator_app.session.workflow.drive_box import SLOWLY_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.opened import opened

@@ -8,10 +8,10 @@ import pytest
 
 from fixtures.base import SetupCheck, Severity
 from hardware.arm import Fault, JointMode
-from operator_app.session.store.steps import Step
 from operator_app.session.ui import guards
 from operator_app.session.ui.message_log import ARM_AGAIN, told
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
+from operator_app.session.ui.steps import Step
 from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped
 
 TOLD = (

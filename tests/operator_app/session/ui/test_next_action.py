@@ -10,10 +10,10 @@ import pytest
 from hardware.arm import DriveState
 from operator_app.config.procedure_file import load_procedure
 from operator_app.report.spans import wrapped
-from operator_app.session.store.steps import Step
 from operator_app.session.ui.action_handlers import apply_prompt
 from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.snapshot import TaskKind, Verified
+from operator_app.session.ui.steps import Step
 from tests.oracles.story import astray, busy, lost, real, stale, stopped, story, tripped
 
 

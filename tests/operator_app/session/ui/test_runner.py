@@ -17,7 +17,7 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.runner import WATCH_PERIOD_S, Runner
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.ui.supervisor import UNSEEN_S, Watchman
-from operator_app.session.workflow.waypoints import waypoints_of
+from operator_app.session.workflow.drive_box import waypoints_of
 from tests.oracles.live_source import FakeSource
 
 PATIENCE_S = 30.0

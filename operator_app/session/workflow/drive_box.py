@@ -6,12 +6,16 @@ the way leads through places nobody has spoken for. Knows no screen; asks nobody
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from operator_app.errors import GuardError
+from operator_app.planning.exploration import Box, box_of, waypoints
+from operator_app.session.store.logbook import Logbook
 from operator_app.session.workflow.session import Session
-from operator_app.session.workflow.waypoints import drive_box
 from operator_app.units.figure import REACH
+from solver.arrays import FloatArray
 from solver.chain.sensors import Encoder
 
 AT_THE_EDGE_RAD = float(np.deg2rad(5.0))
@@ -98,3 +102,38 @@ def go_home(session: Session) -> str:
     return "Home: " + ", ".join(
         f"joint {j} at {REACH(float(q[j - 1])).with_unit}" for j in box.joints
     )
+
+
+def drive_box(session: Logbook) -> Box:
+    """Where the joints in position mode may be taken."""
+    state = session.state
+    if state.start_rad is None or state.home_rad is None or not state.position_joints:
+        raise GuardError("the joint modes are not set", "set the modes first (step 3)")
+    return box_of(
+        session.model,
+        session.procedure.capture,
+        state.position_joints,
+        home_rad=state.home_rad,
+        start_rad=state.start_rad,
+    )
+
+
+def waypoints_of(session: Logbook) -> tuple[Mapping[int, float], ...]:
+    """All waypoints of this session, visited ones included."""
+    own = session.procedure.capture
+    return waypoints(drive_box(session), poses=own.poses, seed=own.seed)
+
+
+def waypoints_from(
+    session: Logbook, start_rad: FloatArray, joints: tuple[int, ...]
+) -> tuple[Mapping[int, float], ...]:
+    """Waypoints of these drive joints in a session that would begin at `start_rad` (n,)."""
+    own, model = session.procedure.capture, session.model
+    box = box_of(model, own, joints, home_rad=model.home_rad, start_rad=start_rad)
+    return waypoints(box, poses=own.poses, seed=own.seed)
+
+
+def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, float], ...]:
+    """Waypoints elsewhere than those of the session, others for every verification."""
+    seed = session.procedure.capture.seed + 1 + session.state.verifications
+    return waypoints(drive_box(session), poses=poses, seed=seed)

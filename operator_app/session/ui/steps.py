@@ -20,3 +20,7 @@ class Step(IntEnum):
     def title(self) -> str:
         """What the operator reads."""
         return self.name.capitalize()
+
+
+STOP_KEYS = ("space", "f8")
+QUIT_KEYS = ("q", "ctrl+q", "ctrl+c")

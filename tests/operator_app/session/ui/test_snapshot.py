@@ -12,7 +12,7 @@ SNIPPET = """
 from dataclasses import replace
 
 from operator_app.session.ui.runner import Runner
-from operator_app.session.ui.publisher import Publisher
+from operator_app.session.ui.snapshot import Publisher
 
 
 def publish(runner: Runner, publisher: Publisher) -> None:

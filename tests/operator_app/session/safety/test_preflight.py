@@ -15,7 +15,7 @@ from operator_app.calibration.closure_gate import standing_loop
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
-from operator_app.session.safety.closure_check import check_first_standing
+from operator_app.session.safety.preflight import check_first_standing
 
 FIXTURES = pytest.mark.parametrize("name", ["hinge", "ball", "rigid"])
 

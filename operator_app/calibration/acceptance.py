@@ -24,7 +24,7 @@ from operator_app.units.numbers import plural
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter
 from solver.diagnostics.diagnosis import Trial
-from solver.diagnostics.fault_model import Candidate, Cause
+from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import Test
 from solver.diagnostics.model_selection import Evidence
 from solver.estimators.estimate import Estimate

@@ -52,8 +52,8 @@ from solver.diagnostics.identifiability import (
     condition_at_readings,
     identifiability,
     plainly_seen,
+    seen_by_fit,
 )
-from solver.diagnostics.information import seen_by_fit
 from solver.diagnostics.range_checks import range_findings
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.estimate import require_enough_poses

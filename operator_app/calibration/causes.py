@@ -31,10 +31,10 @@ from operator_app.units.figure import (
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
-from solver.diagnostics.exceeded_specifications import Larger
-from solver.diagnostics.fault_model import Candidate, Cause
+from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.fault_models import Scene
 from solver.diagnostics.model_selection import Evidence
+from solver.diagnostics.stated_sizes import Larger
 from solver.estimators.effects import LinearModel
 
 NAMED = 5

@@ -38,10 +38,10 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.diagnostics.diagnosis import PARTLY, Trial, judge
-from solver.diagnostics.exceeded_specifications import larger_than_stated
-from solver.diagnostics.fault_model import Cause
+from solver.diagnostics.fault_candidate import Cause
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.diagnostics.rvdt import RvdtVerdict
+from solver.diagnostics.stated_sizes import larger_than_stated
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import expected_fit

@@ -17,8 +17,7 @@ from operator_app.calibration.closed_loops import instrument_variance, loop_of_p
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, Parameter, is_entry, nominal_vector
-from solver.chain.pose_order import back_to_caller, canonical_order
-from solver.chain.poses import PoseSet
+from solver.chain.poses import PoseSet, back_to_caller, canonical_order
 from solver.chain.sensors import NoSensor
 from solver.chain.statics import unstated_masses
 from solver.estimators.error_model import ErrorModel, stated_errors

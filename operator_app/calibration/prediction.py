@@ -24,8 +24,7 @@ from operator_app.units.figure import SLIP_SIGMA
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, is_entry
-from solver.chain.pose_order import canonical_order
-from solver.chain.poses import PoseSet
+from solver.chain.poses import PoseSet, canonical_order
 from solver.diagnostics.prediction import NOT_KNOWN, CommonShift, Given, foretold
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import LeftOver

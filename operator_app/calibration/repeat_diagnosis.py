@@ -12,7 +12,7 @@ from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.repeat_measurement import Repeat, Reread
 from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, TURNED
 from solver.diagnostics.diagnosis import PRIORS
-from solver.diagnostics.fault_model import Cause
+from solver.diagnostics.fault_candidate import Cause
 from solver.diagnostics.hypothesis_tests import FALSE_ALARM, Test
 from solver.estimators.estimate import Estimate
 

@@ -18,13 +18,12 @@ from operator_app.units.numbers import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind
-from solver.chain.pose_order import back_to_caller
-from solver.chain.poses import PoseSet
+from solver.chain.poses import PoseSet, back_to_caller
 from solver.chain.sensors import Rvdt
-from solver.diagnostics.information import seen_by_fit
-from solver.diagnostics.quiet_noise import noise_beside_quiet
+from solver.diagnostics.identifiability import seen_by_fit
 from solver.diagnostics.rvdt import RvdtVerdict, rvdt_verdicts, undecided
-from solver.diagnostics.rvdt_noise import SingleNoise, single_noise
+from solver.diagnostics.rvdt_response import SingleNoise, single_noise
+from solver.diagnostics.stated_sizes import noise_beside_quiet
 from solver.estimators.component_report import Component, interval
 from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import Calibrated

@@ -5,7 +5,7 @@ from __future__ import annotations
 from operator_app.calibration.causes import NamedCause
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Rvdt
-from solver.diagnostics.fault_model import Stray
+from solver.diagnostics.fault_candidate import Stray
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness, stray_of
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from operator_app.calibration.acceptance import COARSE_M, COARSE_RAD
 from operator_app.calibration.result import Solution
 from solver.chain.parameters import Parameter
-from solver.diagnostics.exceeded_specifications import larger_than_stated
+from solver.diagnostics.stated_sizes import larger_than_stated
 from solver.estimators.variance_components import Calibrated
 
 WORST = 3

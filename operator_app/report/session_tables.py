@@ -20,8 +20,7 @@ from operator_app.units.figure import (
 from operator_app.units.numbers import NOT_KNOWN, places_needed
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.sensor_curve import rms_per_amplitude
-from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
+from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor, rms_per_amplitude
 from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import Estimate
 

@@ -138,3 +138,15 @@ def _whole(values: IntArray, name: str) -> IntArray:
     array = array.astype(np.int64)
     array.setflags(write=False)
     return array
+
+
+def canonical_order(q: FloatArray) -> IntArray:
+    """Indices that sort poses (m, n) by their first joint, then the second, ..."""
+    return np.asarray(np.lexsort(q.T[::-1]), dtype=np.int64)
+
+
+def back_to_caller(order: IntArray) -> IntArray:
+    """Indices that undo `order`: ``values[order][back_to_caller(order)]`` is ``values``."""
+    back = np.empty_like(order)
+    back[order] = np.arange(len(order))
+    return back

@@ -1,9 +1,17 @@
-"""What each joint's angle sensor can tell: resolution and noise. Knows no bus, no plant and no truth."""
+"""Angle sensors of the joints: resolution, noise and the smooth curve of an analogue sensor."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from solver.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from solver.chain.arm_model import ArmModel
 
 DITHER = 0.5
 """Noise (rms, in counts) from which rounding errors of repeated readings average out too."""
@@ -88,3 +96,112 @@ class NoSensor:
 
 
 Sensor = Encoder | Rvdt | NoSensor
+
+
+SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
+"""Prior sizes of Legendre P2..P10: a transformer's curve is mostly a bow and an S, and what is left falls
+with the square of the order, so that a bend or a bump is no surprise."""
+
+LOWEST = 2
+"""Degree of the first of them: all are orthogonal to every straight line, as a linearity is."""
+
+
+def _power_series() -> FloatArray:
+    """Coefficients (11, 9) of 1, x, ..., x^10 in the shapes, times their prior sizes."""
+    powers = np.zeros((len(SHAPE_WEIGHTS) + LOWEST, len(SHAPE_WEIGHTS)))
+    for k, weight in enumerate(SHAPE_WEIGHTS):
+        series = np.polynomial.legendre.leg2poly(np.eye(k + LOWEST + 1)[k + LOWEST])
+        powers[: len(series), k] = weight * series
+    return powers
+
+
+_POWERS = _power_series()
+"""Of so low a degree powers lose three digits of sixteen, and all shapes are one matrix product."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorCurve:
+    """Deviation of one sensor from the true angle: a line, and ``sum_k c_k P_k(x)``, k = 2, 3, ...
+
+    x is the angle from `middle_rad` over `half_scale_rad`. The line is an error of the gain, the
+    polynomials are what a specification calls linearity; without P_0 the deviation's mean over full
+    scale is zero: that is the joint's offset.
+
+    Attributes
+    ----------
+    joint
+        1-based.
+    middle_rad
+        Electrical zero, in sensor coordinates.
+    half_scale_rad
+        Half of full scale.
+    gain
+        Standard deviation of its gain's error; there is no line where it is 0.
+    bent
+        Whether there are polynomials.
+    """
+
+    joint: int
+    middle_rad: float
+    half_scale_rad: float
+    gain: float = 0.0
+    bent: bool = True
+
+    @property
+    def lines(self) -> int:
+        """Number of lines: 1, or 0 where the gain is exact."""
+        return int(self.gain > 0.0)
+
+    @property
+    def bends(self) -> int:
+        """Number of polynomials."""
+        return len(SHAPE_WEIGHTS) if self.bent else 0
+
+    @property
+    def width(self) -> int:
+        """Number of shapes; 0 of a sensor that is exact but for its noise."""
+        return self.lines + self.bends
+
+    def place(self, theta_rad: FloatArray) -> FloatArray:
+        """Sensor angles (m,) from the middle in units of half of full scale."""
+        x = (theta_rad - self.middle_rad) / self.half_scale_rad
+        # Beyond full scale a sensor saturates; polynomials would run away there.
+        return np.asarray(np.clip(x, -1.2, 1.2))
+
+    def basis(self, theta_rad: FloatArray) -> FloatArray:
+        """Line (rad) and polynomials at sensor angles (m,), times their prior sizes: (m, width)."""
+        x = self.place(theta_rad)
+        shapes = [(self.gain * self.half_scale_rad * x)[:, None]] * self.lines
+        if self.bent:
+            shapes.append(np.vander(x, len(_POWERS), increasing=True) @ _POWERS)
+        return np.concatenate(shapes, axis=-1)
+
+
+def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
+    """Coefficients (11,), rad, of 1, x, ..., x^10 of the deviation with `coefficients` (width,) of its shapes."""
+    powers = np.zeros(len(_POWERS))
+    if curve.bent:
+        powers += _POWERS @ coefficients[curve.lines :]
+    powers[1] += curve.gain * curve.half_scale_rad * float(coefficients[: curve.lines].sum())
+    return powers
+
+
+def rms_per_amplitude() -> float:
+    """Expected rms deviation over full scale of a curve whose coefficients have unit amplitude."""
+    degrees = np.arange(LOWEST, LOWEST + len(SHAPE_WEIGHTS))
+    return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))
+
+
+def curves_of(arm: ArmModel, *, unsensed_joints: tuple[int, ...] = ()) -> tuple[SensorCurve, ...]:
+    """Return the curve that each RVDT of `arm` may have; none for joints whose reading is not used."""
+    return tuple(
+        SensorCurve(
+            joint=j,
+            middle_rad=joint.middle_rad,
+            half_scale_rad=0.5 * joint.sensor.full_scale_rad,
+            gain=joint.sensor.gain,
+            bent=joint.sensor.linearity > 0.0,
+        )
+        for j, joint in enumerate(arm.joints, 1)
+        if isinstance(joint.sensor, Rvdt) and j not in unsensed_joints
+    )

@@ -14,11 +14,18 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.closing import held_still, newton_step
-from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
+from solver.design.actions import (
+    Action,
+    Capture,
+    ChangeDrives,
+    Finished,
+    GoTo,
+    moves_along,
+    straight_to,
+)
 from solver.design.campaign_settings import CampaignSettings, Phase
 from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
-from solver.design.moves import moves_along, straight_to
 from solver.design.paths import Route
 from solver.design.plan import PlanningTask, PosePlan, information_of, make_plan
 from solver.design.stop_rule import PrecisionStatus, StopDecision, judge_standing

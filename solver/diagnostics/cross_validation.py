@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.chain.pose_order import canonical_order
+from solver.chain.poses import canonical_order
 from solver.diagnostics.pose_adjustment import adjust_poses
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.estimators.estimate import Estimate

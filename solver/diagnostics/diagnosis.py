@@ -16,18 +16,18 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.diagnostics.change_points import ChangePoint, steps
-from solver.diagnostics.fault_model import NONE_MEASURED, Candidate, Cause, Stray
+from solver.diagnostics.fault_candidate import NONE_MEASURED, Candidate, Cause, Stray
 from solver.diagnostics.fault_models import Scene
 from solver.diagnostics.hypothesis_tests import (
     DOUBT,
     Test,
+    but_curves_as_stated,
     chi2_test,
     prediction_test,
     pull_tests,
     scale_tests,
     variance_tests,
 )
-from solver.diagnostics.linearity import but_curves_as_stated
 from solver.diagnostics.model_selection import (
     Evidence,
     evidence,
@@ -38,9 +38,8 @@ from solver.diagnostics.model_selection import (
     unnamed,
 )
 from solver.diagnostics.outliers import OddPoses, odd_poses, pose_columns
-from solver.diagnostics.pose_columns import OwnColumns
-from solver.diagnostics.quiet_noise import as_quiet_as_found
-from solver.diagnostics.whitened_residuals import LeftOver
+from solver.diagnostics.stated_sizes import as_quiet_as_found
+from solver.diagnostics.whitened_residuals import LeftOver, OwnColumns
 from solver.estimators.linear_fit import LinearFit
 
 MOST_CAUSES = 4

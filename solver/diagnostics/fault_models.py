@@ -13,10 +13,9 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.sensor_curve import SensorCurve
-from solver.chain.sensors import Encoder, Rvdt
+from solver.chain.sensors import Encoder, Rvdt, SensorCurve
 from solver.diagnostics.change_points import Suspect
-from solver.diagnostics.fault_model import NONE_MEASURED, Candidate, Cause, Stray
+from solver.diagnostics.fault_candidate import NONE_MEASURED, Candidate, Cause, Stray
 from solver.estimators.effects import LinearModel, System
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3

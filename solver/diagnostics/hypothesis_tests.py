@@ -1,16 +1,19 @@
-"""Tests of a fit at what the files state: each with its threshold and how often it fires on sound sets.
+"""Tests of a fit against the stated error model, each with its threshold and false-alarm probability.
 
-All from one linear fit: no test refits. Knows fits and scenes; weighs no explanation and knows no words.
+All tests use one linear fit; none refits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from solver.diagnostics.cross_validation import far_block, fold_poses
+from solver.diagnostics.fault_candidate import Stray
 from solver.diagnostics.fault_models import Scene
+from solver.diagnostics.model_selection import evidence
 from solver.diagnostics.whitened_residuals import LeftOver
 from solver.estimators.linear_fit import LinearFit
 
@@ -130,3 +133,27 @@ def variance_tests(stated: LinearFit) -> list[Test]:
         for name, s, t in zip(names, z, largest, strict=True)
         if name not in ("discrepancy", "placement")
     ]
+
+
+def but_curves_as_stated(
+    tests: Iterable[Test], scene: Scene, left: LeftOver, measured: Mapping[int, Stray]
+) -> Iterable[Test]:
+    """Tests but for those of curves that stray no further than stated: that bound is all that is stated.
+
+    How large a curve is as a whole within it is believed by habit, and one that ripples is larger.
+    """
+    for test in tests:
+        joint = test.code.removeprefix("VARIANCE_CURVE_")
+        if not (test.fires and joint.isdigit() and _as_stated(int(joint), scene, left, measured)):
+            yield test
+
+
+def _as_stated(j: int, scene: Scene, left: LeftOver, measured: Mapping[int, Stray]) -> bool:
+    """Whether the curve of joint j is within its linearity but for chance, by the loop if that measured it."""
+    curve = scene.curve(j)
+    if curve is None:
+        return False
+    if j in measured:
+        return not measured[j].beyond(curve.most_stated)
+    found = evidence(left, curve.columns, curve.natural, most=curve.most)
+    return found is not None and curve.is_stated(found.b, found.covariance)

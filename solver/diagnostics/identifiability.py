@@ -1,20 +1,22 @@
-"""What a pose set can and cannot see: condition number, rank, unidentifiable directions by name.
+"""Identifiability of a pose set: rank, condition number and the unidentifiable directions by name.
 
-Judged on poses that close exactly: beside the manifold, sensor noise fills the null space of the
-Jacobian and an invisible parameter merely looks expensive. Knows no estimator and no screen.
+Evaluated on poses that close exactly: away from the closed loops, sensor noise fills the null space of the
+Jacobian and an unidentifiable parameter merely looks badly conditioned.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
-from solver.arrays import FloatArray
-from solver.closing import close_loops, reduced_jacobian
+from solver.arrays import FloatArray, IntArray
+from solver.closing import close_loops, left_null_space, reduced_jacobian
 from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import column_scale, stacked_triangle
+from solver.estimators.linear_fit import LinearFit
 from solver.estimators.paper import ClosureProblem
 from solver.loops.closure import ClosureModel, pose_blocks
 
@@ -281,3 +283,31 @@ def _standing_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
     if most < NOT_AT_ALL_DEG:
         return f"{which} {'do' if several else 'does'} not move"
     return f"{which} move{'s' * (not several)} by no more than {most:.2g} deg"
+
+
+def seen_by_fit(
+    fit: LinearFit,
+    names: tuple[str, ...],
+    *,
+    taken: IntArray,
+    without: Collection[int] = (),
+) -> Identifiability:
+    """Judge what the poses of `fit` see of the unknowns `names`, all others being known.
+
+    Parameters
+    ----------
+    taken
+        (m,): when each pose of the fit was taken, its place among the others.
+    without
+        Joints (1-based) whose readings are taken out.
+    """
+    system, model, q = fit.whole, fit.design.model, fit.design.q
+    lost = [j - 1 for j in without if j not in model.unsensed_joints]
+    every = [p.name for p in model.parameters]
+    J = system.A[..., [every.index(name) for name in names]]
+    if lost:
+        J = np.swapaxes(left_null_space(system.B[..., lost]), -1, -2) @ J
+    J = J[np.argsort(taken, kind="stable")]
+    return judge_jacobian(
+        J.reshape(-1, len(names)), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
+    )

@@ -15,8 +15,7 @@ from functools import cache
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.diagnostics.pose_columns import OwnColumns, SolvedColumns
-from solver.diagnostics.whitened_residuals import LeftOver
+from solver.diagnostics.whitened_residuals import LeftOver, OwnColumns, SolvedColumns
 
 LEAST_SCALE = 0.25
 """Stated errors are upper figures: chi2/dof of sound sets lies below 1, but below this nothing is believed."""

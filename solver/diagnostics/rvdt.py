@@ -1,7 +1,7 @@
 """Verdict on an RVDT: what it reads against what the closed loop measures of its joint.
 
 With the wrist joints eliminated as unsensed the loop measures their true angles itself. Line and curve
-(`solver.diagnostics.rvdt_response`) and noise (`solver.diagnostics.rvdt_noise`) of the readings are held against the
+(`solver.diagnostics.rvdt_response`) and noise (`solver.diagnostics.rvdt_response`) of the readings are held against the
 specification here, and put into plain words. Knows sensors and closure models; no fixture and no screen.
 """
 
@@ -16,12 +16,11 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
-from solver.chain.pose_order import back_to_caller
+from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
-from solver.diagnostics.fault_model import Stray
-from solver.diagnostics.loop_angles import loop_angles
-from solver.diagnostics.rvdt_noise import SingleNoise
-from solver.diagnostics.rvdt_response import RvdtFigures, measure, sensor_angle
+from solver.diagnostics.fault_candidate import Stray
+from solver.diagnostics.pose_adjustment import loop_angles
+from solver.diagnostics.rvdt_response import RvdtFigures, SingleNoise, measure, sensor_angle
 from solver.diagnostics.smooth_curve import Scatter
 from solver.estimators.component_report import flexure_test
 from solver.estimators.error_model import ErrorModel

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.chain.sensor_curve import rms_per_amplitude
+from solver.chain.sensors import rms_per_amplitude
 from solver.estimators.effects import LinearModel
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import MixedFit

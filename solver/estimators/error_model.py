@@ -13,8 +13,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.sensor_curve import SensorCurve, curves_of
-from solver.chain.sensors import DITHER, NoSensor, Rvdt
+from solver.chain.sensors import DITHER, NoSensor, Rvdt, SensorCurve, curves_of
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5

@@ -24,7 +24,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector, wrap_angles
-from solver.chain.pose_order import back_to_caller, canonical_order
+from solver.chain.poses import back_to_caller, canonical_order
 from solver.closing import Rates, close_loops, reduced_equations
 from solver.errors import PosesDoNotFitError
 from solver.estimators.estimate import Estimate, require_enough_poses

@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
-from solver.chain.sensor_curve import LOWEST
+from solver.chain.sensors import LOWEST
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_shapes import FREE, Shapes, loaded_give, shapes_of_sag, sides_of_play
 from solver.estimators.pose_basis import PoseBasis, PoseProcess, pose_process

@@ -14,7 +14,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.parameters import nominal_vector, wrap_angle
-from solver.chain.pose_order import back_to_caller, canonical_order
+from solver.chain.poses import back_to_caller, canonical_order
 from solver.estimators.component_report import Component, FlexureTest, components, flexure_test
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate, require_enough_poses

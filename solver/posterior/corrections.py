@@ -20,7 +20,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.kinematics import forward
 from solver.chain.parameters import DhKind
-from solver.chain.sensor_curve import powers_of
+from solver.chain.sensors import powers_of
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.estimators.layout import Layout
 from solver.estimators.load_shapes import FREE

@@ -12,7 +12,7 @@ from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, soften
 from operator_app.calibration.result import Solution
 from solver.diagnostics.diagnosis import Explanation, Trial, judge
-from solver.diagnostics.fault_model import Candidate, Cause
+from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import Test as Trying
 from solver.diagnostics.model_selection import Evidence, evidence, evidence_of_own
 from solver.estimators.estimate import Estimate

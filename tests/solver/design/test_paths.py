@@ -7,7 +7,7 @@ import pytest
 
 from solver.design.drive_line import drive_straight
 from solver.design.paths import MotionLimits, PathGraph
-from solver.design.tour import visiting_order
+from solver.design.plan import visiting_order
 from tests.oracles.loop_oracle import closure, paper_truth
 
 TRUTH = paper_truth()

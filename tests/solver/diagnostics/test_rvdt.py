@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness, rvdt_verdicts
-from solver.diagnostics.rvdt_noise import noise_behind, single_noise, spread_of
-from solver.diagnostics.rvdt_response import RvdtFigures
+from solver.diagnostics.rvdt_response import RvdtFigures, noise_behind, single_noise, spread_of
 from solver.diagnostics.smooth_curve import fit_curve
 from solver.estimators.error_model import stated_errors
 from solver.estimators.variance_components import estimate_with_errors

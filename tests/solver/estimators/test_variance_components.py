@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from solver.chain.sensor_curve import curves_of
+from solver.chain.sensors import curves_of
 from solver.errors import TooFewPosesError
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.implicit import NoiseModel, estimate_implicit

@@ -11,7 +11,7 @@ from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, soften
 from operator_app.config.poses_file import parse_poses
 from solver.diagnostics.diagnosis import Trial, judge
-from solver.diagnostics.quiet_noise import as_quiet_as_found
+from solver.diagnostics.stated_sizes import as_quiet_as_found
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
 from tests.benchmarks.shop_floor_outcome import packaged
 from tests.oracles.shop_floor import SCATTER, Session, session

@@ -1,16 +1,18 @@
-"""By how much less than stated fixture and joints move anew in every pose: the poses themselves tell.
+"""Stated sizes of error sources against the sizes that the poses show: smaller motion noise, exceeded specifications.
 
-Files state upper figures, and most of what gives or plays is the same again at the same pose. What one
-reading shifted by is the plainer the better the rest is known. Knows a fit; no arm and no words.
+Files state upper limits, and most of a fixture's compliance and of a joint's play repeats in the same pose.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.estimators.component_report import standard_errors
+from solver.estimators.component_report import MOST_CERTAIN, standard_errors
 from solver.estimators.linear_fit import LinearFit
+from solver.estimators.scoring import with_priors
 
 LEAST = 0.2
 """Share of its statement (standard deviation) below which no fixture and no joint is believed to be quiet:
@@ -63,3 +65,57 @@ def noise_beside_quiet(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
         v[noise] = np.maximum(v[noise] + step / size, least[noise])
     information = LinearFit(design, fit.system, v).derivatives.information
     return v, standard_errors(information, v, least)
+
+
+FALSE_ALARM = 1e-3
+"""Chance of naming any source of a set in which all are as stated."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Larger:
+    """One source.
+
+    Attributes
+    ----------
+    component
+        Its name in the error model.
+    times
+        How many times the stated standard deviation was found.
+    log_chance
+        Logarithm of the chance of finding it so large where it is as stated.
+    """
+
+    component: str
+    times: float
+    log_chance: float
+
+
+def larger_than_stated(fit: LinearFit) -> tuple[Larger, ...]:
+    """Name the sources found larger than stated for certain, the nearest to its statement first.
+
+    A source twice as large as stated happens oftener than one that is ten times as large.
+
+    A variance found with standard error s is distributed as chi2 with ``2 v^2 / s^2`` degrees of freedom
+    (Satterthwaite).
+    """
+    from scipy.special import chdtrc
+
+    design, v = fit.design, fit.v
+    stated = design.stated_variances()
+    error = standard_errors(with_priors(fit).information, v, design.floors)
+    found = []
+    for c, value, least, s in zip(design.components, v, stated, error, strict=True):
+        if c.name in ("discrepancy", "placement") or not value > least > 0.0 or not np.isfinite(s):
+            continue
+        dof = 2.0 * min(value / max(float(s), 1e-300), MOST_CERTAIN) ** 2
+        # Wilson and Hilferty's cube root where the chance is too small for a double.
+        chance = float(chdtrc(dof, dof * value / least))
+        cube = ((value / least) ** (1.0 / 3.0) - 1.0 + 2.0 / (9.0 * dof)) / np.sqrt(
+            2.0 / (9.0 * dof)
+        )
+        log_chance = float(np.log(chance)) if chance > 1e-300 else float(-0.5 * cube**2)
+        found.append(
+            Larger(component=c.name, times=float(np.sqrt(value / least)), log_chance=log_chance)
+        )
+    level = np.log(FALSE_ALARM / max(len(design.components), 1))
+    return tuple(sorted((x for x in found if x.log_chance < level), key=lambda x: x.times))
